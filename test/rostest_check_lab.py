@@ -55,16 +55,16 @@ class CheckLab(unittest.TestCase):
         self.assertEqual((line["state"], line["robot"], line["values"]["camera"]), ("error", "", "south"))
         # the nodes logged their faults, with the codes
         for node, code in (("/camera_poses", "detector_missing"), ("/spot_detectors", "camera_no_lens")):
-            logged = f"[{code}]"
-            wait_until(lambda: [1 for who, text in self.logged if who == node and logged in text], f"{node}: {code}")
+            wait_until(lambda: any(who == node and f"[{code}]" in text for who, text in self.logged), f"{node}: {code}")
 
     def test_nothing_listens_beyond_this_machine(self):
         nodes = rosnode.get_node_names()
         for name in nodes:
             pid = process_of(name)
             self.assertTrue(pid, name)
-            sockets = [one for one in psutil.Process(pid).net_connections("tcp4") if one.status == psutil.CONN_LISTEN]
-            self.assertEqual([one.laddr for one in sockets if not one.laddr.ip.startswith("127.")], [], name)
+            connections = psutil.Process(pid).net_connections("tcp4")
+            addresses = [socket.laddr for socket in connections if socket.status == psutil.CONN_LISTEN]
+            self.assertEqual([address for address in addresses if not address.ip.startswith("127.")], [], name)
         self.assertGreaterEqual(len(nodes), 4)
 
 

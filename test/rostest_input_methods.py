@@ -31,9 +31,7 @@ SEED = (2.0, 1.6)
 
 def room():
     """Makes a room of 8 m x 5 m with walls."""
-    data = np.zeros((100, 160), np.int8)
-    data[:2], data[-2:], data[:, :2], data[:, -2:] = 100, 100, 100, 100
-    return GridMap(data, 0.05, (0.0, 0.0, 0.0))
+    return GridMap(np.pad(np.zeros((96, 156), np.int8), 2, constant_values=100), 0.05)
 
 
 def drawn():
@@ -65,7 +63,7 @@ class InputMethods(unittest.TestCase):
             rospy.wait_for_service(name, 60)
         for publisher in (cls.spots, cls.joy, cls.audio):
             wait_until(publisher.get_num_connections, f"somebody who listens to {publisher.name}")
-        cls.found = {}
+        cls.results = {}
 
     @classmethod
     def set_time(cls, seconds):
@@ -92,7 +90,7 @@ class InputMethods(unittest.TestCase):
 
     def interact(self, way, give):
         """Draws the carpet with commands given by `give`; keeps border and map, and undoes the border."""
-        self.set_time(1000.0 * (2 + len(self.found)))
+        self.set_time(1000.0 * (2 + len(self.results)))
         self.wait_for_manager()
         give(COMMANDS[0])
         identity = self.state.wait(lambda message: message.name == "border", f"{way}: the border state").interaction_id
@@ -110,17 +108,17 @@ class InputMethods(unittest.TestCase):
         self.progress.wait(lambda message: message.chain and message.code != "ok", f"{way}: the fusion in seed")
         self.point(np.tile(SEED, (30, 1)))
         self.progress.wait(lambda message: message.seed_spots == 30 and message.has_seed, f"{way}: the seed")
-        promised = self.preview.wait(lambda one: one.interaction_id == identity and one.available, f"{way}: preview")
+        preview = self.preview.wait(lambda message: message.interaction_id == identity and message.available, "preview")
         give(COMMANDS[2])
-        saved = self.state.wait(lambda one: one.last_outcome == "saved" and one.name == "default", f"{way}: the save")
+        state = self.state.wait(lambda state: state.last_outcome == "saved" and state.name == "default", f"{way}: save")
         stored = self.borders.wait(lambda message: len(message.borders) == 1, f"{way}: the border").borders[0]
         empty = room().data.ravel()
         cells = np.array(self.maps.wait(lambda message: (message.data != empty).any(), f"{way}: the map").data)
-        self.assertEqual(stored.id, saved.last_border_id)
+        self.assertEqual(stored.id, state.last_border_id)
         # the result is as previewed
-        self.assertTrue(promised.success, promised.message)
-        self.assertEqual(np.array(promised.region.data).sum() / 100, (cells != room().data.ravel()).sum())
-        self.found[way] = (stored.kind, array_from_points([*stored.points, stored.seed]), cells)
+        self.assertTrue(preview.success, preview.message)
+        self.assertEqual(np.array(preview.region.data).sum() / 100, (cells != room().data.ravel()).sum())
+        self.results[way] = (stored.kind, array_from_points([*stored.points, stored.seed]), cells)
         rospy.ServiceProxy(names.UNDO, Trigger)()
         self.borders.wait(lambda message: not message.borders, f"{way}: the undone border")
         self.maps.wait(lambda message: (message.data == room().data.ravel()).all(), f"{way}: the map as it was")
@@ -148,14 +146,14 @@ class InputMethods(unittest.TestCase):
         self.assertEqual(terminal.leave(), (0, True), terminal.text[-2000:])
         if shutil.which("espeak-ng"):
             self.interact("voice", self.speak)
-        kind, points, cells = self.found["service"]
-        for way, (other_kind, other_points, other_cells) in self.found.items():
+        kind, points, cells = self.results["service"]
+        for way, (other_kind, other_points, other_cells) in self.results.items():
             self.assertEqual((kind, points.shape), (other_kind, other_points.shape), way)
             # the stamps of the interactions differ, and so does their rounding
             self.assertLess(np.abs(points - other_points).max(), 1e-6, way)
             self.assertTrue((cells == other_cells).all(), way)
         self.assertGreater(len(points), 4)
-        if "voice" not in self.found:
+        if "voice" not in self.results:
             self.skipTest("nothing was spoken: espeak-ng is not installed (apt-get install espeak-ng)")
 
     def type(self, terminal, command):
@@ -166,10 +164,7 @@ class InputMethods(unittest.TestCase):
         while late is None or terminal.text.count("Too late") > late:
             late = terminal.text.count("Too late")
             terminal.press(key)
-            wait_until(
-                lambda: self.state.message.last_code == code or terminal.text.count("Too late") > late,  # noqa: B023
-                f"an answer to {command}",
-            )
+            wait_until(lambda: self.state.message.last_code == code or terminal.text.count("Too late") > late, command)
 
     def press(self, command):
         buttons = [0] * 5
@@ -181,10 +176,10 @@ class InputMethods(unittest.TestCase):
         """Says a command as people do: again until it is understood, with "yes" if there is a question."""
         said = command.replace("_", " ")
         for seed in range(20):
-            told = len(self.heard.all)
+            count = len(self.heard.all)
             for piece in pieces(say(said, seed=seed)):
                 self.audio.publish(piece)
-            heard = wait_until(lambda: self.heard.all[told:], "what was made of a command")[0]  # noqa: B023
+            heard = wait_until(lambda: self.heard.all[count:], "what was made of a command")[0]
             if heard.success:
                 return
             if heard.code.startswith("confirm_"):

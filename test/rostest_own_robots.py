@@ -94,14 +94,11 @@ class LocalPlanner:
     def limit(self):
         return self._values["max_vel_trans"]
 
-    def set(self, values):
-        self._values.update(values)
+    def _on_request(self, request):
+        self._values.update({entry.name: entry.value for entry in request.config.doubles})
         config = Config(doubles=[DoubleParameter(name, value) for name, value in self._values.items()])
         self._updates.publish(config)
-        return config
-
-    def _on_request(self, request):
-        return ReconfigureResponse(self.set({entry.name: entry.value for entry in request.config.doubles}))
+        return ReconfigureResponse(config)
 
 
 class OwnRobots(unittest.TestCase):
@@ -162,7 +159,7 @@ class OwnRobots(unittest.TestCase):
         return [text for level, text in self.logged if level >= Log.WARN]
 
     def status(self, robot):
-        return next(one for one in self.heard[names.ROBOTS].robots if one.robot == robot)
+        return next(status for status in self.heard[names.ROBOTS].robots if status.robot == robot)
 
     def add(self, name, corners=CARPET, **fields):
         border = VirtualBorder(name=name, kind=VirtualBorder.POLYGON, enabled=True, occupancy=1.0, **fields)
@@ -183,8 +180,8 @@ class OwnRobots(unittest.TestCase):
     def test_a_robot_reports_whether_it_plans_round_borders(self):
         self.start(MAP_ONLY)
         # within a minute this launch file alone prints what is wired and what is not
-        told = [sentences.translate("robot_plans_round_borders", {"who": "ada"}), "bob drives through borders"]
-        self.wait(lambda: all(any(one in text for _, text in self.logged) for one in told), "what is connected")
+        expected = [sentences.translate("robot_plans_round_borders", {"who": "ada"}), "bob drives through borders"]
+        self.wait(lambda: all(any(part in text for _, text in self.logged) for part in expected), "what is connected")
         self.wait(lambda: ("robot_ignores_borders", "bob") in self.notices(), "the notice about bob")
         self.assertFalse([code for code, robot in self.notices() if robot == "ada"])
         # no node complains about cameras, detectors or a manager, which this launch file does not have
@@ -299,8 +296,8 @@ class OwnRobots(unittest.TestCase):
         self.addCleanup(setattr, self.robots, "localized", True)
         self.robots.localized = False
         self.wait(lambda: not self.status("bob").localized, "bob to be lost")
-        seen = self.heard[names.ROBOTS].header.seq
-        self.wait(lambda: self.heard[names.ROBOTS].header.seq > seen + 1, "another look")
+        number = self.heard[names.ROBOTS].header.seq
+        self.wait(lambda: self.heard[names.ROBOTS].header.seq > number + 1, "another look")
         self.assertEqual(planner.limit(), 0.1)
         self.robots.put("bob", (5.5, 3.0, math.pi))
         self.addCleanup(self.robots.put, "bob", START["bob"])

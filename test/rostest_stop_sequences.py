@@ -26,6 +26,8 @@ from vb_msgs.msg import DriverState, InteractionState, Stop
 SEQUENCES = int(os.environ.get("SEQUENCES", "3"))
 FIRST = int(os.environ.get("FIRST_SEQUENCE", "0"))
 STEPS = 12
+# what may happen in a step, and how often relative to the rest
+ACTIONS = {"stop": 4, "resume": 4, "define_border": 1, "define_seed": 1, "save": 2, "guide_robot": 1, "kill": 0.6}
 FOLDER = tempfile.mkdtemp(prefix="vb_stops_")
 
 
@@ -104,22 +106,19 @@ class StopSequences(unittest.TestCase):
         self.neighbors.before_add = lambda: time.sleep(pauses.choice([0.0, 0.3, 2.0]))
         for _ in range(STEPS):
             at = time.monotonic()
-            what = choice.choices(
-                ("stop", "resume", "define_border", "define_seed", "save", "guide_robot", "kill"),
-                (4, 4, 1, 1, 2, 1, 0.6),
-            )[0]
-            if what == "kill":
+            (action,) = choice.choices(list(ACTIONS), ACTIONS.values())
+            if action == "kill":
                 process = choice.choice((self.manager, self.robot))
                 process.kill()
                 process.start()
                 continue
-            if what == "resume":
+            if action == "resume":
                 resumes.append(at)
             person = choice.randrange(5)
             if person < 3:
-                given += self.people[person].put(what, at)
-            elif person == 3 or what != "stop":
-                self.press_page(what, at)
+                given += self.people[person].put(action, at)
+            elif person == 3 or action != "stop":
+                self.press_page(action, at)
                 given += 1
             else:
                 self.topic.publish(Stop(id=new_id(), source="a red button"))
@@ -130,18 +129,17 @@ class StopSequences(unittest.TestCase):
         for messages in (self.state, self.driver):
             messages.next(4)
         codes = ("stopped", "stop_released")
-        told = [at for command, _, at, code in self.answers if command == "stop" and code in codes]
-        newest = bool(told) and max(told) > max(resumes, default=0.0)
-        if newest:
+        stops = [at for command, _, at, code in self.answers if command == "stop" and code in codes]
+        is_stop_newest = bool(stops) and max(stops) > max(resumes, default=0.0)
+        if is_stop_newest:
             self.assertTrue(self.state.message.stopped, "the newest stop is lost, or was released by an older resume")
             self.assertEqual(self.driver.message.source, "stop")
         obeyed = any(command == "resume" and code == "resumed" for command, _, _, code in self.answers)
-
         wait_until(self.resume, "a resume by somebody who looks")
         self.press_page("cancel", time.monotonic())
         for messages in (self.state, self.driver):
             del messages.all[:-5]
-        return obeyed, newest
+        return obeyed, is_stop_newest
 
     def resume(self):
         """Gives a resume as somebody who looks at the state; returns whether robots may drive."""

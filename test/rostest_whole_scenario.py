@@ -43,28 +43,26 @@ class WholeScenario(unittest.TestCase):
         rospy.init_node("whole_scenario")
         world = load_world(rospy.get_param("~world"))
         scenario = world.scenario(rospy.get_param("~scenario"))
-        observer, seen, alarms, told, _ = Observer(), [], set(), set(), Pace()
+        observer, spots, alarms, codes_heard, _ = Observer(), [], set(), set(), Pace()
 
         def hear(message: NoticeArray) -> None:
-            told.update(one.code for one in message.notices)
-            if not (observer.state and observer.state.name == "border" and len(seen) > 20):
+            codes_heard.update(notice.code for notice in message.notices)
+            if not (observer.state and observer.state.name == "border" and len(spots) > 20):
                 # on a busy computer, slow cameras are rightly reported
-                codes = {one.code for one in message.notices if one.code.startswith(ALARMS)}
+                codes = {notice.code for notice in message.notices if notice.code.startswith(ALARMS)}
                 alarms.update(codes - {"camera_slow"})
 
         rospy.Subscriber(names.NOTICES, NoticeArray, hear)
 
         def keep(spot: LaserSpot) -> None:
             if observer.state is not None and observer.state.name == "border":
-                seen.append((spot.position.x, spot.position.y))
+                spots.append((spot.position.x, spot.position.y))
 
         subscriber = rospy.Subscriber(names.SPOTS, LaserSpot, keep)
         wait_until(lambda: observer.outcome is not None, lambda: f"the end; the state is {observer.state}", 500.0)
         self.assertEqual(observer.outcome["outcome"], "saved", observer.outcome)
         wait_until(lambda: observer.state.last_outcome == "saved" and observer.borders, "the saved border")
-
         self.assertEqual(alarms, set())
-
         # the person's line became one open border, which no ceiling camera saw alone
         border = observer.borders[0]
         self.assertEqual(border.id, observer.state.last_border_id)
@@ -74,24 +72,21 @@ class WholeScenario(unittest.TestCase):
         subscriber.unregister()
         line = resample_chain(np.array([(p.x, p.y) for p in border.points]), 0.02)
         # missing spots were left out by the extraction if they were collected, else they came after the state
-        collected = f"{observer.progress.border_spots} of {len(seen)} spots were collected"
+        collected = f"{observer.progress.border_spots} of {len(spots)} spots were collected"
         left_out = np.array([(p.x, p.y) for p in observer.progress.left_out]).reshape(-1, 2)
-        self.assertLess(directed_hausdorff(seen, np.vstack([line, left_out]))[0], NEAR, collected)
-        self.assertLess(observer.progress.left_out_spots, 0.2 * len(seen))
-        self.assertTrue(not len(left_out) or "strokes_left_out" in told, told)
-        self.assertLess(directed_hausdorff(line[[0, -1]], seen)[0], NEAR)
+        self.assertLess(directed_hausdorff(spots, np.vstack([line, left_out]))[0], NEAR, collected)
+        self.assertLess(observer.progress.left_out_spots, 0.2 * len(spots))
+        self.assertTrue(not len(left_out) or "strokes_left_out" in codes_heard, codes_heard)
+        self.assertLess(directed_hausdorff(line[[0, -1]], spots)[0], NEAR)
         self.assertTrue({"red", "green"} & set(observer.progress.cameras), observer.progress.cameras)
-
         # it restricts the intended area, and nothing else changed
         truth = floor_plan.ground_truth(world, scenario)
         region = metrics.restricted_cells(observer.prior, observer.posterior)
         self.assertGreater(metrics.jaccard(truth, region), 0.9)
         kept = ~region
         self.assertTrue((observer.posterior.data[kept] == observer.prior.data[kept]).all())
-
         # exact times are tested where the test controls the clock (rostest_input_methods.py)
         self.assertGreater(min(observer.state.border_s, observer.state.seed_s), 0.0)
-
         # navigation respects it: the room cannot be reached, the floor outside can
         pose = lambda p: (p[0], p[1], math.radians(p[2]))  # noqa: E731
         start, goal = pose(scenario.proof.start), pose(scenario.proof.goal)

@@ -113,7 +113,7 @@ ELSEWHERE = "on 192.0.2.7:\nrosrun vb_bringup check_lab --camera /dev/x"
 )
 def test_a_camera_that_does_not_work_is_described(monkeypatch, capsys, arguments, code, host, said):
     monkeypatch.setattr(report, "CameraSource", camera)
-    monkeypatch.setattr(report, "_SECONDS", 0.0)
+    monkeypatch.setattr(report, "_WATCH_TIME", 0.0)
     monkeypatch.setattr(report, "run_v4l2", lambda *_: "Driver Info")
     monkeypatch.setattr(check_lab, "observe_lab", lambda _: [Notice(code, Severity.WARNING, camera="north")])
     monkeypatch.setattr(check_lab.rosgraph, "is_master_online", lambda: bool(code))
@@ -121,8 +121,8 @@ def test_a_camera_that_does_not_work_is_described(monkeypatch, capsys, arguments
     monkeypatch.setattr(check_lab.rospy, "init_node", lambda *_, **__: None)
     monkeypatch.setattr(check_lab.rospy, "get_param", lambda *_: {"source": "/dev/x"})
     assert check_lab.run(arguments) == check_lab.READY
-    told = capsys.readouterr().out
-    assert [part for part in (*DESCRIBED, ELSEWHERE) if part in told] == said
+    output = capsys.readouterr().out
+    assert [part for part in (*DESCRIBED, ELSEWHERE) if part in output] == said
 
 
 @pytest.mark.parametrize("free_thresh, is_reported", [(0.196, False), (0.25, True)])
@@ -143,8 +143,8 @@ def test_a_map_of_the_wrong_size_does_not_end_the_check(height, width, monkeypat
     monkeypatch.setattr(check_lab.rospy, "get_param", lambda _name, default: default)
     message = OccupancyGrid()
     message.info.height, message.info.width, message.data = height, width, [0] * 5
-    found = check_lab._check_map(SimpleNamespace(publishers={}), {names.PHYSICAL_MAP: message})
-    assert codes(found) == ["lab_map_without_borders"]
+    lines = check_lab._check_map(SimpleNamespace(publishers={}), {names.PHYSICAL_MAP: message})
+    assert codes(lines) == ["lab_map_without_borders"]
 
 
 SCAN = LaserScan(angle_min=-1.5, angle_max=1.5)

@@ -45,8 +45,8 @@ def test_a_new_labs_files_can_be_read_and_are_complete(tmp_path):
 
 def test_cameras_are_read_with_and_without_a_source(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    found = parse_cameras("north=/dev/video0 south=rtsp://a:b@1.2.3.4/x?y=1 hall clip=room.mp4 desk=2")
-    assert found == {
+    sources = parse_cameras("north=/dev/video0 south=rtsp://a:b@1.2.3.4/x?y=1 hall clip=room.mp4 desk=2")
+    assert sources == {
         "north": "/dev/video0",
         "south": "rtsp://a:b@1.2.3.4/x?y=1",
         "hall": "",

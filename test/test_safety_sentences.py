@@ -23,31 +23,31 @@ def sentences_of(page):
     for begin, end in SECTIONS[page]:
         start = whole.index(begin)
         text += re.sub(r"^#.*$", "", whole[start : whole.index(end, start + 3)], flags=re.M) + "\n\n"
-    found = []
+    sentences = []
     for block in re.split(r"\n\s*\n", text):
         if block.lstrip().startswith("|"):
-            found += [row.strip("| ") for row in block.strip().splitlines()[2:]]
+            sentences += [row.strip("| ") for row in block.strip().splitlines()[2:]]
         else:
             for item in re.split(r"^- ", block, flags=re.M):
                 item = " ".join(item.split())
-                found += re.split(r"(?<=[.:])\s+(?=[A-Z*`\[])", item) if item else []
-    return found
+                sentences += re.split(r"(?<=[.:])\s+(?=[A-Z*`\[])", item) if item else []
+    return sentences
 
 
 @pytest.mark.parametrize("page", SECTIONS)
 def test_each_sentence_is_shown_by_a_test_or_promises_nothing(page):
-    found = sentences_of(page)
-    assert len(found) >= 3
+    sentences = sentences_of(page)
+    assert len(sentences) >= 3
     known = [*TABLE[page], *EXPLAINS]
-    for sentence in found:
+    for sentence in sentences:
         assert sum(sentence.startswith(begin) for begin in known) == 1, f"no test for: {sentence}"
     for begin in TABLE[page]:
-        assert any(sentence.startswith(begin) for sentence in found), f"{page} does not say any more: {begin}"
+        assert any(sentence.startswith(begin) for sentence in sentences), f"{page} does not say any more: {begin}"
 
 
 def test_what_promises_nothing_is_still_there():
     everything = [sentence for page in SECTIONS for sentence in sentences_of(page)]
-    assert [begin for begin in EXPLAINS if not any(one.startswith(begin) for one in everything)] == []
+    assert [begin for begin in EXPLAINS if not any(sentence.startswith(begin) for sentence in everything)] == []
 
 
 def test_each_test_is_there():

@@ -129,10 +129,8 @@ class Browser:
         """Puts fingers on points of the screen [px], a list of them for each step."""
         count = 0
         for step in steps:
-            self._touch(
-                "touchStart" if len(step) > count else "touchMove",
-                [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(step)],
-            )
+            positions = [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(step)]
+            self._touch("touchStart" if len(step) > count else "touchMove", positions)
             count = len(step)
         if lift:
             self.lift()

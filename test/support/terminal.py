@@ -39,9 +39,9 @@ class Terminal:
         """All output so far, without escape sequences."""
         return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", self.raw.decode("utf-8", "replace"))
 
-    def shows(self, what, since=0):
-        """Waits until a text has been written."""
-        wait_until(lambda: what in self.text[since:], lambda: f"'{what}' on the screen, ending\n{self.text[-3000:]}")
+    def shows(self, text, since=0):
+        """Waits until a text has been written, after the first `since` characters."""
+        wait_until(lambda: text in self.text[since:], lambda: f"'{text}' on the screen, ending\n{self.text[-3000:]}")
 
     def press(self, key):
         """Types a key or a text."""

@@ -21,14 +21,14 @@ def wait_until(condition, what, timeout=TIMEOUT, clock=time.monotonic, sleep=tim
     """Waits until a condition returns a true value, and returns that; otherwise the test fails and says what is missing.
 
     Args:
-        what: is waited for: words, or a function that returns them at the end.
-        clock, sleep: of another time than this computer's.
+        what: what is waited for, in words, or a function that returns these words at the end.
+        clock, sleep: functions of another time than this computer's.
     """
     deadline = clock() + timeout
     while True:
-        found = condition()
-        if found:
-            return found
+        result = condition()
+        if result:
+            return result
         if clock() > deadline:
             raise AssertionError(f"waited {timeout:g} s in vain for: {what() if callable(what) else what}")
         sleep(0.02)

@@ -23,9 +23,8 @@ class FixedCamera:
 
     def __init__(self, name, x, y, color, compressed):
         self.name, self.color, self.compressed = name, color, compressed
-        self.camera = CameraModel(
-            480, 270, np.array([[300.0, 0, 239.5], [0, 300.0, 134.5], [0, 0, 1]]), np.array([-0.12, 0.02, 0.001, 0, 0])
-        )
+        K = [[300.0, 0, 239.5], [0, 300.0, 134.5], [0, 0, 1]]
+        self.camera = CameraModel(480, 270, K, [-0.12, 0.02, 0.001, 0, 0])
         self.T = geometry.transform(geometry.rotation_from_rpy(np.pi, 0, 0), (x, y, 2.95))
         self.scene = Scene(480, 270, seed=3)
         self.frame = name + "_optical_frame"
@@ -40,9 +39,8 @@ class FixedCamera:
         spots = self.camera.project(geometry.apply(geometry.invert(self.T), points))
         image = self.scene.render(spots, sigma=1.3, color=self.color, bayer=not self.compressed)
         if self.compressed:
-            message = CompressedImage(format="jpeg")
-            message.data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
-            message.header.stamp, message.header.frame_id = stamp, self.frame
+            jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
+            message = CompressedImage(rospy.Header(stamp=stamp, frame_id=self.frame), "jpeg", jpeg)
         else:
             message = message_from_image(image, "bayer_rggb8", stamp, self.frame)
         self.images.publish(message)
@@ -61,9 +59,8 @@ class RobotCamera:
 
     def __init__(self):
         self.camera, self.frame = CameraModel.ideal(320, 240, 280.0), "camera_optical_frame"
-        self.T_base = geometry.transform(
-            geometry.rotation_from_rpy(0, 0.6, 0) @ geometry.optical_rotation(), (0.1, 0.0, 0.6)
-        )
+        looking_down = geometry.rotation_from_rpy(0, 0.6, 0) @ geometry.optical_rotation()
+        self.T_base = geometry.transform(looking_down, (0.1, 0.0, 0.6))
         self.scene = Scene(320, 240, seed=5)
         self.images = rospy.Publisher("/camera/rgb/image_raw", Image, queue_size=1)
         self.infos = rospy.Publisher("/camera/rgb/camera_info", CameraInfo, queue_size=1)
@@ -100,9 +97,6 @@ class RobotCamera:
 
     def _publish_pose(self, base, stamp):
         if self.localized:
-            self.tf.sendTransform(
-                [
-                    messages.message_from_transform(base, "map", "base_link", stamp),
-                    messages.message_from_transform(self.T_base, "base_link", self.frame, stamp),
-                ]
-            )
+            base_pose = messages.message_from_transform(base, "map", "base_link", stamp)
+            camera_pose = messages.message_from_transform(self.T_base, "base_link", self.frame, stamp)
+            self.tf.sendTransform([base_pose, camera_pose])

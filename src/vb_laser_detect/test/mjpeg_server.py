@@ -1,13 +1,13 @@
 """A network camera that can fail: motion JPEG over HTTP, as phones and cheap cameras send it."""
 
-import socketserver
+import contextlib
 import threading
 import time
-from http.server import BaseHTTPRequestHandler
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 
-class Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
-    daemon_threads, allow_reuse_address, request_queue_size = True, True, 64
+class Server(ThreadingHTTPServer):
+    request_queue_size = 64
 
 
 class MjpegServer:
@@ -25,11 +25,15 @@ class MjpegServer:
         self.jpegs, self.rate, self.status = jpegs, rate, 200
         self.stalled, self.broken, self.closed = threading.Event(), threading.Event(), threading.Event()
         self.sent = []
-        outer = self
+        camera = self
 
         class Handler(BaseHTTPRequestHandler):
             def do_GET(self):
-                outer.answer(self)
+                self.send_response(camera.status)
+                self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+                self.end_headers()
+                with contextlib.suppress(OSError):  # the client has closed the connection
+                    camera.send_images(self.wfile, int(self.path.partition("?")[2] or 0))
 
             def log_message(self, *_):
                 pass
@@ -41,23 +45,18 @@ class MjpegServer:
     def address(self, path="video"):
         return f"http://127.0.0.1:{self.port}/{path}"
 
-    def answer(self, request):
-        request.send_response(self.status)
-        request.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
-        request.end_headers()
-        number, due = int(request.path.partition("?")[2] or 0), time.monotonic()
-        try:
-            while self.status == 200 and not self.broken.is_set() and not self.closed.is_set():
-                if not self.stalled.is_set():
-                    jpeg = self.jpegs[number % len(self.jpegs)]
-                    head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n".encode()
-                    self.sent.append(time.time())
-                    request.wfile.write(head + jpeg + b"\r\n")
-                    number += 1
-                due += 1.0 / self.rate
-                self.closed.wait(max(0.0, due - time.monotonic()))
-        except OSError:
-            pass  # the client has closed the connection
+    def send_images(self, stream, number):
+        """Sends images to a client, from this number on, until it or this camera closes the connection."""
+        due = time.monotonic()
+        while self.status == 200 and not self.broken.is_set() and not self.closed.is_set():
+            if not self.stalled.is_set():
+                jpeg = self.jpegs[number % len(self.jpegs)]
+                head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n".encode()
+                self.sent.append(time.time())
+                stream.write(head + jpeg + b"\r\n")
+                number += 1
+            due += 1.0 / self.rate
+            self.closed.wait(max(0.0, due - time.monotonic()))
 
     def close(self):
         self.closed.set()

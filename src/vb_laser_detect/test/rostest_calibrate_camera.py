@@ -11,7 +11,8 @@ import numpy as np
 import rospy
 import rostest
 import tf2_ros
-from geometry_msgs.msg import PointStamped
+from geometry_msgs.msg import Point, PointStamped
+from std_msgs.msg import Header
 
 from vb_core import geometry, names
 from vb_core.camera_model import floor_points
@@ -64,10 +65,7 @@ class CalibrateCameraTest(unittest.TestCase):
         self.addCleanup(self.folder.cleanup)
 
     def click(self, point, frame="map"):
-        message = PointStamped()
-        message.header.frame_id = frame
-        message.point.x, message.point.y = point
-        self.clicks.publish(message)
+        self.clicks.publish(header=Header(frame_id=frame), point=Point(*point, 0.0))
 
     def test_spots_clicked_in_rviz(self):
         camera, rng = FixedCamera("red", 2.0, 3.0, RED, compressed=False), np.random.default_rng(2)
@@ -96,19 +94,18 @@ class CalibrateCameraTest(unittest.TestCase):
             for _ in range(10):
                 red.show(None, 1.0)
                 red.show(spot, 2.2)
-                before = len(command.text)
+                length = len(command.text)
                 if i == 2:
                     command.press(f"{point[0]:.4f} {point[1]:.4f}\n")
                 else:
                     self.click(point)
-                answer = wait_until(
-                    lambda: re.search("^.*(is at|! ).*\n", command.text[before:], re.M), lambda: command.text
-                ).group()
+                pattern = re.compile("^.*(is at|! ).*\n", re.M)
+                answer = wait_until(lambda: pattern.search(command.text, length), lambda: command.text).group()
                 if "is at" in answer:
                     break
                 self.assertTrue("spot_not_seen_by_camera" in answer or "spot_moving" in answer, answer)
             self.assertIn("is at", answer, (i, command.text))
-            command.shows(f"{i + 1} place", before)
+            command.shows(f"{i + 1} place", length)
         command.press("done\n")
         self.assertEqual(command.process.wait(TIMEOUT), 0, command.text)
         command.shows("5 of 6 points used")
@@ -128,16 +125,15 @@ class CalibrateCameraTest(unittest.TestCase):
         self.check_transform("red_optical_frame", pose)
         # a camera that is calibrated later is taken over at once
         path = calibration_file.calibration_path(self.folder.name, "red")
-        later = path.with_name("green.yaml")
-        later.write_text(path.read_text().replace("red", "green"))
+        path.with_name("green.yaml").write_text(path.read_text().replace("red", "green"))
         self.check_transform("green_optical_frame", pose)
 
     def check_transform(self, frame, truth):
         """Waits until tf has a frame at its true pose."""
 
         def is_there():
-            found = self.buffer.lookup_transform(names.MAP_FRAME, frame, rospy.Time(0), rospy.Duration(TIMEOUT))
-            return np.abs(messages.transform_from_message(found.transform) - truth).max() < 0.02
+            message = self.buffer.lookup_transform(names.MAP_FRAME, frame, rospy.Time(0), rospy.Duration(TIMEOUT))
+            return np.abs(messages.transform_from_message(message.transform) - truth).max() < 0.02
 
         wait_until(is_there, f"{frame} at its place")
 

@@ -20,7 +20,7 @@ from sensor_msgs.srv import SetCameraInfo
 
 from mjpeg_server import MjpegServer
 from spot_scenes import GREEN, Scene
-from vb_testing import TIMEOUT, Process, wait_until
+from vb_testing import TIMEOUT, Process, run_command, wait_until
 
 from vb_core import geometry, names
 from vb_core.camera_model import CameraModel, floor_points
@@ -35,16 +35,13 @@ LATE_S = 0.4  # [s] delay of the camera
 WIDTH, HEIGHT = 1440, 1080
 PLACE = (675.0, 450.0)
 T = geometry.transform(geometry.rotation_from_rpy(np.pi, 0, 0), (1.0, 2.0, 2.5))
-CAMERA = CameraModel(
-    WIDTH, HEIGHT, np.array([[1125.0, 0, 719.5], [0, 1125.0, 539.5], [0, 0, 1]]), np.array([-0.1, 0.01, 0, 0, 0])
-)
+CAMERA = CameraModel(WIDTH, HEIGHT, [[1125.0, 0, 719.5], [0, 1125.0, 539.5], [0, 0, 1]], [-0.1, 0.01, 0, 0, 0])
 
 
 def images(width=WIDTH, height=HEIGHT):
     """Returns images of an empty floor, and of one with a trembling spot."""
     scene = Scene(width, height, seed=2)
-    flags = [cv2.IMWRITE_JPEG_QUALITY, 92]
-    jpeg = lambda image: cv2.imencode(".jpg", image, flags)[1].tobytes()  # noqa: E731
+    jpeg = lambda image: cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 92])[1].tobytes()  # noqa: E731
     empty = [jpeg(scene.render([])) for _ in range(8)]
     u, v = PLACE[0] * width / WIDTH, PLACE[1] * height / HEIGHT
     spot = [jpeg(scene.render([(u + 4 * (i % 3), v)], sigma=3.0, color=GREEN)) for i in range(9)]
@@ -68,9 +65,8 @@ class TestCameraSource(unittest.TestCase):
         cls.settings.write_text("{}\n")
         save_lens(lab / "lenses" / "hall.yaml", "hall", CAMERA)
         config = Path(rospkg.RosPack().get_path("vb_laser_detect")) / "config" / "stationary.yaml"
-        rospy.set_param("/spot_detector_hall", yaml.safe_load(config.read_text()))
-        for name, value in (("camera", "hall"), ("source", cls.server.address()), ("settings", str(cls.settings))):
-            rospy.set_param(f"/spot_detector_hall/{name}", value)
+        own = {"camera": "hall", "source": cls.server.address(), "settings": str(cls.settings)}
+        rospy.set_param("/spot_detector_hall", {**yaml.safe_load(config.read_text()), **own})
         cls.node = Process("vb_laser_detect", "spot_detector", "__name:=spot_detector_hall")
         wait_until(lambda: cls.status and cls.status[-1].processed > 20, "the first images")
 
@@ -142,28 +138,25 @@ class TestCameraSource(unittest.TestCase):
             wait_until(lambda: code not in self.codes(), "its end")
 
     def test_6_the_exposure_of_a_camera_in_the_network_cannot_be_set(self):
-        done = subprocess.run(
-            [*COMMAND, "exposure", "hall"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-        )
+        done = run_command(*COMMAND, "exposure", "hall")
         self.assertEqual(done.returncode, 1, done.stdout)
         self.assertIn("control_refused", done.stdout)
 
     def test_7_the_delay_is_measured_with_the_terminal_s_light(self):
-        dark, light = (
-            [cv2.imencode(".jpg", np.full((HEIGHT, WIDTH, 3), level, np.uint8))[1].tobytes()] for level in (40, 160)
-        )
+        images = (np.full((HEIGHT, WIDTH, 3), level, np.uint8) for level in (40, 160))
+        dark, light = ([cv2.imencode(".jpg", image)[1].tobytes()] for image in images)
         self.server.jpegs = dark
         command = subprocess.Popen([*COMMAND, "delay", "hall"], stdout=subprocess.PIPE)
-        seen = b""
+        output = b""
         for byte in iter(lambda: command.stdout.read(1), b""):
-            seen += byte
+            output += byte
             for code, jpegs in ((b"\x1b[107m", light), (b"\x1b[40m\x1b[2J", dark)):
-                if seen.endswith(code):  # the camera shows it with its delay
+                if output.endswith(code):  # the camera shows it with its delay
                     threading.Timer(LATE_S, setattr, (self.server, "jpegs", jpegs)).start()
-        self.assertEqual(command.wait(TIMEOUT), 0, seen)
-        found = yaml.safe_load(self.settings.read_text())["capture"]["delay_ms"]
-        self.assertEqual(rospy.get_param("/spot_detector_hall/capture/delay_ms"), found)
-        self.assertLess(abs(found - 1e3 * LATE_S), 100.0)
+        self.assertEqual(command.wait(TIMEOUT), 0, output)
+        delay_ms = yaml.safe_load(self.settings.read_text())["capture"]["delay_ms"]
+        self.assertEqual(rospy.get_param("/spot_detector_hall/capture/delay_ms"), delay_ms)
+        self.assertLess(abs(delay_ms - 1e3 * LATE_S), 100.0)
 
     def refused(self, code):
         newest = [message for message in self.status if message.received][-1]

@@ -7,6 +7,7 @@ notices, and goes on.
 
 import unittest
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 import rospy
@@ -14,7 +15,8 @@ import rostest
 import tf2_ros
 from dynamic_reconfigure.client import Client
 from rosgraph_msgs.msg import Log
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Header
 
 from vb_core import geometry, names
 from vb_core.grid_map import GridMap
@@ -35,33 +37,28 @@ class Observer:
 
     def __init__(self):
         self.spots, self.logs, self.status, self.truth, self.notices = [], [], {}, {}, {}
-        for topic, kind, handle in (
-            (names.SPOTS, LaserSpot, self.spots.append),
-            (names.DETECTORS, DetectorStatus, lambda m: self.status.__setitem__(m.camera, m)),
-            (names.NOTICES, NoticeArray, lambda m: self.notices.__setitem__(m.source, m.notices)),
-            ("/rosout", Log, self.logs.append),
-        ):
-            rospy.Subscriber(topic, kind, handle, queue_size=50)
+        rospy.Subscriber(names.SPOTS, LaserSpot, self.spots.append)
+        rospy.Subscriber(names.DETECTORS, DetectorStatus, lambda m: self.status.update({m.camera: m}))
+        rospy.Subscriber(names.NOTICES, NoticeArray, lambda m: self.notices.update({m.source: m.notices}))
+        rospy.Subscriber("/rosout", Log, self.logs.append)
 
     def spots_of(self, camera):
         """Returns a camera's spots whose true position is known: a spot may arrive before the player has noted it."""
-        return [
-            spot
-            for spot in list(self.spots)
-            if (camera, spot.header.stamp.to_nsec()) in self.truth and spot.camera == camera
-        ]
+        spots = [spot for spot in list(self.spots) if spot.camera == camera]
+        return [spot for spot in spots if (camera, spot.header.stamp.to_nsec()) in self.truth]
 
     def errors(self, spots):
         """Returns the distances [m] of spots from their true positions."""
-        at = [self.truth[spot.camera, spot.header.stamp.to_nsec()] for spot in spots]
-        return [np.hypot(s.position.x - x, s.position.y - y) for s, (x, y) in zip(spots, at)]
+        truth = [self.truth[spot.camera, spot.header.stamp.to_nsec()] for spot in spots]
+        return [np.hypot(spot.position.x - x, spot.position.y - y) for spot, (x, y) in zip(spots, truth)]
 
-    def told(self, camera, words, severity=Notice.ERROR):
+    def has_notice(self, camera, words, severity=Notice.ERROR):
         """Returns whether the camera's detector has a notice with these words."""
-        now = self.notices.get(f"/spot_detector_{camera}", ())
-        return any(notice.severity == severity and words in notice.message for notice in now)
+        notices = self.notices.get(f"/spot_detector_{camera}", ())
+        return any(notice.severity == severity and words in notice.message for notice in notices)
 
-    def refused(self, camera, code):
+    def rejections(self, camera, code):
+        """Returns how often the camera's detector has rejected something with a code."""
         status = self.status.get(camera)
         return dict(zip(status.rejections, status.rejection_counts)).get(code, 0) if status is not None else 0
 
@@ -119,14 +116,14 @@ class SpotDetectorTest(unittest.TestCase):
         self.wait(lambda: len(fresh()) >= count, f"spots of {camera}")
         return fresh()
 
-    def check_fault(self, camera, code, words, level, count=10, told=None):
-        """Checks that a fault is counted, reported, and logged, but not for each image; `told`: the code in the log."""
+    def check_fault(self, camera, code, words, level, count=10, logged_code=None):
+        """Checks that a fault is counted, reported, and logged, but not for each image; the log may have another code."""
         o = self.observer
-        before = o.refused(camera, code)
-        self.wait(lambda: o.refused(camera, code) >= before + count, f"{count} times {code}")
-        self.wait(lambda: o.told(camera, words, level), f"the notice of {code}")
-        self.wait(lambda: o.warnings(camera, told or code), f"a warning of {code}")
-        stamps = sorted(log.header.stamp.to_sec() for log in o.warnings(camera, told or code))
+        before = o.rejections(camera, code)
+        self.wait(lambda: o.rejections(camera, code) >= before + count, f"{count} times {code}")
+        self.wait(lambda: o.has_notice(camera, words, level), f"the notice of {code}")
+        self.wait(lambda: o.warnings(camera, logged_code or code), f"a warning of {code}")
+        stamps = sorted(log.header.stamp.to_sec() for log in o.warnings(camera, logged_code or code))
         # a log message is stamped a little after the decision to write it
         self.assertTrue((np.diff(stamps) > WARN_EVERY / 2).all(), stamps)
 
@@ -157,7 +154,8 @@ class SpotDetectorTest(unittest.TestCase):
             stories = [pool.submit(self.fixed_camera), pool.submit(self.moving_camera)]
             stories.append(pool.submit(self.check_spots, "blue", [LaserSpot.GROUND_PLANE], 0.01))
             # a camera with a bad parameter does not keep the node from searching the others
-            stories.append(pool.submit(self.wait, lambda: self.observer.told("green", "by_post"), "green's notice"))
+            has_notice = partial(self.observer.has_notice, "green", "by_post")
+            stories.append(pool.submit(self.wait, has_notice, "green's notice"))
         for story in stories:
             story.result()
 
@@ -173,33 +171,27 @@ class SpotDetectorTest(unittest.TestCase):
 
     def camera_info_is_late_wrong_and_then_right(self):
         o, red = self.observer, self.red
-
-        def uncalibrated(stamp):
-            message = info_from_camera(red.camera, stamp, red.frame)
-            message.K = [0.0] * 9
-            return message
-
-        self.wait(lambda: o.told("red", "no camera_info on /red/camera_info"), "the notice that camera_info is missing")
-        red.info = uncalibrated
+        self.wait(lambda: o.has_notice("red", "no camera_info on /red/camera_info"), "the notice that it is missing")
+        # the driver of a camera that was never calibrated: K is a matrix of zeros
+        red.info = lambda stamp: CameraInfo(header=Header(stamp=stamp, frame_id=red.frame), height=270, width=480)
         self.wait(lambda: o.warnings("red", "bad_camera_info"), "a warning of the zero matrix")
-        self.wait(lambda: o.told("red", "no focal length"), "the notice of the zero matrix")
-        self.wait(lambda: o.refused("red", "no_camera_info") >= 3, "spots that were dropped")
+        self.wait(lambda: o.has_notice("red", "no focal length"), "the notice of the zero matrix")
+        self.wait(lambda: o.rejections("red", "no_camera_info") >= 3, "spots that were dropped")
         self.assertEqual(len(o.warnings("red", "bad_camera_info")), 1)
         self.assertFalse([spot for spot in o.spots if spot.camera == "red"])
         red.info = lambda stamp: info_from_camera(red.camera, stamp, red.frame)
 
     def pose_comes(self):
-        self.check_fault("red", "no_transform", "no transform", Notice.ERROR, told="camera_no_pose")
+        self.check_fault("red", "no_transform", "no transform", Notice.ERROR, logged_code="camera_no_pose")
         self.assertFalse([spot for spot in self.observer.spots if spot.camera == "red"])
         self.place(self.red.T, self.red.frame)
         self.assertGreater(self.wait_for_spots("red")[-1].track, 0)  # each spot has the number of its track
 
     def bad_images(self):
         """Sends bad images between good ones."""
-        bad = message_from_image(np.ones((270, 480), np.float32), "32FC1", rospy.Time(), self.red.frame)
 
         def play(_event):
-            bad.header.stamp = rospy.Time.now()
+            bad = message_from_image(np.ones((270, 480), np.float32), "32FC1", rospy.Time.now(), self.red.frame)
             self.red.images.publish(bad)
 
         timer = rospy.Timer(rospy.Duration(0.15), play)
@@ -218,9 +210,9 @@ class SpotDetectorTest(unittest.TestCase):
             self.addCleanup(client.close)
             described = [entry["name"] for entry in client.get_parameter_descriptions(timeout=TIMEOUT)]
             self.assertTrue(name in described and "moving_camera" not in described, described)
-            before = self.observer.refused("red", code)
+            before = self.observer.rejections("red", code)
             self.assertEqual(client.update_configuration({name: hard})[name], hard)
-            self.wait(lambda: self.observer.refused("red", code) > before + 3, f"{code} now")
+            self.wait(lambda: self.observer.rejections("red", code) > before + 3, f"{code} now")
             self.assertEqual(rospy.get_param(f"/spot_detector_red/{part}/{name}"), hard)
             client.update_configuration({name: usual})
             self.wait_for_spots("red")
@@ -233,12 +225,12 @@ class SpotDetectorTest(unittest.TestCase):
 
     def nothing_on_a_robot_is_a_spot(self):
         o = self.observer
-        self.assertTrue(o.refused("red", "robot_without_pose"))
+        self.assertTrue(o.rejections("red", "robot_without_pose"))
         self.place(geometry.transform(np.eye(3), (*GUARD, 0.0)), "guard/base_link")
-        self.wait(lambda: o.refused("red", "on_robot") >= 1, "light on a robot")
+        self.wait(lambda: o.rejections("red", "on_robot") >= 1, "light on a robot")
         # from now on the robot's position is known; the spot comes round to it again
-        known, before = o.status["red"].header.stamp, o.refused("red", "on_robot")
-        self.wait(lambda: o.refused("red", "on_robot") >= before + 5, "more light on the robot")
+        known, before = o.status["red"].header.stamp, o.rejections("red", "on_robot")
+        self.wait(lambda: o.rejections("red", "on_robot") >= before + 5, "more light on the robot")
         self.wait_for_spots("red")
         later = [spot.position for spot in o.spots_of("red") if spot.header.stamp > known]
         self.assertGreater(min(np.hypot(at.x - GUARD[0], at.y - GUARD[1]) for at in later), 0.18)
@@ -278,8 +270,8 @@ class SpotDetectorTest(unittest.TestCase):
         # without a pose at the image's time a spot is dropped and counted, never projected with the last pose
         robot.localized = False
         self.check_fault("robot", "no_transform", "no transform", Notice.ERROR, 5, "camera_robot_lost")
-        count, before = len(self.observer.spots_of("robot")), self.observer.refused("robot", "no_transform")
-        self.wait(lambda: self.observer.refused("robot", "no_transform") >= before + 5, "spots that are dropped")
+        count, before = len(self.observer.spots_of("robot")), self.observer.rejections("robot", "no_transform")
+        self.wait(lambda: self.observer.rejections("robot", "no_transform") >= before + 5, "spots that are dropped")
         self.assertEqual(len(self.observer.spots_of("robot")), count)
         robot.localized = True
         self.assertLess(np.median(self.observer.errors(self.wait_for_spots("robot"))), 0.03)

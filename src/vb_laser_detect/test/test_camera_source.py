@@ -33,12 +33,12 @@ def packets():
     codec.width, codec.height, codec.pix_fmt = 64, 64, "yuv420p"
     codec.framerate, codec.time_base = RATE, Fraction(1, RATE)
     codec.options = {"g": str(KEY_EVERY), "tune": "zerolatency", "qp": "4", "sc_threshold": "0"}
-    found = []
+    encoded = []
     for number in range(FRAMES):
         frame = av.VideoFrame.from_ndarray(np.full((64, 64, 3), number, np.uint8), format="bgr24")
         frame.pts = number
-        found += codec.encode(frame)
-    return found + codec.encode(None)
+        encoded += codec.encode(frame)
+    return encoded + codec.encode(None)
 
 
 @pytest.fixture
@@ -103,64 +103,64 @@ def reading(address, handle, report=print):
     source.close()
 
 
-def slowly(address, pause_s, count):
+def read_slowly(address, pause_s, count):
     """Returns brightness and times of the images that reach a reader with pauses, and why others were left out."""
-    seen, left_out, over = [], [], []
+    images, left_out, is_over = [], [], threading.Event()
 
     def handle(shot):
         brightness = float(shot.picture().pixels.mean())
-        if len(seen) < count and (not seen or brightness > seen[-1][0] - 6.0):  # else the film has begun again
-            seen.append((brightness, shot.taken))
+        if len(images) < count and (not images or brightness > images[-1][0] - 6.0):  # else the film has begun again
+            images.append((brightness, shot.taken))
             left_out.extend(shot.left_out)
             time.sleep(pause_s)
         else:
-            over.append(True)
+            is_over.set()
 
     with reading(address, handle):
-        wait_until(lambda: over, "the last image")
-    return (*np.array(seen).T, left_out)
+        wait_until(is_over.is_set, "the last image")
+    return (*np.array(images).T, left_out)
 
 
 @pytest.mark.parametrize("pause_s", [0.0, 0.2])
 def test_a_file_has_no_hurry(film, pause_s):
-    seen, taken, left_out = slowly(film, pause_s, 30)
-    assert not left_out and np.abs(seen - np.arange(30)).max() < 6.0
+    brightness, taken, left_out = read_slowly(film, pause_s, 30)
+    assert not left_out and np.abs(brightness - np.arange(30)).max() < 6.0
     # no closer than in the film, and at the end no more than a second behind the clock
     assert np.diff(taken).min() > 1 / RATE - 1e-6 and taken[-1] - taken[0] > 29 * max(1 / RATE, pause_s) - 1.0 - 1e-6
 
 
 def test_late_network_images_are_left_out_until_a_key_frame(camera):
     # the reader is at least five times too slow: if none were left out, the last number seen would be their count
-    seen, _, left_out = slowly(camera, 0.2, 30)
-    assert len(left_out) > 50 and set(left_out) == {"late_image"} and seen[-1] > 3 * len(seen)
+    numbers, _, left_out = read_slowly(camera, 0.2, 30)  # an image's brightness is its number
+    assert len(left_out) > 50 and set(left_out) == {"late_image"} and numbers[-1] > 3 * len(numbers)
     # the first image after a gap is complete: it has the brightness of a key frame
-    after = np.flatnonzero(np.diff(seen) > 3.0) + 1
-    assert len(after) and np.abs((seen[after] + KEY_EVERY / 2) % KEY_EVERY - KEY_EVERY / 2).max() < 4.0
+    after_gap = numbers[1:][np.diff(numbers) > 3.0]
+    assert len(after_gap) and np.abs((after_gap + KEY_EVERY / 2) % KEY_EVERY - KEY_EVERY / 2).max() < 4.0
 
 
 def test_of_a_damaged_image_on_all_are_left_out_until_a_key_frame(packets, tmp_path, monkeypatch):
     monkeypatch.setattr(camera_source, "_STALL_TIMEOUT", 60.0)  # for busy computers
-    seen, _, left_out = slowly(write_film(tmp_path / "damaged.mp4", packets, damaged=(5,)), 0.0, 20)
+    numbers, _, left_out = read_slowly(write_film(tmp_path / "damaged.mp4", packets, damaged=(5,)), 0.0, 20)
     assert left_out == ["bad_image"] * (KEY_EVERY - 5)
-    assert np.abs(seen - [*range(5), *range(KEY_EVERY, KEY_EVERY + 15)]).max() < 6.0
+    assert np.abs(numbers - [*range(5), *range(KEY_EVERY, KEY_EVERY + 15)]).max() < 6.0
 
 
-def tell_three(address, handle):
+def first_reports(address, handle):
     """Returns the first three codes that a camera's reader reports; None: images come."""
-    told = []
-    with reading(address, handle, lambda error: told.append(error and error.code)):
-        wait_until(lambda: len(told) > 2, lambda: f"a third report after {told}")
-    return told[:3]
+    codes = []
+    with reading(address, handle, lambda error: codes.append(error and error.code)):
+        wait_until(lambda: len(codes) > 2, lambda: f"a third report after {codes}")
+    return codes[:3]
 
 
 def test_a_camera_without_a_whole_image_for_long_is_opened_again(packets, tmp_path, monkeypatch):
     monkeypatch.setattr(camera_source, "_STALL_TIMEOUT", 0.4)
     film = write_film(tmp_path / "damaged.mp4", packets, damaged=(5,))
-    assert tell_three(film, lambda shot: None) == [None, "camera_stalled", None]
+    assert first_reports(film, lambda shot: None) == [None, "camera_stalled", None]
 
 
 def test_internal_error_is_reported_and_the_camera_reopened(film):
-    assert tell_three(film, Mock(side_effect=KeyError("a bug"))) == [None, "internal_error", None]
+    assert first_reports(film, Mock(side_effect=KeyError("a bug"))) == [None, "internal_error", None]
 
 
 def test_a_new_delay_counts_from_the_next_image_on(film):
@@ -180,14 +180,11 @@ def test_a_new_delay_counts_from_the_next_image_on(film):
 @pytest.mark.parametrize(
     "address, shown",
     [
-        ("rtsp://camera.lab:554/video?channel=1", "rtsp://camera.lab:554/video?channel=1"),
-        ("rtsp://user:secret@camera.lab/a@b", "rtsp://camera.lab/a@b"),
-        ("rtsp://user:secr@et@camera.lab/", "rtsp://camera.lab/"),
-        (
-            "rtsp://camera.lab/user=admin&password=secret&channel=1",
-            "rtsp://camera.lab/user=admin&password=***&channel=1",
-        ),
-        ("http://camera.lab/video?usr=admin&PWD=secret", "http://camera.lab/video?usr=admin&PWD=***"),
+        ("rtsp://cam.lab:554/video?channel=1", "rtsp://cam.lab:554/video?channel=1"),
+        ("rtsp://user:secret@cam.lab/a@b", "rtsp://cam.lab/a@b"),
+        ("rtsp://user:secr@et@cam.lab/", "rtsp://cam.lab/"),
+        ("rtsp://cam.lab/user=admin&password=secret&channel=1", "rtsp://cam.lab/user=admin&password=***&channel=1"),
+        ("http://cam.lab/video?usr=admin&PWD=secret", "http://cam.lab/video?usr=admin&PWD=***"),
         ("/dev/video0", "/dev/video0"),
     ],
 )
@@ -197,30 +194,30 @@ def test_no_password_is_shown(address, shown):
 
 def test_a_device_without_motion_jpeg_is_read_in_its_own_format_and_the_usual_size(tmp_path, monkeypatch):
     (tmp_path / "yuyv").write_bytes(bytes([90, 128]) * (1280 * 720 * 3))
-    opened, seen = av.open, []
+    open_file, images = av.open, []
 
     def open_device(address, format, container_options):
         av.error.err_check(-errno.EINVAL if "input_format" in container_options else 0)
-        told = {"pixel_format": "yuyv422", "video_size": container_options["video_size"]}
-        return opened(str(tmp_path / "yuyv"), format="rawvideo", options=told)
+        options = {"pixel_format": "yuyv422", "video_size": container_options["video_size"]}
+        return open_file(str(tmp_path / "yuyv"), format="rawvideo", options=options)
 
     monkeypatch.setattr(av, "open", open_device)
-    with reading("/dev/video0", lambda shot: seen.append(shot.picture().pixels)):
-        wait_until(lambda: len(seen) > 2, "three images")
-    assert seen[2].shape == (720, 1280, 3) and abs(seen[2].mean() - 86.0) < 1.0  # of 16 to 235
+    with reading("/dev/video0", lambda shot: images.append(shot.picture().pixels)):
+        wait_until(lambda: len(images) > 2, "three images")
+    assert images[2].shape == (720, 1280, 3) and abs(images[2].mean() - 86.0) < 1.0  # of 16 to 235
 
 
 @pytest.mark.parametrize(
-    "name, code",
-    {
-        "EBUSY": "camera_busy",
-        "ENODEV": "camera_unplugged",
-        "EACCES": "camera_forbidden",
-        "EINVAL": "camera_fault",
-    }.items(),
+    "number, code",
+    [
+        (errno.EBUSY, "camera_busy"),
+        (errno.ENODEV, "camera_unplugged"),
+        (errno.EACCES, "camera_forbidden"),
+        (errno.EINVAL, "camera_fault"),
+    ],
 )
-def test_why_a_device_cannot_be_opened_is_told(name, code, monkeypatch):
-    monkeypatch.setattr(av, "open", lambda *_, **__: av.error.err_check(-getattr(errno, name)))
+def test_why_a_device_cannot_be_opened_is_told(number, code, monkeypatch):
+    monkeypatch.setattr(av, "open", lambda *_, **__: av.error.err_check(-number))
     with refused(code):
         CameraSource("/dev/video0", CaptureParams(), print, print)._read()
 

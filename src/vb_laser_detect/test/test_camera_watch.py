@@ -1,5 +1,7 @@
 """The watch over the expected cameras: missing detectors, calibrations that do not fit, cameras that disagree."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -8,12 +10,13 @@ from vb_core.errors import CodedError
 from vb_core.notices import Severity
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.calibration_file import CameraPose
-from vb_laser_detect.calibration.camera_watch import CameraWatch, Report, read_files
+from vb_laser_detect.calibration.camera_watch import CameraWatch, Report, distance_between, read_files
 
 POSE = CameraPose("north", "map", "north_optical_frame", np.eye(4), 500.0)
 
 
-def told(notices):
+def errors_of(notices):
+    """Returns the code and camera of each notice, all of which are errors."""
     assert all(notice.severity is Severity.ERROR for notice in notices)
     return [(notice.code, notice.camera) for notice in notices]
 
@@ -22,18 +25,18 @@ def test_a_detector_that_is_gone_is_told():
     watch = CameraWatch(["north", "south"], 0.0)
     watch.report("north", Report(1.0))
     watch.report("of_a_robot", Report(1.0))
-    assert told(watch.missing(2.0)) == []
-    assert told(watch.missing(16.0)) == [("detector_missing", "north")]
+    assert errors_of(watch.missing_detectors(2.0)) == []
+    assert errors_of(watch.missing_detectors(16.0)) == [("detector_missing", "north")]
     # a detector that was never heard may still be starting
-    assert told(watch.missing(61.0)) == [("detector_missing", "north"), ("detector_missing", "south")]
+    assert errors_of(watch.missing_detectors(61.0)) == [("detector_missing", "north"), ("detector_missing", "south")]
 
 
-@pytest.mark.parametrize("off, told_age", [(0.0, []), (3600.0, ["3600.01"]), (-4.0, ["-3.30"])])
-def test_clock_difference_is_reported_but_not_a_busy_computer(off, told_age):
+@pytest.mark.parametrize("offset, reported_age", [(0.0, []), (3600.0, ["3600.01"]), (-4.0, ["-3.30"])])
+def test_clock_difference_is_reported_but_not_a_busy_computer(offset, reported_age):
     watch = CameraWatch(["north"], 0.0)
     for step in range(20):
-        watch.report("north", Report(float(step), age=off + (0.01 if step % 8 == 0 else 0.7)))
-    assert [notice.values["age"] for notice in watch.wrong_clocks(19.0)] == told_age
+        watch.report("north", Report(float(step), age=offset + (0.01 if step % 8 == 0 else 0.7)))
+    assert [notice.values["age"] for notice in watch.wrong_clocks(19.0)] == reported_age
     assert watch.wrong_clocks(30.0) == [], "its detector is gone, and its clock is not known any more"
 
 
@@ -54,11 +57,11 @@ def test_clock_difference_is_reported_but_not_a_busy_computer(off, told_age):
 def test_a_calibration_that_does_not_fit_is_told_with_what_cures_it(file, report, kept, code):
     watch = CameraWatch(["north"], 0.0)
     watch.report("north", report)
-    found = watch.misfits({"north": file}, ["north"] if kept else [], 1.0)
-    assert [notice.code for notice in found] == [code] * bool(code)
+    notices = watch.misfits({"north": file}, ["north"] if kept else [], 1.0)
+    assert [notice.code for notice in notices] == [code] * bool(code)
     for language in sentences.languages():
         # every placeholder is filled
-        assert all("{" not in notice.sentence(language) for notice in found)
+        assert all("{" not in notice.sentence(language) for notice in notices)
 
 
 def test_shared_frame_is_reported_before_calibration():
@@ -70,7 +73,7 @@ def test_shared_frame_is_reported_before_calibration():
     assert watch.misfits(files, [], 1.0) == []  # their detectors report the shared frame
     watch.report("north", Report(20.0, "head_camera"))
     # the other one is gone, so that nobody reports a shared frame any more
-    assert ("camera_not_calibrated", "north") in told(watch.misfits(files, [], 20.0))
+    assert ("camera_not_calibrated", "north") in errors_of(watch.misfits(files, [], 20.0))
 
 
 def test_two_files_that_name_each_others_frames_are_judged_together(tmp_path):
@@ -79,8 +82,8 @@ def test_two_files_that_name_each_others_frames_are_judged_together(tmp_path):
         calibration_file.save(path, CameraPose(camera, "map", frame, np.eye(4)), [])
 
     def codes():
-        found = read_files(str(tmp_path), ["a", "b", "c"])
-        return {camera: getattr(file, "code", "") for camera, file in found.items()}
+        files = read_files(str(tmp_path), ["a", "b", "c"])
+        return {camera: getattr(file, "code", "") for camera, file in files.items()}
 
     write("a", "frame_b")
     assert codes() == {"a": "", "b": "no_calibration", "c": "no_calibration"}
@@ -93,22 +96,53 @@ def test_two_files_that_name_each_others_frames_are_judged_together(tmp_path):
 def test_cameras_that_disagree_are_named_until_they_agree():
     watch, random = CameraWatch((), 0.0), np.random.default_rng(5)
 
-    def draw(began, off, lasts=30.0):
-        """Draws where all three see the spot, their images at different times."""
-        for camera, late, moved in (("north", 0.0, 0.0), ("south", 0.05, off), ("east", 0.02, 0.0)):
-            for t in np.arange(began, began + lasts, 0.12) + late:
-                x, y = 2.0 + 0.5 * np.cos(0.4 * t) + moved, 1.0 + 0.5 * np.sin(0.4 * t)
+    def draw(start, south_offset, duration=30.0):
+        """Draws where all three see the spot, their images at different times, south's at an offset [m]."""
+        for camera, phase, offset in (("north", 0.0, 0.0), ("south", 0.05, south_offset), ("east", 0.02, 0.0)):
+            for t in np.arange(start, start + duration, 0.12) + phase:
+                x, y = 2.0 + 0.5 * np.cos(0.4 * t) + offset, 1.0 + 0.5 * np.sin(0.4 * t)
                 watch.add_spot(camera, t, *(np.array([x, y]) + random.normal(0.0, 0.02, 2)))
 
     draw(100.0, 0.02)
     assert watch.disagreements(131.0) == []
     draw(200.0, 0.11)  # south was turned by two degrees
-    found = watch.disagreements(231.0)
-    assert {(one.values["first"], one.values["second"]) for one in found} == {("east", "south"), ("north", "south")}
-    assert {one.code for one in found} == {"cameras_disagree"} and all(8 < int(one.values["cm"]) < 14 for one in found)
+    notices = watch.disagreements(231.0)
+    pairs = {(notice.values["first"], notice.values["second"]) for notice in notices}
+    assert pairs == {("east", "south"), ("north", "south")}
+    assert all(notice.code == "cameras_disagree" and 8 < int(notice.values["cm"]) < 14 for notice in notices)
     # south is calibrated again; the laser is still on, and the detector uses the old pose for a moment longer
     watch.forget_spots("south", 232.0)
-    draw(230.5, 0.11, lasts=5.5)
+    draw(230.5, 0.11, duration=5.5)
     assert watch.disagreements(237.0) == []
     draw(300.0, 0.0)
     assert watch.disagreements(331.0) == []
+
+
+# ------------------------------------------------------------------ the distance between two cameras' sightings
+def circle(offset=(0.0, 0.0), phase=0.0, seconds=10.0, gap=(), period=0.04):
+    """Returns one camera's sightings (N, 3) of a spot that draws a circle at 0.6 m/s."""
+    rng = np.random.default_rng(0)
+    times = np.arange(0, seconds, period) + phase
+    positions = np.column_stack([np.cos(0.6 * times), np.sin(0.6 * times)]) + offset
+    sightings = np.column_stack([100.0 + times, positions + rng.normal(0, 0.001, positions.shape)])
+    return sightings[(times < gap[0]) | (times > gap[1])] if gap else sightings
+
+
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.03, -0.02)])
+@pytest.mark.parametrize("phase, period", [(0.017, 0.04), (0.009, 0.04), (0.08, 0.18)])
+def test_distance_between_cameras_is_found_whatever_their_phases(offset, phase, period):
+    first, second = circle(seconds=20.0, period=period), circle(offset, phase, 20.0, period=period)
+    assert distance_between(first, second) == pytest.approx(math.hypot(*offset), abs=0.003)
+    assert distance_between(second, first) == pytest.approx(math.hypot(*offset), abs=0.003)
+
+
+@pytest.mark.parametrize(
+    "other", [{"seconds": 0}, {"phase": 50}, {"seconds": 0.5}, {"gap": (0.3, 9.7)}], ids="none later short gap".split()
+)
+def test_cameras_that_hardly_see_the_spot_together_are_not_compared(other):
+    assert math.isnan(distance_between(circle(), circle(**other)))
+
+
+def test_a_gap_is_not_bridged():
+    """Between two sightings far apart in time, the spot is not on the straight line between them."""
+    assert distance_between(circle(), circle(gap=(2.0, 8.0))) < 0.003

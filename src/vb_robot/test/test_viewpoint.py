@@ -55,15 +55,15 @@ def test_clearance_is_never_overestimated():
         assert true - 0.1 <= clearance[row, column] <= true + 1e-5
 
 
-@pytest.mark.parametrize("closed", [range(0), range(146, 160), range(146, 174)])
-def test_paths_lead_only_through_a_doorway_that_is_wide_enough(closed):
+@pytest.mark.parametrize("width, is_passable", [(0.7, True), (0.35, False), (0.0, False)])  # [m] the robot needs 0.42 m
+def test_paths_lead_only_through_a_doorway_that_is_wide_enough(width, is_passable):
     grid = two_rooms()
-    grid.data[closed, 158:162] = 100  # half closed it is 0.35 m wide, and the robot needs 0.42 m
-    start, goal = (1.0, 1.0), np.array([[7.0, 1.0]])
-    length = ClearanceMap(grid, 0.18).path_lengths(start, goal)[0]
-    shortest = math.dist(start, (4.0, 3.7)) + math.dist((4.0, 3.7), goal[0])
+    grid.data[146 + round(width / 0.025) : 174, 158:162] = 100  # the rest of the doorway
+    start, doorway, goal = (1.0, 1.0), (4.0, 3.7), (7.0, 1.0)
+    (length,) = ClearanceMap(grid, 0.18).path_lengths(start, np.array([goal]))
+    shortest = math.dist(start, doorway) + math.dist(doorway, goal)
     # eight-connected paths are up to 8 % too long, and keep off the doorposts
-    assert length == np.inf if closed else shortest <= length <= 1.15 * shortest
+    assert shortest <= length <= 1.15 * shortest if is_passable else length == np.inf
 
 
 def test_walls_hide_floor_and_borders_do_not():

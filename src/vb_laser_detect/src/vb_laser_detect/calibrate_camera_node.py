@@ -15,7 +15,7 @@ import sys
 import threading
 import time
 from functools import partial
-from typing import Any, Callable, Sequence, Tuple
+from typing import Callable, Sequence, Tuple
 
 import cv2
 import rospy
@@ -23,13 +23,13 @@ from geometry_msgs.msg import PointStamped
 
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_laser_detect.ros.camera_setup import CameraImages, calibrate_lens, measure_camera_delay, set_exposure
 from vb_laser_detect.calibration import calibration_file
-from vb_laser_detect.calibration.pose import POINT_SIGMA
-from vb_laser_detect.calibration.lens import PAPERS_MM, write_board
 from vb_laser_detect.calibration.calibration_session import CalibrationSession, HeldSpot, describe, describe_points
 from vb_laser_detect.calibration.calibration_session import parse_place
+from vb_laser_detect.calibration.lens import PAPERS_MM, write_board
+from vb_laser_detect.calibration.pose import POINT_SIGMA
 from vb_laser_detect.detection.spot_detector import SpotDetector
+from vb_laser_detect.ros.camera_setup import RunningCamera, calibrate_lens, measure_camera_delay, set_exposure
 
 FOLDER = "~/.ros/virtual_borders/cameras"
 _SPOT_TIMEOUT = 4.0  # [s] for the spot to be seen and still
@@ -41,92 +41,90 @@ Four places are needed, six to eight are good: near the corners of what the came
   undo   takes the last place back      done   ends and writes      quit   ends without writing"""
 
 
-class Inputs:
-    """The person's input: lines typed and points clicked in RViz, in order."""
+class InputLines:
+    """The person's input, line by line: what is typed, and the coordinates of points that are clicked in RViz."""
 
     def __init__(self) -> None:
-        self._events: "queue.Queue[Tuple[str, Any]]" = queue.Queue()
+        self._lines: "queue.Queue[str]" = queue.Queue()
         rospy.Subscriber("/clicked_point", PointStamped, self._on_click, queue_size=10)
         threading.Thread(target=self._read, daemon=True).start()
 
     def _on_click(self, message: PointStamped) -> None:
-        if message.header.frame_id.lstrip("/") != names.MAP_FRAME:
-            frame = message.header.frame_id
+        frame = message.header.frame_id
+        if frame.lstrip("/") == names.MAP_FRAME:
+            self._lines.put(f"{message.point.x} {message.point.y}")
+        else:
             print_line(f"! this point is in the frame '{frame}': set RViz' fixed frame to '{names.MAP_FRAME}'")
-            return
-        self._events.put(("click", (message.point.x, message.point.y)))
 
     def _read(self) -> None:
         for line in sys.stdin:
-            self._events.put(("line", line.strip()))
-        self._events.put(("line", "quit"))
+            self._lines.put(line.strip())
+        self._lines.put("quit")
 
-    def next(self) -> Tuple[str, Any]:
-        """Waits for the next input; returns ("line", text) or ("click", (x, y)), and ("line", "quit") when ROS ends."""
+    def next(self) -> str:
+        """Waits for the next line; returns "quit" when the input or ROS ends."""
         while not rospy.is_shutdown():
             try:
-                return self._events.get(timeout=0.2)
+                return self._lines.get(timeout=0.2)
             except queue.Empty:
                 continue
-        return "line", "quit"
+        return "quit"
 
 
 class SpotCalibration:
     """The dialogue with a person who holds the spot still at known places of the map."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
-        camera, self._arguments = arguments.camera, arguments
-        self._inputs = Inputs()
-        self._held, self._lock = HeldSpot(), threading.Lock()
-        self._images = CameraImages(camera, own_source=False)
+        self._arguments = arguments
+        self._inputs = InputLines()
+        self._held_spot, self._lock = HeldSpot(), threading.Lock()
+        self._camera = RunningCamera(arguments.camera, own_source=False)
         # a held spot must not be taken for a lamp while the person finds the place in RViz
-        self._detector = SpotDetector(self._images.detector_params.replace(max_dwell_time=3600.0))
-        self.camera = self._images.model()
-        self.session = CalibrationSession(self.camera, arguments.point_sigma)
+        self._detector = SpotDetector(self._camera.detector_params.replace(max_dwell_time=3600.0))
+        self._lens = self._camera.read_lens()
+        self._session = CalibrationSession(self._lens, arguments.point_sigma)
         threading.Thread(target=self._watch, daemon=True).start()
 
     def _watch(self) -> None:
-        """Searches each image for the spot, and checks whether it is held still."""
+        """Searches each image for the spot, so that `_wait_for_still_spot` knows where it has been."""
         while not rospy.is_shutdown():
             try:
-                stamp, picture = self._images.next()
+                stamp, picture = self._camera.next_image()
                 spots = self._detector.detect(picture, stamp).spots
             except CodedError as error:
                 rospy.logwarn_throttle(5.0, str(error))
                 continue
             with self._lock:
-                self._held.add(stamp, [(spot.u, spot.v) for spot in spots if spot.stamp == stamp])
+                self._held_spot.add(stamp, [(spot.u, spot.v) for spot in spots if spot.stamp == stamp])
 
     def run(self) -> int:
         """Talks to the person until they are done; returns the exit status."""
         print_line(_HELP)
         while True:
-            kind, value = self._inputs.next()
+            line = self._inputs.next()
             try:
-                if kind == "click":
-                    self._add_place(value)
-                elif value == "quit":
+                if line == "quit":
                     print_line("nothing was written")
                     return 1
-                elif value == "undo":
-                    print_line("  taken back" if self.session.undo() else "  there is nothing to take back")
-                elif value == "done":
+                if line == "done":
                     return self._finish()
-                elif value:
-                    place = parse_place(value)
+                if line == "undo":
+                    print_line("  taken back" if self._session.undo() else "  there is nothing to take back")
+                elif line:
+                    place = parse_place(line)
                     if place is None:
                         print_line(_HELP)
                         continue
                     self._add_place(place)
-                if value != "":
-                    print_line("  " + self.session.describe_progress())
+                if line:
+                    print_line("  " + self._session.describe_progress())
             except CodedError as error:
                 print_line(f"! {error}")
 
     def _add_place(self, point: Sequence[float]) -> None:
         """Adds the place (x, y) [m] where the spot is held now."""
         u, v = self._wait_for_still_spot()
-        self.session.add((u, v), point)
+        self._session.add((u, v), point)
         print_line(f"  ({point[0]:.3f}, {point[1]:.3f}) m is at ({u:.1f}, {v:.1f}) px")
 
     def _wait_for_still_spot(self) -> Tuple[float, float]:
@@ -135,25 +133,26 @@ class SpotCalibration:
         while True:
             try:
                 with self._lock:
-                    return self._held.place()
+                    return self._held_spot.place()
             except CodedError:
                 if time.monotonic() > end or rospy.is_shutdown():
                     raise
             rospy.rostime.wallsleep(0.1)
 
     def _finish(self) -> int:
-        estimate, observed = self.session.solve(), self.session.observed
+        """Estimates the pose and writes it; returns the exit status."""
+        estimate, observed = self._session.solve(), self._session.observed
         report = describe(estimate, observed)
         print_line("\n" + "\n".join("  " + line for line in report))
-        a, frame = self._arguments, self._images.frame or f"{self._arguments.camera}_optical_frame"
-        pose = calibration_file.CameraPose(
-            a.camera, names.MAP_FRAME, frame, estimate.T_map_camera, float(self.camera.matrix[0, 0])
-        )
+        name = self._arguments.camera
+        frame = self._camera.frame or f"{name}_optical_frame"
+        focal = float(self._lens.matrix[0, 0])
+        pose = calibration_file.CameraPose(name, names.MAP_FRAME, frame, estimate.T_map_camera, focal)
         # where the running lab looks for it
         folder = str(rospy.get_param("/camera_poses/calibration_dir", "")) or FOLDER
-        path = calibration_file.calibration_path(folder, a.camera)
-        date = datetime.datetime.now().isoformat(" ", "minutes")
-        calibration_file.save(path, pose, [f"{a.command}, {date}", *report, *describe_points(estimate, observed)])
+        path = calibration_file.calibration_path(folder, name)
+        title = f"{self._arguments.command}, {datetime.datetime.now().isoformat(' ', 'minutes')}"
+        calibration_file.save(path, pose, [title, *report, *describe_points(estimate, observed)])
         print_line(f"wrote {path}; a running lab.launch takes it within seconds")
         return 0
 
@@ -164,9 +163,8 @@ def _print_board(arguments: argparse.Namespace) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        "calibrate_camera", description="Sets up a ceiling camera, and finds its pose in the map."
-    )
+    description = "Sets up a ceiling camera, and finds its pose in the map."
+    parser = argparse.ArgumentParser("calibrate_camera", description=description)
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     commands.required = True
 
@@ -179,18 +177,15 @@ def _parser() -> argparse.ArgumentParser:
 
     printed = add("print_board", _print_board, "write the board for lenses as PDF or PNG, at true size")
     printed.add_argument("file")
-    spots = add("spots", lambda found: SpotCalibration(found).run(), "its pose, from laser spots on known places")
-    spots.add_argument(
-        "--point_sigma",
-        type=float,
-        default=POINT_SIGMA,
-        help="[m] how exactly the places are known; default: %(default)s, as clicked in RViz",
+    spots = add(
+        "spots", lambda arguments: SpotCalibration(arguments).run(), "its pose, from laser spots on known places"
     )
+    accuracy = "[m] how exactly the places are known; default: %(default)s, as clicked in RViz"
+    spots.add_argument("--point_sigma", type=float, default=POINT_SIGMA, help=accuracy)
     lens = add("lens", calibrate_lens, "the lens, from the printed board, of a camera that its detector reads itself")
+    papers = f"of the board: {', '.join(PAPERS_MM)}; default: %(default)s"
     for command in (printed, lens):
-        command.add_argument(
-            "--paper", default="A3", help=f"of the board: {', '.join(PAPERS_MM)}; default: %(default)s"
-        )
+        command.add_argument("--paper", default="A3", help=papers)
     lens.add_argument("--square", type=float, help="[m] side of a square as measured, if the print is not exact")
     add("delay", measure_camera_delay, "how late the camera's images are, by this window's blinking")
     add("exposure", set_exposure, "an exposure time at which the floor is grey and the spot is white")

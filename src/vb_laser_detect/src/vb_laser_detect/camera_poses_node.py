@@ -49,11 +49,11 @@ class CameraPosesNode:
         if not self._cameras:
             raise ParameterError(rospy.resolve_name("~cameras"), "the names of cameras must be set")
         self._folder = params.calibration_dir
-        self._contents: Dict[str, bytes] = {}
+        self._contents: Dict[str, bytes] = {}  # of each camera's file, as last read
         self._files: Dict[str, Union[CameraPose, CodedError]] = {}
-        # the published poses, and the contents of the files that they were read from
+        # by camera: the published pose, and the contents that it was read from
         self._poses: Dict[str, CameraPose] = {}
-        self._adopted: Dict[str, bytes] = {}
+        self._pose_contents: Dict[str, bytes] = {}
         self._lock = threading.Lock()
         node.wait_for_clock()
         self._watch = CameraWatch(self._cameras, rospy.get_time())
@@ -61,60 +61,60 @@ class CameraPosesNode:
         self._notices = NoticePublisher()
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_status, queue_size=50)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=100)
-        self._look()
+        self._update()
         self._timer = node.WakeTimer(1.0)
-        node.Worker(self._timer, lambda _: self._look())
+        node.Worker(self._timer, lambda _: self._update())
 
     def close(self) -> None:
-        """Withdraws its notices."""
+        """Stops the updates, and withdraws the notices."""
         self._timer.close()
         self._notices.close()
 
     def _on_status(self, message: DetectorStatus) -> None:
         now = rospy.get_time()
+        age = now - message.header.stamp.to_sec()
         with self._lock:
-            self._watch.report(
-                message.camera, Report(now, message.frame_id, message.focal_px, now - message.header.stamp.to_sec())
-            )
+            self._watch.report(message.camera, Report(now, message.frame_id, message.focal_px, age))
 
     def _on_spot(self, message: LaserSpot) -> None:
         if not message.mobile:
             with self._lock:
-                at = message.position
-                self._watch.add_spot(message.camera, message.header.stamp.to_sec(), at.x, at.y)
+                x, y = message.position.x, message.position.y
+                self._watch.add_spot(message.camera, message.header.stamp.to_sec(), x, y)
 
-    def _look(self) -> None:
+    def _update(self) -> None:
+        """Publishes what has changed in the files, and the notices."""
         if self._folder:
-            self._read()
+            self._publish_changed_files()
         with self._lock:
-            now = rospy.get_time()
-            watch, misfits = self._watch, self._watch.misfits(self._files, list(self._poses), now)
-            wrong = [*watch.missing(now), *misfits, *watch.wrong_clocks(now), *watch.disagreements(now)]
-        self._notices.set(wrong)
+            watch, now = self._watch, rospy.get_time()
+            notices = watch.missing_detectors(now) + watch.misfits(self._files, list(self._poses), now)
+            notices += watch.wrong_clocks(now) + watch.disagreements(now)
+        self._notices.set(notices)
 
-    def _read(self) -> None:
-        """Reads all files together if any of them changed, so that their order does not matter."""
-        contents = {camera: _content(calibration_path(self._folder, camera)) for camera in self._cameras}
+    def _publish_changed_files(self) -> None:
+        """Reads all files together if any of them changed, so that their order does not matter, and publishes all poses."""
+        contents = {camera: _read_file(calibration_path(self._folder, camera)) for camera in self._cameras}
         if contents == self._contents:
             return
         self._contents = contents
         self._files = read_files(self._folder, self._cameras)
         for camera, file in self._files.items():
-            if isinstance(file, CameraPose) and self._adopted.get(camera) != contents[camera]:
-                self._poses[camera], self._adopted[camera] = file, contents[camera]
+            if isinstance(file, CameraPose) and self._pose_contents.get(camera) != contents[camera]:
+                self._poses[camera], self._pose_contents[camera] = file, contents[camera]
                 with self._lock:
                     self._watch.forget_spots(camera, rospy.get_time())
-                place = " ".join(f"{value:.3f}" for value in file.T[:3, 3])
-                rospy.loginfo("%s: %s is at %s in %s", rospy.get_name(), file.frame, place, file.parent)
+                position = " ".join(f"{value:.3f}" for value in file.T[:3, 3])
+                rospy.loginfo("%s: %s is at %s in %s", rospy.get_name(), file.frame, position, file.parent)
         # all poses in one message: a latched topic keeps only its last one
-        now = rospy.Time.now()
-        if self._poses:
-            self._broadcaster.sendTransform(
-                [messages.message_from_transform(pose.T, pose.parent, pose.frame, now) for pose in self._poses.values()]
-            )
+        now, poses = rospy.Time.now(), self._poses.values()
+        if poses:
+            transforms = [messages.message_from_transform(pose.T, pose.parent, pose.frame, now) for pose in poses]
+            self._broadcaster.sendTransform(transforms)
 
 
-def _content(path: Path) -> bytes:
+def _read_file(path: Path) -> bytes:
+    """Returns a file's contents; b"" if it cannot be read."""
     try:
         return path.read_bytes()
     except OSError:  # `read_files` reports why

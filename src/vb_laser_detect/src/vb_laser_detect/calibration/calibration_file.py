@@ -24,10 +24,10 @@ class CameraPose:
     """The contents of a calibration file.
 
     Attributes:
-        camera: its name.
-        parent, frame: the transform's frames, usually map and <camera>_optical_frame.
+        camera: name of the camera.
+        parent, frame: frames of the transform, usually map and <camera>_optical_frame.
         T: (4, 4) T_parent_frame.
-        focal: [px] focal length with which the pose was found: with another lens it is wrong; 0: not known.
+        focal: [px] focal length with which the pose was found; with another lens the pose is wrong. 0: not known.
     """
 
     camera: str
@@ -53,13 +53,12 @@ def save(path: Path, pose: CameraPose, report: Sequence[str]) -> None:
     """
     if path.exists():
         write_atomically(path.with_name(path.name + ".old"), path.read_bytes())
+    quaternion = geometry.quaternion_from_rotation(pose.T[:3, :3])  # x, y, z, w
     content = {
         "parent": pose.parent,
         "frame": pose.frame,
         "translation": [round(float(value), 6) for value in pose.T[:3, 3]],
-        "rotation": [
-            round(float(value), 9) for value in geometry.quaternion_from_rotation(pose.T[:3, :3])
-        ],  # x, y, z, w
+        "rotation": [round(float(value), 9) for value in quaternion],
         "focal_px": round(pose.focal, 3),
     }
     text = _HEAD.format(camera=pose.camera) + "".join(f"#   {line}\n" for line in report)
@@ -102,6 +101,6 @@ def require_own_frame(camera: str, frame: str, frames: Mapping[str, str]) -> Non
     Raises:
         CodedError: "shared_frame", naming the cameras.
     """
-    same = [other for other, used in frames.items() if used == frame and other != camera]
-    if same:
-        raise CodedError("shared_frame", cameras=", ".join(sorted([*same, camera])), frame=frame)
+    others = [other for other, its_frame in frames.items() if its_frame == frame and other != camera]
+    if others:
+        raise CodedError("shared_frame", cameras=", ".join(sorted([*others, camera])), frame=frame)

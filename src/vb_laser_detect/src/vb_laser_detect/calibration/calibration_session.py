@@ -1,4 +1,4 @@
-"""Collects the places for a calibration one by one, and describes the progress. No ROS, no terminal."""
+"""Collects places for a camera's calibration one by one, and describes the progress. No ROS, no terminal."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_laser_detect.calibration.pose import MIN_POINTS, POINT_SIGMA, Correspondences, PoseEstimate, estimate_pose
 
-_HOLD_TIME = 2.0  # [s] a spot is held this long before a point is taken
-_MIN_SIGHTINGS = 5
-_STILL_PX = 3.0
+_HOLD_TIME = 2.0  # [s] for which a spot must be held before its position is taken
+_MIN_SIGHTINGS = 5  # in that time
+_STILL_PX = 3.0  # four fifths of the sightings of a still spot are this near to their median
 _SAME_PLACE_PX = 15.0  # a spot nearer than this to an earlier place was not moved
 
 
@@ -41,27 +41,27 @@ class HeldSpot:
         recent = np.array([(u, v) for stamp, u, v in self._sightings if stamp >= self._newest - _HOLD_TIME])
         if len(recent) < _MIN_SIGHTINGS:
             raise CodedError("spot_not_seen_by_camera")
-        middle = np.median(recent, axis=0)
-        away = np.linalg.norm(recent - middle, axis=1)
-        if np.percentile(away, 80) > _STILL_PX:
+        median = np.median(recent, axis=0)
+        if np.percentile(np.linalg.norm(recent - median, axis=1), 80) > _STILL_PX:
             raise CodedError("spot_moving")
-        return float(middle[0]), float(middle[1])
+        return float(median[0]), float(median[1])
 
 
 class CalibrationSession:
-    """The places on the floor where a camera was shown a spot."""
+    """The places on the floor where a camera was shown a spot, whose map positions are known to `point_sigma` [m]."""
 
     def __init__(self, camera: CameraModel, point_sigma: float = POINT_SIGMA) -> None:
         self._camera, self._point_sigma = camera, point_sigma
-        self._placed: List[Tuple[Sequence[float], Sequence[float]]] = []
+        self._pixels: List[Sequence[float]] = []
+        self._points: List[Sequence[float]] = []
 
     def __len__(self) -> int:
-        return len(self._placed)
+        return len(self._points)
 
     @property
     def observed(self) -> Correspondences:
-        """All points so far."""
-        return Correspondences(*([pair[i] for pair in self._placed] for i in (0, 1)))
+        """All places so far."""
+        return Correspondences(self._pixels, self._points)
 
     def add(self, pixel: Sequence[float], point: Sequence[float]) -> None:
         """Adds a place, (u, v) in the image [px] and (x, y) in the map [m].
@@ -71,14 +71,17 @@ class CalibrationSession:
         """
         if not np.isfinite(point).all():
             raise CodedError("bad_points")
-        for earlier, known in self._placed:
-            if math.dist(pixel, earlier) < _SAME_PLACE_PX:
-                raise CodedError("same_place", place="({:.2f}, {:.2f})".format(*known))
-        self._placed.append((pixel, point))
+        for earlier_pixel, earlier_point in zip(self._pixels, self._points):
+            if math.dist(pixel, earlier_pixel) < _SAME_PLACE_PX:
+                raise CodedError("same_place", place="({:.2f}, {:.2f})".format(*earlier_point))
+        self._pixels.append(pixel)
+        self._points.append(point)
 
     def undo(self) -> bool:
         """Removes the last place; returns whether there was one."""
-        return bool(self._placed) and self._placed.pop() is not None
+        had_place = len(self) > 0
+        del self._pixels[-1:], self._points[-1:]
+        return had_place
 
     def solve(self) -> PoseEstimate:
         """Estimates the camera's pose; raises what `estimate_pose` raises."""
@@ -93,26 +96,26 @@ class CalibrationSession:
             estimate = self.solve()
         except CodedError as error:
             return f"{count}; not yet: {error}"
-        return f"{count}: {_how_good(estimate)}"
+        return f"{count}: {_describe_fit(estimate)}"
 
 
 def describe(estimate: PoseEstimate, observed: Correspondences) -> List[str]:
     """Describes the result to a person, in lines."""
     T = estimate.T_map_camera
     tilt = math.degrees(math.acos(max(-1.0, min(1.0, -float(T[2, 2])))))
-    right = math.degrees(math.atan2(T[1, 0], T[0, 0]))
-    used = estimate.used
+    x_axis = math.degrees(math.atan2(T[1, 0], T[0, 0]))
+    left_out = ~estimate.used
     lines = [
         f"position     {T[0, 3]:.3f} {T[1, 3]:.3f} {T[2, 3]:.3f} m",
-        f"orientation  {tilt:.2f} deg from vertical, the image's x axis points to {right:.1f} deg in the map",
-        _how_good(estimate),
+        f"orientation  {tilt:.2f} deg from vertical, the image's x axis points to {x_axis:.1f} deg in the map",
+        _describe_fit(estimate),
     ]
-    for point, error in zip(observed.points[~used], estimate.errors_m[~used]):
+    for point, error in zip(observed.points[left_out], estimate.errors_m[left_out]):
         lines.append(f"left out     ({point[0]:.3f}, {point[1]:.3f}): {100 * error:.0f} cm off")
     return lines
 
 
-def _how_good(estimate: PoseEstimate) -> str:
+def _describe_fit(estimate: PoseEstimate) -> str:
     """Describes how well the places fit, and a spot's uncertainty on the floor, in one line."""
     middle, worst = 100 * np.array(estimate.floor_sigma)
     return (

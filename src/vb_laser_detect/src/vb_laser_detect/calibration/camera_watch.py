@@ -1,7 +1,7 @@
-"""Watches all ceiling cameras: missing detectors, calibrations that do not fit, cameras that disagree. No ROS.
+"""Finds faults of ceiling cameras that one detector alone cannot find. No ROS.
 
-Each detector reports what is wrong with its own images. This module finds faults that show only in comparison with the
-calibration files, and with the other cameras.
+Each detector reports what is wrong with its own images. This module compares the detectors' reports with the calibration
+files, with this computer's clock, and with each other.
 """
 
 from __future__ import annotations
@@ -20,19 +20,18 @@ from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.calibration_file import CameraPose
 from vb_laser_detect.detection.detector_counts import MAX_CLOCK_OFFSET
 
-# [s] a detector reports each second; two reports may be late on a busy computer
-_SILENCE_TIMEOUT = 3.0
+_SILENCE_TIMEOUT = 3.0  # [s] a detector reports each second; two reports may be late on a busy computer
 _START_TIMEOUT = 60.0  # [s] a lab's nodes start one after the other, which takes a minute on a small computer
 _CLOCK_REPORTS = 10  # the quickest of them counts: a busy computer delays some, clocks that differ shift all of them
 _MAX_FOCAL_CHANGE = 0.01  # lenses of one model differ by more, two calibrations of one lens by less
 # [m] extraction assumes that cameras agree within the hand's tremor; calibrated ones differ by one or two centimetres
 _MAX_DISAGREEMENT = 0.05
-# sightings compared per camera, and their lifetime [s]: enough for a median, soon replaced after a calibration
-_SIGHTINGS, _SIGHTING_LIFETIME = 200, 300.0
+_MAX_SIGHTINGS = 200  # per camera: enough for a median
+_SIGHTING_LIFETIME = 300.0  # [s] so that those from before a calibration soon no longer count
 _MIN_COMMON = 20  # sightings that two cameras must share before they are compared
-# at most one lost image at a camera's usual interval between sightings, and no longer than a straight part of a slow
-# drawing lasts
-_GAP_PERIODS, _MAX_GAP = 2.5, 0.5  # [s]
+# positions are interpolated over at most one lost image, and no longer than a straight part of a slow drawing lasts
+_MAX_GAP_PERIODS = 2.5  # of a camera's usual interval between sightings
+_MAX_GAP = 0.5  # [s]
 # [s] a detector looks up a fixed camera's pose twice a second: until then, spots may be located with the former one
 _POSE_LATENCY = 5.0
 
@@ -41,14 +40,16 @@ Sighting = Tuple[float, float, float]  # stamp [s], x, y [m]
 
 @dataclass(frozen=True)
 class Report:
-    """What a detector reported.
+    """The part of a detector's status that is compared.
 
     Attributes:
-        at: [s] when it arrived; age: [s] from its stamp until then.
-        frame: of its images; focal: [px] of its lens. "" and 0: not known.
+        arrival: [s] time at which it arrived.
+        frame: frame of the images; "": not known.
+        focal: [px] focal length of the lens; 0: not known.
+        age: [s] time from the status's stamp until its arrival.
     """
 
-    at: float
+    arrival: float
     frame: str = ""
     focal: float = 0.0
     age: float = 0.0
@@ -58,7 +59,7 @@ class CameraWatch:
     """Finds faults of the cameras that should be there. Not thread safe.
 
     Args:
-        cameras: their names.
+        cameras: names of the cameras.
         now: [s] when the watch begins; detectors have a minute to start.
     """
 
@@ -66,7 +67,7 @@ class CameraWatch:
         self._reports = {name: Report(now + _START_TIMEOUT - _SILENCE_TIMEOUT) for name in cameras}
         self._ages: Dict[str, Deque[float]] = {name: deque(maxlen=_CLOCK_REPORTS) for name in cameras}
         self._sightings: Dict[str, Deque[Sighting]] = {}
-        self._moved: Dict[str, float] = {}  # [s] when a camera got its present pose
+        self._pose_changes: Dict[str, float] = {}  # [s] when a camera got its present pose
 
     def report(self, camera: str, report: Report) -> None:
         """Records a detector's report; that of an unexpected camera is ignored."""
@@ -79,15 +80,15 @@ class CameraWatch:
 
         Nobody has to draw for the comparison: any use of the laser where cameras overlap serves it.
         """
-        if math.isfinite(x + y) and abs(stamp - self._moved.get(camera, -math.inf)) > _POSE_LATENCY:
-            self._sightings.setdefault(camera, deque(maxlen=_SIGHTINGS)).append((stamp, x, y))
+        if math.isfinite(x + y) and abs(stamp - self._pose_changes.get(camera, -math.inf)) > _POSE_LATENCY:
+            self._sightings.setdefault(camera, deque(maxlen=_MAX_SIGHTINGS)).append((stamp, x, y))
 
     def forget_spots(self, camera: str, now: float) -> None:
         """Drops a camera's sightings, because it has had another pose since a time [s]."""
         self._sightings.pop(camera, None)
-        self._moved[camera] = now
+        self._pose_changes[camera] = now
 
-    def missing(self, now: float) -> List[Notice]:
+    def missing_detectors(self, now: float) -> List[Notice]:
         """Returns a notice for each camera whose detector has not reported for too long at a time [s]."""
         return [
             Notice.from_error(CodedError("detector_missing"), Severity.ERROR, camera)
@@ -96,17 +97,17 @@ class CameraWatch:
         ]
 
     def _is_missing(self, camera: str, now: float) -> bool:
-        return now - self._reports[camera].at > _SILENCE_TIMEOUT
+        return now - self._reports[camera].arrival > _SILENCE_TIMEOUT
 
     def wrong_clocks(self, now: float) -> List[Notice]:
         """Returns a notice for each camera on a computer whose clock differs from this one's at a time [s]."""
-        found = []
+        notices = []
         for camera, ages in sorted(self._ages.items()):
             age = min(ages, key=abs, default=0.0)
-            known = len(ages) == _CLOCK_REPORTS and not self._is_missing(camera, now)
-            if known and abs(age) > MAX_CLOCK_OFFSET:
-                found.append(Notice.from_error(CodedError("camera_clock", age=f"{age:.2f}"), Severity.ERROR, camera))
-        return found
+            is_known = len(ages) == _CLOCK_REPORTS and not self._is_missing(camera, now)
+            if is_known and abs(age) > MAX_CLOCK_OFFSET:
+                notices.append(Notice.from_error(CodedError("camera_clock", age=f"{age:.2f}"), Severity.ERROR, camera))
+        return notices
 
     def misfits(
         self, files: Mapping[str, Union[CameraPose, CodedError]], kept: Sequence[str], now: float
@@ -116,74 +117,72 @@ class CameraWatch:
         Args:
             files: each camera's calibration, or why it cannot be read.
             kept: cameras whose earlier pose is still published.
-            now: [s]
+            now: [s] present time.
         """
         frames = [report.frame for camera, report in self._reports.items() if not self._is_missing(camera, now)]
-        found = []
+        notices = []
         for camera, file in sorted(files.items()):
             report = self._reports[camera]
             fault = _misfit(camera, file, report, camera in kept)
             # its detector says that another camera has the same frame: that must be resolved before the pose
             if fault is not None and not (report.frame and frames.count(report.frame) > 1):
-                found.append(Notice.from_error(fault, Severity.ERROR, camera))
-        return found
+                notices.append(Notice.from_error(fault, Severity.ERROR, camera))
+        return notices
 
     def disagreements(self, now: float) -> List[Notice]:
         """Returns a notice for each pair of cameras that disagree on a spot: one was moved, or has another's pose."""
-        fresh = {
-            camera: np.array(
-                sorted(sighting for sighting in seen if 0.0 <= now - sighting[0] <= _SIGHTING_LIFETIME)
-            ).reshape(-1, 3)
-            for camera, seen in self._sightings.items()
+        recent = {
+            camera: np.array(sorted(row for row in rows if 0.0 <= now - row[0] <= _SIGHTING_LIFETIME)).reshape(-1, 3)
+            for camera, rows in self._sightings.items()
         }
-        found = []
-        for first, second in itertools.combinations(sorted(fresh), 2):
-            apart = distance_between(fresh[first], fresh[second])
-            if apart > _MAX_DISAGREEMENT:
-                values = {"first": first, "second": second, "cm": f"{100 * apart:.0f}"}
-                found.append(Notice.from_error(CodedError("cameras_disagree", **values), Severity.ERROR, second))
-        return found
+        notices = []
+        for first, second in itertools.combinations(sorted(recent), 2):
+            distance = distance_between(recent[first], recent[second])
+            if distance > _MAX_DISAGREEMENT:
+                values = {"first": first, "second": second, "cm": f"{100 * distance:.0f}"}
+                notices.append(Notice.from_error(CodedError("cameras_disagree", **values), Severity.ERROR, second))
+        return notices
 
 
 def distance_between(a: np.ndarray, b: np.ndarray) -> float:
     """Returns how far apart [m] two cameras see the same spot (median); NaN if they hardly saw it together.
 
-    Cameras do not take their images at the same time, and a spot moves: the second camera's position is interpolated to
-    the first one's time, between two consecutive sightings at its usual rate.
+    Cameras do not take their images at the same time, and a spot moves. So the second camera's position is interpolated
+    to the first one's time, between two consecutive sightings at its usual rate.
 
     Args:
-        a, b: (N, 3) sightings, in order of time.
+        a, b: (N, 3) sightings in order of time: stamp [s], x, y [m].
     """
     if min(len(a), len(b)) < _MIN_COMMON:
         return math.nan
-    steps = np.diff(b[:, 0])
-    before = np.searchsorted(b[:, 0], a[:, 0], side="right") - 1
-    inside = (before >= 0) & (before < len(steps))
-    a, before = a[inside], before[inside]
-    near = steps[before] <= min(_GAP_PERIODS * float(np.median(steps)), _MAX_GAP)
-    a, before = a[near], before[near]
+    intervals = np.diff(b[:, 0])
+    previous = np.searchsorted(b[:, 0], a[:, 0], side="right") - 1  # row of b before each row of a
+    is_between = (previous >= 0) & (previous < len(intervals))
+    a, previous = a[is_between], previous[is_between]
+    is_short = intervals[previous] <= min(_MAX_GAP_PERIODS * float(np.median(intervals)), _MAX_GAP)
+    a, previous = a[is_short], previous[is_short]
     if len(a) < _MIN_COMMON:
         return math.nan
-    share = ((a[:, 0] - b[before, 0]) / steps[before])[:, None]
-    off = b[before, 1:] + share * (b[before + 1, 1:] - b[before, 1:]) - a[:, 1:]
-    return float(np.median(np.linalg.norm(off, axis=1)))
+    share = ((a[:, 0] - b[previous, 0]) / intervals[previous])[:, None]
+    interpolated = b[previous, 1:] + share * (b[previous + 1, 1:] - b[previous, 1:])
+    return float(np.median(np.linalg.norm(interpolated - a[:, 1:], axis=1)))
 
 
 def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, Union[CameraPose, CodedError]]:
     """Reads each camera's calibration; gives the error if there is none, or its frame is also another camera's."""
-    found: Dict[str, Union[CameraPose, CodedError]] = {}
+    files: Dict[str, Union[CameraPose, CodedError]] = {}
     for camera in cameras:
         try:
-            found[camera] = calibration_file.load(calibration_file.calibration_path(folder, camera))
+            files[camera] = calibration_file.load(calibration_file.calibration_path(folder, camera))
         except CodedError as error:
-            found[camera] = error.without_traceback()
-    frames = {camera: file.frame for camera, file in found.items() if isinstance(file, CameraPose)}
+            files[camera] = error.without_traceback()
+    frames = {camera: file.frame for camera, file in files.items() if isinstance(file, CameraPose)}
     for camera, frame in frames.items():
         try:
             calibration_file.require_own_frame(camera, frame, frames)  # a shared frame can be right for neither
         except CodedError as error:
-            found[camera] = error.without_traceback()
-    return found
+            files[camera] = error.without_traceback()
+    return files
 
 
 def _misfit(camera: str, file: Union[CameraPose, CodedError], report: Report, is_kept: bool) -> Optional[CodedError]:

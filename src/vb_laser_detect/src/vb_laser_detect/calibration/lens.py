@@ -1,6 +1,11 @@
 """The printed ChArUco board: draws it, finds it in an image, and estimates a lens from views of it.
 
-The board is held before the camera in many ways (Zhang, 2000; OpenCV).
+A person holds the board in front of the camera at many places and angles (Zhang, 2000; OpenCV).
+
+>>> board = BoardParams.for_paper("A4")
+>>> sheet = np.pad(draw_board(board, pixels_per_meter=2000.0), 50, constant_values=255)
+>>> find_board(board, sheet).pixels.shape  # the inner corners of 5 x 4 squares
+(12, 2)
 """
 
 from __future__ import annotations
@@ -16,31 +21,25 @@ from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 
-MIN_VIEWS, MIN_COVERAGE = 12, 0.6
+_SQUARES = (5, 4)  # few and therefore large: a camera on the ceiling must resolve them
+_MARKER_SHARE = 0.75  # of a square's side
+PAPERS_MM = {"A4": (297, 210), "A3": (420, 297), "A2": (594, 420), "A1": (841, 594), "A0": (1189, 841)}
+_DPI = 300
+_EDGE_MM = 8.0  # printers leave a margin
+_MIN_MARKER_PX = 6 * 2.3  # side of a marker: its 6 modules (4 x 4 and a black border) need 2.3 px each to be told apart
+_MIN_CORNERS_TO_FIND_BOARD = 6
+_MIN_CORNERS_TO_FIT_LENS = 8  # in a view: fewer say little about the lens
+_MIN_VIEWS = 12
 _MAX_VIEWS = 30  # the newest ones: more make the estimate slower, but hardly better
-_CELLS = (8, 6)  # of the image; a cell is covered once a corner was seen in it
-_NEW_SHARE = 0.06  # of the image's width, by which a new view's corners must have moved on average
+_CELLS = (8, 6)  # columns and rows of the image; a cell is covered once a corner was seen in it
+_MIN_COVERAGE = 0.6  # share of the cells
+_MIN_SHIFT = 0.06  # share of the image's width by which the corners of a new view must have moved on average
 # far more steps than OpenCV's default, which ends 3 % off a wide lens's focal length
 _CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-9)
 _MAX_RMS = 1.0  # [px]
 _MAX_FOCAL_SIGMA = 0.01  # of the focal length: 1 cm at 1 m
-_MIN_TILT, _MIN_TILTED = np.radians(12.0), 4  # views from straight ahead cannot tell a near board from a long lens
-_MIN_VIEW_CORNERS = 8  # of a view: fewer say little about the lens
-# of the board
-PAPERS_MM = {
-    "A4": (297.0, 210.0),
-    "A3": (420.0, 297.0),
-    "A2": (594.0, 420.0),
-    "A1": (841.0, 594.0),
-    "A0": (1189.0, 841.0),
-}
-_DPI = 300
-_EDGE_MM = 8.0  # printers leave a margin
-_MODULE_PX = 2.3  # a marker's modules cannot be told apart when they are smaller in the image
-_MODULES = 6  # per side of a DICT_4X4 marker, with its black border
-_MIN_CORNERS = 6  # of the board found in an image
-_SQUARES = (5, 4)  # few and therefore large: a camera on the ceiling must resolve them
-_MARKER_SHARE = 0.75  # of a square's side
+# views from straight ahead cannot tell a near board from a long lens
+_MIN_TILT, _MIN_TILTED_VIEWS = np.radians(12.0), 4
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,7 @@ class BoardView:
     Attributes:
         pixels: (N, 2) [px]
         corners: (N, 2) [m] the same corners on the board, to the right and down from its upper left corner.
-        ids: (N,) the corners' numbers.
+        ids: (N,) numbers of the corners.
     """
 
     pixels: np.ndarray
@@ -111,20 +110,20 @@ def find_board(board: BoardParams, image: np.ndarray) -> BoardView:
     design = board.opencv()
     detector = cv2.aruco.CharucoDetector(design, cv2.aruco.CharucoParameters(), parameters)
     corners, ids, markers, _ = detector.detectBoard(gray)
-    side = 0.0
+    marker_px = 0.0
     if markers:
-        side = float(np.median([cv2.arcLength(marker, True) / 4 for marker in markers]))
-        if side < _MODULES * _MODULE_PX:
-            raise CodedError("board_too_small", px=f"{side:.0f}", least=f"{_MODULES * _MODULE_PX:.0f}")
-    found = 0 if ids is None else len(ids)
-    if not found and not markers:
+        marker_px = float(np.median([cv2.arcLength(marker, True) / 4 for marker in markers]))
+        if marker_px < _MIN_MARKER_PX:
+            raise CodedError("board_too_small", px=f"{marker_px:.0f}", least=f"{_MIN_MARKER_PX:.0f}")
+    corner_count = 0 if ids is None else len(ids)
+    if not corner_count and not markers:
         raise CodedError("no_board")
-    if found < _MIN_CORNERS:
-        raise CodedError("board_hidden", corners=found, least=_MIN_CORNERS)
+    if corner_count < _MIN_CORNERS_TO_FIND_BOARD:
+        raise CodedError("board_hidden", corners=corner_count, least=_MIN_CORNERS_TO_FIND_BOARD)
     ids = ids.ravel()
-    # refined again: whether the detector counts pixels from their centres or their edges depends on its version;
+    # refined again, as it depends on OpenCV's version whether the detector counts pixels from their centres or edges;
     # only within the white between a corner and the markers
-    window = max(2, min(5, int(side * (1.0 / _MARKER_SHARE - 1.0) / 2.0)))
+    window = max(2, min(5, int(marker_px * (1.0 / _MARKER_SHARE - 1.0) / 2.0)))
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 0.001)
     pixels = cv2.cornerSubPix(gray, corners.astype(np.float32), (window, window), (-1, -1), criteria)
     return BoardView(pixels.reshape(-1, 2).astype(float), design.getChessboardCorners()[ids][:, :2].astype(float), ids)
@@ -138,30 +137,32 @@ def write_board(paper: str, path: str) -> List[str]:
     """
     from PIL import Image
 
-    board, (width, height) = BoardParams.for_paper(paper), PAPERS_MM[paper]
-    square, dots = 1e3 * board.square, _DPI / 25.4
+    board = BoardParams.for_paper(paper)
+    square_mm = 1e3 * board.square
+    dots_per_mm = _DPI / 25.4
+    width, height = (round(dots_per_mm * 1e3 * side) for side in board.size)
+    page_width, page_height = (round(dots_per_mm * side) for side in PAPERS_MM[paper])
     # each of a marker's modules is a whole number of pixels, so that enlarging keeps the edges in place
-    wide, high = (round(dots * 1e3 * side) for side in board.size)
-    picture = cv2.resize(draw_board(board, 80.0 / board.square), (wide, high), interpolation=cv2.INTER_NEAREST)
-    page = np.full((round(dots * height), round(dots * width)), 255, np.uint8)
-    top, left = (page.shape[0] - high) // 2, (page.shape[1] - wide) // 2
-    page[top : top + high, left : left + wide] = picture
-    below, ruler = top + high + round(3.5 * dots), left + round(100.0 * dots)
-    cv2.line(page, (left, below), (ruler, below), 0, 3)
-    text = f"100 mm: print at 100 %, not fitted to the page.   {paper}, squares of {square:.0f} mm"
-    cv2.putText(page, text, (ruler + round(3.0 * dots), below + 14), cv2.FONT_HERSHEY_SIMPLEX, 1.2, 0, 2)
+    pattern = cv2.resize(draw_board(board, 80.0 / board.square), (width, height), interpolation=cv2.INTER_NEAREST)
+    page = np.full((page_height, page_width), 255, np.uint8)
+    top, left = (page_height - height) // 2, (page_width - width) // 2
+    page[top : top + height, left : left + width] = pattern
+    ruler_y, ruler_end = top + height + round(3.5 * dots_per_mm), left + round(100.0 * dots_per_mm)
+    cv2.line(page, (left, ruler_y), (ruler_end, ruler_y), 0, 3)
+    text = f"100 mm: print at 100 %, not fitted to the page.   {paper}, squares of {square_mm:.0f} mm"
+    cv2.putText(page, text, (ruler_end + round(3 * dots_per_mm), ruler_y + 14), cv2.FONT_HERSHEY_SIMPLEX, 1.2, 0, 2)
     try:
         Image.fromarray(page > 127).save(path, resolution=_DPI, dpi=(_DPI, _DPI))
     except (OSError, ValueError) as error:  # no such folder, or an unknown extension
         raise CodedError("bad_file", file=path, why=str(error)) from None
     return [
-        f"wrote {path}: {paper}, {_SQUARES[0]} x {_SQUARES[1]} squares of {square:.0f} mm",
-        f"Print it at 100 %. Check with a ruler: the pattern is {_SQUARES[0] * square:.0f} mm wide. Glue it on something flat.",
+        f"wrote {path}: {paper}, {_SQUARES[0]} x {_SQUARES[1]} squares of {square_mm:.0f} mm",
+        f"Print it at 100 %. Check with a ruler: the pattern is {_SQUARES[0] * square_mm:.0f} mm wide. Glue it on something flat.",
     ]
 
 
 class LensEstimate(NamedTuple):
-    """A lens.
+    """A lens, and how well it is known.
 
     Attributes:
         rms: [px] error of the corners.
@@ -192,8 +193,10 @@ class LensCalibration:
         self._estimated: Optional[LensEstimate] = None
 
     def add(self, view: BoardView) -> bool:
-        """Adds a view unless it has too few corners or resembles another one; returns whether it was added."""
-        if len(view.ids) < _MIN_VIEW_CORNERS or any(self._moved(view, other) < _NEW_SHARE for other in self.views):
+        """Adds a view unless it has too few corners or resembles an earlier one; returns whether it was added."""
+        if len(view.ids) < _MIN_CORNERS_TO_FIT_LENS:
+            return False
+        if any(self._shift_between(view, earlier) < _MIN_SHIFT for earlier in self.views):
             return False
         self.views = [*self.views, view][-_MAX_VIEWS:]
         self._estimated = None
@@ -201,25 +204,24 @@ class LensCalibration:
         self.covered[tuple(np.clip(cells, 0, np.array(_CELLS) - 1).T)] = True
         return True
 
-    def _moved(self, view: BoardView, other: BoardView) -> float:
-        both, here, there = np.intersect1d(view.ids, other.ids, return_indices=True)
-        if len(both) < 4:
+    def _shift_between(self, view: BoardView, earlier: BoardView) -> float:
+        """Returns how far the corners have moved on average, in widths of the image; 1 if both views share too few."""
+        shared_ids, places, earlier_places = np.intersect1d(view.ids, earlier.ids, return_indices=True)
+        if len(shared_ids) < 4:
             return 1.0
-        moved = np.linalg.norm(view.pixels[here] - other.pixels[there], axis=1)
-        return float(moved.mean()) / self.size[0]
+        shifts = np.linalg.norm(view.pixels[places] - earlier.pixels[earlier_places], axis=1)
+        return float(shifts.mean()) / self.size[0]
 
     def estimate(self) -> LensEstimate:
-        """Estimates the lens.
+        """Estimates the lens from the views so far, however good they are.
 
         Raises:
             CodedError: "too_few_views" while there are not enough, "lens_not_determined" if they do not fit one lens.
         """
         if len(self.views) < 4:
-            raise CodedError("too_few_views", views=len(self.views), least=MIN_VIEWS)
+            raise CodedError("too_few_views", views=len(self.views), least=_MIN_VIEWS)
         if self._estimated is None:
-            corners = [
-                np.column_stack([view.corners, np.zeros(len(view.ids))]).astype(np.float32) for view in self.views
-            ]
+            corners = [np.pad(view.corners, ((0, 0), (0, 1))).astype(np.float32) for view in self.views]  # z = 0
             pixels = [view.pixels.astype(np.float32) for view in self.views]
             try:
                 rms, matrix, distortion, turns, _, deviations, *_ = cv2.calibrateCameraExtended(
@@ -239,26 +241,25 @@ class LensCalibration:
         Raises:
             CodedError: "too_few_views", "little_coverage", "lens_not_determined", "board_not_tilted", "lens_uncertain".
         """
-        if len(self.views) < MIN_VIEWS:
-            raise CodedError("too_few_views", views=len(self.views), least=MIN_VIEWS)
-        if self.covered.mean() < MIN_COVERAGE:
-            raise CodedError(
-                "little_coverage", percent=round(100 * self.covered.mean()), least=round(100 * MIN_COVERAGE)
-            )
-        found = self.estimate()
-        if found.rms > _MAX_RMS:
+        if len(self.views) < _MIN_VIEWS:
+            raise CodedError("too_few_views", views=len(self.views), least=_MIN_VIEWS)
+        coverage = self.covered.mean()
+        if coverage < _MIN_COVERAGE:
+            raise CodedError("little_coverage", percent=round(100 * coverage), least=round(100 * _MIN_COVERAGE))
+        lens = self.estimate()
+        if lens.rms > _MAX_RMS:
             raise CodedError("lens_not_determined")
-        if found.tilted < _MIN_TILTED:
-            raise CodedError("board_not_tilted", views=found.tilted, least=_MIN_TILTED)
-        if found.focal_sigma > _MAX_FOCAL_SIGMA:
-            raise CodedError("lens_uncertain", percent=f"{100 * found.focal_sigma:.1f}")
-        return found.camera, found.rms
+        if lens.tilted < _MIN_TILTED_VIEWS:
+            raise CodedError("board_not_tilted", views=lens.tilted, least=_MIN_TILTED_VIEWS)
+        if lens.focal_sigma > _MAX_FOCAL_SIGMA:
+            raise CodedError("lens_uncertain", percent=f"{100 * lens.focal_sigma:.1f}")
+        return lens.camera, lens.rms
 
     def describe(self) -> str:
         """Describes the progress in one line."""
         text = f"{len(self.views)} views, {100 * self.covered.mean():.0f} % of the image covered"
         try:
-            found = self.estimate()
+            lens = self.estimate()
         except CodedError:
             return text
-        return f"{text}, {found.tilted} tilted, error {found.rms:.2f} px"
+        return f"{text}, {lens.tilted} tilted, error {lens.rms:.2f} px"

@@ -1,8 +1,15 @@
 """Estimates a ceiling camera's pose in the map from floor points whose positions in map and image are known.
 
-Consensus over minimal sets of four points finds those that agree (RANSAC; Fischler and Bolles, 1981), each set solved
-by IPPE (Collins and Bartoli, 2014). Least squares over all points that agree gives the pose, and its covariance how far
-off a spot on the floor can be. Input that does not determine a pose is refused. The floor is the map's plane z = 0.
+Consensus over minimal sets of four points finds those that agree (RANSAC; Fischler and Bolles, 1981). Each set is solved
+by IPPE (Collins and Bartoli, 2014). Least squares over all points that agree gives the pose, and its covariance says how
+far off a spot on the floor can be. Input that does not determine a pose is refused. The floor is the map's plane z = 0.
+
+>>> camera = CameraModel.ideal(1280, 720, 900.0)
+>>> points = np.array([(-1.5, -0.8), (1.5, -0.8), (1.5, 0.8), (-1.5, 0.8), (0.3, 0.1)])  # [m] on the floor
+>>> looking_down = geometry.transform(geometry.rotation_from_rpy(math.pi, 0, 0), (0, 0, 2.5))
+>>> estimate = estimate_pose(camera, Correspondences(project(camera, looking_down, points), points))
+>>> float(estimate.T_map_camera[2, 3].round(3))  # [m] the camera's height
+2.5
 """
 
 from __future__ import annotations
@@ -21,22 +28,24 @@ from vb_core.errors import CodedError
 
 MIN_POINTS = 4
 _MAX_SETS = 200  # minimal sets tried; with 40 % wrong points, 50 sets hold one without any in 99.9 % of cases
-_SAME_PLACE = 0.005  # of the image's diagonal; points nearer to each other are one place, seen twice
-_SAME_PLACE_DISTANCE = 0.01  # [m]
-_SAME_TURN = math.radians(2.0)  # solutions whose orientations differ by less are the same
-_LIKELY = 9.0  # difference of chi square within which two poses are both plausible: 3 sigma
+# points nearer to each other are one place, seen twice
+_SAME_PLACE_DIAGONALS = 0.005  # in diagonals of the image
+_SAME_PLACE_DISTANCE = 0.01  # [m] on the floor
+_SAME_ORIENTATION = math.radians(2.0)  # poses that differ by less are the same
+_PLAUSIBLE = 9.0  # difference of chi square within which two poses are both plausible: 3 sigma
 _PIXEL_SIGMA = 0.3  # [px] of a point in the image
 POINT_SIGMA = 0.015  # [m] of a point in the map, as clicked in RViz
 _OUTLIER = 0.06  # [m] on the floor: a point farther off does not count
 _MIN_AGREEING = 0.6  # share of the points that must agree on one pose
 _MIN_AREA = 0.025  # share of the image that the points must span
 _MAX_FLOOR_SIGMA = 0.1  # [m] uncertainty on the floor, anywhere in the image
-# for a rectangle
+# the corners of a rectangle
 _CLICK_SIGMA = 1.0  # [px] how exactly a person marks a corner
-_USUAL_FOCAL, _FOCAL_SIGMA = 0.75, 0.35  # of the image's width, and deviation of its logarithm: webcams and phones
-_FOCALS = np.geomspace(0.3, 3.0, 48)
+_FOCALS = np.geomspace(0.3, 3.0, 48)  # of the image's width: focal lengths that are tried
+_USUAL_FOCAL = 0.75  # of the image's width: webcams and phones
+_FOCAL_SIGMA = 0.35  # deviation of the focal length's logarithm from the usual one's
 _MAX_CORNER_ERROR = 0.02  # of the image's diagonal; with more, the corners are in another order, or of something else
-_DRAWS = 16  # of inexact clicks
+_CLICK_DRAWS = 16  # of inexact clicks
 
 
 @dataclass(frozen=True)
@@ -44,8 +53,8 @@ class Correspondences:
     """Points on the floor as one camera sees them.
 
     Attributes:
-        pixels: (N, 2) [px]
-        points: (N, 2) [m], map frame.
+        pixels: (N, 2) [px] where the camera sees them.
+        points: (N, 2) [m] the same points in the map frame.
     """
 
     pixels: np.ndarray
@@ -84,12 +93,12 @@ class PoseEstimate:
 
     @property
     def rms_px(self) -> float:
-        """[px] of the points used."""
+        """Root mean square error [px] of the points used, in the image."""
         return float(np.sqrt(np.mean(self.errors_px[self.used] ** 2)))
 
     @property
     def rms_m(self) -> float:
-        """[m] on the floor, of the points used."""
+        """Root mean square error [m] of the points used, on the floor."""
         return float(np.sqrt(np.mean(self.errors_m[self.used] ** 2)))
 
 
@@ -106,10 +115,9 @@ def estimate_pose(camera: CameraModel, observed: Correspondences, point_sigma: f
     rays = camera.rays(observed.pixels)
     start = _consensus(rays, observed.points)
     used = errors_on_floor(start, rays, observed.points) < _OUTLIER
-    if used.sum() < max(MIN_POINTS, _MIN_AGREEING * len(observed)):
-        raise CodedError(
-            "no_consistent_pose", agreeing=int(used.sum()), points=len(observed), cm=f"{100 * _OUTLIER:.0f}"
-        )
+    used_count = int(used.sum())
+    if used_count < max(MIN_POINTS, _MIN_AGREEING * len(observed)):
+        raise CodedError("no_consistent_pose", agreeing=used_count, points=len(observed), cm=f"{100 * _OUTLIER:.0f}")
     check_points(camera, observed.select(used))
     # a fit to all points that agree may change which ones agree
     for _ in range(5):
@@ -142,10 +150,10 @@ def check_points(camera: CameraModel, observed: Correspondences) -> None:
     """
     if not camera.contains(observed.pixels).all():
         raise CodedError("outside_image", size=f"{camera.width} x {camera.height}")
-    near_px = _SAME_PLACE * math.hypot(camera.width, camera.height)
-    different = min(_different(observed.points, _SAME_PLACE_DISTANCE), _different(observed.pixels, near_px))
-    if different < MIN_POINTS:
-        raise CodedError("too_few_calibration_points", different=different, points=len(observed), least=MIN_POINTS)
+    same_place_px = _SAME_PLACE_DIAGONALS * math.hypot(camera.width, camera.height)
+    places = min(_count_places(observed.points, _SAME_PLACE_DISTANCE), _count_places(observed.pixels, same_place_px))
+    if places < MIN_POINTS:
+        raise CodedError("too_few_calibration_points", different=places, points=len(observed), least=MIN_POINTS)
     for values in (observed.points, observed.pixels):
         along, across = np.linalg.svd(values - values.mean(axis=0), compute_uv=False)
         if across < 0.1 * along:
@@ -155,23 +163,23 @@ def check_points(camera: CameraModel, observed: Correspondences) -> None:
         raise CodedError("clustered", percent=f"{100 * share:.1f}", least=f"{100 * _MIN_AREA:.1f}")
 
 
-def _different(values: np.ndarray, near: float) -> int:
-    """Counts the values (N, 2) that are not near to an earlier one."""
-    apart = np.linalg.norm(values[:, None] - values[None], axis=2)
-    return int((~np.triu(apart <= near, 1).any(axis=0)).sum())
+def _count_places(points: np.ndarray, same_place: float) -> int:
+    """Counts the points (N, 2) that are farther than `same_place` from each earlier one."""
+    distances = np.linalg.norm(points[:, None] - points[None], axis=2)
+    return int((~np.triu(distances <= same_place, 1).any(axis=0)).sum())
 
 
 def errors_on_floor(T_map_camera: np.ndarray, rays: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Returns the distances (N,) [m] from points to where rays (N, 3) meet the floor; inf where a ray misses it."""
-    seen = intersect_floor(T_map_camera, rays)[:, :2]
-    return np.nan_to_num(np.linalg.norm(seen - points, axis=1), nan=np.inf)
+    positions = intersect_floor(T_map_camera, rays)[:, :2]
+    return np.nan_to_num(np.linalg.norm(positions - points, axis=1), nan=np.inf)
 
 
 def floor_uncertainty(camera: CameraModel, T_map_camera: np.ndarray, covariance: np.ndarray) -> Tuple[float, float]:
     """Propagates a pose's uncertainty to the floor.
 
     Args:
-        covariance: (6, 6) of a rotation vector and a shift, both in the camera's frame [rad, m].
+        covariance: (6, 6) covariance of a rotation vector and a shift, both in the camera's frame [rad, m].
 
     Returns:
         (middle, worst) [m] standard deviation of a floor point in its worst direction.
@@ -179,20 +187,20 @@ def floor_uncertainty(camera: CameraModel, T_map_camera: np.ndarray, covariance:
     columns, rows = (np.array([0.05, 0.5, 0.95]) * (size - 1) for size in (camera.width, camera.height))
     pixels = np.array([(u, v) for v in rows for u in columns])
     step = 1e-5
-    axes = step * np.vstack([np.eye(6), -np.eye(6)])
-    moved = [floor_points(camera, _moved(T_map_camera, axis), pixels)[:, :2] for axis in axes]
-    derivative = (np.stack(moved[:6], axis=2) - np.stack(moved[6:], axis=2)) / (2 * step)
-    seen = np.isfinite(derivative).all(axis=(1, 2))
-    if not seen.any():
+    deltas = step * np.vstack([np.eye(6), -np.eye(6)])
+    positions = [floor_points(camera, _move(T_map_camera, delta), pixels)[:, :2] for delta in deltas]
+    derivatives = (np.stack(positions[:6], axis=2) - np.stack(positions[6:], axis=2)) / (2 * step)
+    on_floor = np.isfinite(derivatives).all(axis=(1, 2))
+    if not on_floor.any():
         return math.inf, math.inf
-    spread = derivative[seen] @ covariance @ derivative[seen].transpose(0, 2, 1)
+    covariances = derivatives[on_floor] @ covariance @ derivatives[on_floor].transpose(0, 2, 1)
     sigma = np.full(len(pixels), np.nan)
-    sigma[seen] = np.sqrt(np.maximum(0.0, np.linalg.eigvalsh(spread)[:, -1]))
-    return float(sigma[4] if seen[4] else np.nanmin(sigma)), float(np.nanmax(sigma))
+    sigma[on_floor] = np.sqrt(np.maximum(0.0, np.linalg.eigvalsh(covariances)[:, -1]))
+    return float(sigma[4] if on_floor[4] else np.nanmin(sigma)), float(np.nanmax(sigma))
 
 
-def _moved(T_map_camera: np.ndarray, delta: np.ndarray) -> np.ndarray:
-    """Returns a pose turned by a rotation vector and shifted, (6,) [rad, m], both in the camera's own frame."""
+def _move(T_map_camera: np.ndarray, delta: np.ndarray) -> np.ndarray:
+    """Turns a pose by a rotation vector and shifts it, (6,) [rad, m], both in the camera's own frame."""
     return T_map_camera @ geometry.transform(cv2.Rodrigues(np.asarray(delta[:3], float))[0], delta[3:])
 
 
@@ -209,14 +217,14 @@ def planar_poses(rays: np.ndarray, points: np.ndarray) -> List[np.ndarray]:
     # the solver needs the points around the origin
     center = np.array([*points.mean(axis=0), 0.0])
     plane = np.column_stack([points, np.zeros(len(points))]) - center
-    given = plane, rays[:, None, :2], np.eye(3), np.zeros(5)
+    problem = plane, rays[:, None, :2], np.eye(3), np.zeros(5)
     try:
-        found, rotations, shifts, _ = cv2.solvePnPGeneric(*given, flags=cv2.SOLVEPNP_IPPE)
+        solution_count, rotations, shifts, _ = cv2.solvePnPGeneric(*problem, flags=cv2.SOLVEPNP_IPPE)
     except cv2.error:  # points that are not planar after all
         return []
     poses = []
-    for rotation, shift in zip(rotations, shifts) if found else ():
-        rotation, shift = cv2.solvePnPRefineLM(*given, rotation, shift)
+    for rotation, shift in zip(rotations, shifts) if solution_count else ():
+        rotation, shift = cv2.solvePnPRefineLM(*problem, rotation, shift)
         if np.isfinite(rotation).all() and np.isfinite(shift).all():
             pose = geometry.invert(geometry.transform(cv2.Rodrigues(rotation)[0], shift.ravel()))
             pose[:3, 3] += center
@@ -230,15 +238,15 @@ def _consensus(rays: np.ndarray, points: np.ndarray) -> np.ndarray:
     A point's cost grows with its error up to a limit (MSAC; Torr and Zisserman, 2000): counting alone could not tell a
     good pose from a bad one that barely agrees with the same points.
     """
-    best, least = np.full((4, 4), np.nan), math.inf
+    best_pose, least_cost = np.full((4, 4), np.nan), math.inf
     for chosen in _minimal_sets(len(points)):
         # points beyond the range of the lens model agree with no pose
         for pose in planar_poses(rays[chosen], points[chosen]) if np.isfinite(rays[chosen]).all() else ():
             errors = errors_on_floor(pose, rays, points) / _OUTLIER
             cost = float((np.minimum(errors, 1.0) ** 2).sum())
-            if cost < least:
-                best, least = pose, cost
-    return best
+            if cost < least_cost:
+                best_pose, least_cost = pose, cost
+    return best_pose
 
 
 def _minimal_sets(count: int) -> List[np.ndarray]:
@@ -250,7 +258,7 @@ def _minimal_sets(count: int) -> List[np.ndarray]:
 
 
 class _Fit(NamedTuple):
-    """A pose, its covariance (6, 6) in the parameters of `_moved`, and the robust chi square of the measurements."""
+    """A pose, its covariance (6, 6) in the parameters of `_move`, and the robust chi square of the measurements."""
 
     T_map_camera: np.ndarray
     covariance: np.ndarray
@@ -261,40 +269,38 @@ def _fit(camera: CameraModel, observed: Correspondences, point_sigma: float, sta
     """Fits the pose by least squares, weighted by the measurements' accuracy."""
     from scipy.optimize import least_squares  # programs that only read calibrations do without its 20 MiB
 
-    # (N, 2, 2): make each point's errors in the image [px] independent, with deviation 1
-    here = project(camera, start, observed.points)
-    moved = [project(camera, start, observed.points + move) - here for move in point_sigma * np.eye(2)]
-    spread = np.nan_to_num(np.stack(moved, axis=2))
+    # a point's error in the image comes from pixel and map: whitening (N, 2, 2) makes both directions independent, sigma 1
+    pixels = project(camera, start, observed.points)
+    shifts = [project(camera, start, observed.points + move) - pixels for move in point_sigma * np.eye(2)]
+    spread = np.nan_to_num(np.stack(shifts, axis=2))
     whitening = np.linalg.inv(np.linalg.cholesky(_PIXEL_SIGMA**2 * np.eye(2) + spread @ spread.transpose(0, 2, 1)))
 
     def residuals(delta: np.ndarray) -> np.ndarray:
-        off = project(camera, _moved(start, delta), observed.points) - observed.pixels
+        errors = project(camera, _move(start, delta), observed.points) - observed.pixels
         # a pose with a point behind the camera must be worse than any other
-        return np.einsum("nij,nj->ni", whitening, np.where(np.isfinite(off), off, 1e4)).ravel()
+        return np.einsum("nij,nj->ni", whitening, np.where(np.isfinite(errors), errors, 1e4)).ravel()
 
     # points that agree with the pose can still be off: soft_l1 gives those beyond 2 sigma less weight
     solution = least_squares(residuals, np.zeros(6), loss="soft_l1", f_scale=2.0, x_scale="jac")
     chi_square = float(2.0 * solution.cost)
     # measurements worse than stated make the pose less certain; better ones prove nothing
     factor = max(1.0, chi_square / (2 * len(observed) - 6))
-    return _Fit(_moved(start, solution.x), factor * np.linalg.pinv(solution.jac.T @ solution.jac), chi_square)
+    return _Fit(_move(start, solution.x), factor * np.linalg.pinv(solution.jac.T @ solution.jac), chi_square)
 
 
 def _refuse_if_ambiguous(camera: CameraModel, observed: Correspondences, point_sigma: float, fit: _Fit) -> None:
     """Refuses a pose if another one is almost as likely: a small or distant plane looks alike in two orientations."""
     for pose in planar_poses(camera.rays(observed.pixels), observed.points):
-        if _angle_between(pose, fit.T_map_camera) < _SAME_TURN:
+        if _angle_between(pose, fit.T_map_camera) < _SAME_ORIENTATION:
             continue
         other = _fit(camera, observed, point_sigma, pose)
-        if (
-            _angle_between(other.T_map_camera, fit.T_map_camera) > _SAME_TURN
-            and other.chi_square < fit.chi_square + _LIKELY
-        ):
+        is_other = _angle_between(other.T_map_camera, fit.T_map_camera) > _SAME_ORIENTATION
+        if is_other and other.chi_square < fit.chi_square + _PLAUSIBLE:
             raise CodedError("ambiguous")
 
 
 def _angle_between(a: np.ndarray, b: np.ndarray) -> float:
-    """Returns the angle [rad] between two poses."""
+    """Returns the angle [rad] between the orientations of two poses (4, 4)."""
     return float(np.linalg.norm(cv2.Rodrigues(a[:3, :3].T @ b[:3, :3])[0]))
 
 
@@ -308,46 +314,43 @@ class FloorView(NamedTuple):
 def view_rectangle(pixels: np.ndarray, size: Tuple[float, float], image: Tuple[int, int]) -> FloorView:
     """Estimates pose and focal length of the camera that sees the corners of a rectangle on the floor at these pixels.
 
-    For a first try without a calibrated lens: the lens is assumed to be free of distortion, its axis through the middle
-    of the image. A rectangle determines the focal length only if it is seen at a slant (Zhang, 2000); otherwise a usual
-    one is assumed, and its value then hardly matters.
+    This is for a first try without a calibrated lens. The lens is assumed to be free of distortion, with its axis through
+    the middle of the image. A rectangle determines the focal length only if it is seen at a slant (Zhang, 2000). Otherwise
+    a usual one is assumed, whose value then hardly matters.
 
     Args:
         pixels: (4, 2) [px] the corners, in order round the rectangle.
-        size: [m] from the first corner to the second one, from the second to the third.
-        image: its width and height [px].
+        size: [m] from the first corner to the second one, and from the second to the third.
+        image: width and height of the image [px].
 
     Raises:
         CodedError: "bad_rectangle" if they cannot be the corners of such a rectangle on the floor.
     """
     pixels = np.asarray(pixels, float).reshape(4, 2)
     hull = cv2.convexHull(pixels.astype(np.float32), returnPoints=False)
-    turns = float(cv2.contourArea(pixels.astype(np.float32), oriented=True))
-    if len(hull) != 4 or abs(turns) < 25.0 or min(size) <= 0.0:
+    signed_area = float(cv2.contourArea(pixels.astype(np.float32), oriented=True))  # positive: clockwise
+    if len(hull) != 4 or abs(signed_area) < 25.0 or min(size) <= 0.0:
         raise CodedError("bad_rectangle")
     # seen from above and going clockwise, the second side goes to the map's negative y
-    width, depth = size[0], -math.copysign(size[1], turns)
+    width, depth = size[0], -math.copysign(size[1], signed_area)
     points = np.array([[0.0, 0.0], [width, 0.0], [width, depth], [0.0, depth]])
-    found = [_view(pixels, points, image, factor * image[0]) for factor in _FOCALS]
-    costs = [
-        (error / _CLICK_SIGMA) ** 2 * 4 + (math.log(factor / _USUAL_FOCAL) / _FOCAL_SIGMA) ** 2
-        for factor, (_, error) in zip(_FOCALS, found)
-    ]
-    view, error = found[int(np.argmin(costs))]
+    views = [_view_from_above(CameraModel.ideal(*image, factor * image[0]), pixels, points) for factor in _FOCALS]
+    errors = np.array([error for _, error in views])
+    costs = 4 * (errors / _CLICK_SIGMA) ** 2 + (np.log(_FOCALS / _USUAL_FOCAL) / _FOCAL_SIGMA) ** 2
+    view, error = views[int(np.argmin(costs))]
     if not error < _MAX_CORNER_ERROR * math.hypot(*image):
         raise CodedError("bad_rectangle")
     return view
 
 
-def _view(pixels: np.ndarray, points: np.ndarray, image: Tuple[int, int], focal: float) -> Tuple[FloorView, float]:
-    """Returns the view from above the floor with this focal length [px], and the corners' rms error [px]."""
-    camera = CameraModel.ideal(image[0], image[1], focal)
-    best = (FloorView(camera, np.eye(4)), math.inf)
+def _view_from_above(camera: CameraModel, pixels: np.ndarray, points: np.ndarray) -> Tuple[FloorView, float]:
+    """Returns the best view of points (4, 2) on the floor from above it, and their rms error in the image [px]."""
+    best_view, least_error = FloorView(camera, np.eye(4)), math.inf
     for T in planar_poses(camera.rays(pixels), points):
         error = float(np.sqrt(np.mean(np.sum((project(camera, T, points) - pixels) ** 2, axis=1))))
-        if T[2, 3] > 0.0 and error < best[1]:
-            best = (FloorView(camera, T), error)
-    return best
+        if T[2, 3] > 0.0 and error < least_error:
+            best_view, least_error = FloorView(camera, T), error
+    return best_view, least_error
 
 
 def click_uncertainty(
@@ -355,14 +358,15 @@ def click_uncertainty(
 ) -> float:
     """Returns the rms error [m] of a spot at the worst of `places` (N, 2) [px], as people click inexactly."""
     random = np.random.default_rng(1)
-    drawn = []
-    for _ in range(_DRAWS):
-        moved = np.asarray(pixels, float) + random.normal(0.0, _CLICK_SIGMA, (4, 2))
+    draws = []
+    for _ in range(_CLICK_DRAWS):
+        clicks = np.asarray(pixels, float) + random.normal(0.0, _CLICK_SIGMA, (4, 2))
         try:
-            view = view_rectangle(moved, size, image)
+            view = view_rectangle(clicks, size, image)
         except CodedError:
             return math.inf
-        drawn.append(floor_points(view.camera, view.T_map_camera, places)[:, :2])
-    spread = np.array(drawn)
+        draws.append(floor_points(view.camera, view.T_map_camera, places)[:, :2])
+    positions = np.array(draws)
     with np.errstate(invalid="ignore"):
-        return float(np.nanmax(np.sqrt(np.mean(np.sum((spread - np.nanmean(spread, axis=0)) ** 2, axis=2), axis=0))))
+        squared_errors = np.sum((positions - np.nanmean(positions, axis=0)) ** 2, axis=2)
+        return float(np.nanmax(np.sqrt(np.mean(squared_errors, axis=0))))

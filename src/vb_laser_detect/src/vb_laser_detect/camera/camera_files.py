@@ -1,4 +1,4 @@
-"""A camera's two files: its lens, in the format of camera_calibration and camera_info_manager; its settings."""
+"""A camera's two files: its lens, in the format of camera_calibration and camera_info_manager, and its settings."""
 
 from __future__ import annotations
 

@@ -5,18 +5,18 @@ from __future__ import annotations
 import re
 import subprocess
 from dataclasses import dataclass
-from typing import Dict, List, Optional
+from typing import Dict, List, Optional, Sequence
 
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 
 _TIMEOUT = 5.0  # [s]
 _CONTROL = re.compile(r"^\s*(\w+) 0x[0-9a-f]+ \((\w+)\)\s*:(.*)$", re.MULTILINE)
-# their names in different kernels, newest first
+# names of controls in different kernels, newest first
 _AUTO_EXPOSURE = ("auto_exposure", "exposure_auto")
 _EXPOSURE = ("exposure_time_absolute", "exposure_absolute")
 _AUTO_WHITE = ("white_balance_automatic", "white_balance_temperature_auto")
-_MANUAL = 1  # of auto_exposure, as V4L2 defines it
+_MANUAL = 1  # value of auto_exposure that V4L2 defines
 
 
 @dataclass(frozen=True)
@@ -38,10 +38,9 @@ def run_v4l2(device: str, *arguments: str) -> str:
     Raises:
         CodedError: "no_v4l2" if it is not installed; "control_refused", with the device's reason.
     """
+    command = ["v4l2-ctl", "-d", device, *arguments]
     try:
-        done = subprocess.run(
-            ["v4l2-ctl", "-d", device, *arguments], capture_output=True, text=True, timeout=_TIMEOUT, check=False
-        )
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT, check=False)
     except FileNotFoundError:
         raise CodedError("no_v4l2") from None
     except subprocess.TimeoutExpired:
@@ -54,21 +53,23 @@ def run_v4l2(device: str, *arguments: str) -> str:
 def plan(listing: str, params: CaptureParams) -> List[str]:
     """Returns NAME=VALUE for each control to set, in order: automatic modes are switched off before values are set.
 
+    A setting of 0 means automatic: the control gets its default, as the value for it differs between cameras.
+
     Args:
-        listing: what `v4l2-ctl --list-ctrls` prints. A setting that is 0 gets the camera's default mode, if it has
-            that control: which of its values mean automatic differs between cameras.
+        listing: what `v4l2-ctl --list-ctrls` prints.
 
     Raises:
         CodedError: "no_control" if the camera has no control for a value that is wanted.
     """
-    known: Dict[str, str] = {name: limits for name, _, limits in _CONTROL.findall(listing)}
+    controls: Dict[str, str] = {name: limits for name, _, limits in _CONTROL.findall(listing)}
     steps: List[str] = []
 
-    def add(names: tuple, wanted: Optional[int]) -> None:
-        name = next((name for name in names if name in known), "")
+    def add(names: Sequence[str], wanted: Optional[int]) -> None:
+        """Adds the control with the first of these names that exists: its wanted value, or None for its default."""
+        name = next((name for name in names if name in controls), "")
         if not name and wanted is not None:
-            raise CodedError("no_control", control=names[0], known=", ".join(known) or "-")
-        limits = {key: int(number) for key, number in re.findall(r"(min|max|default)=(-?\d+)", known.get(name, ""))}
+            raise CodedError("no_control", control=names[0], known=", ".join(controls) or "-")
+        limits = {key: int(number) for key, number in re.findall(r"(min|max|default)=(-?\d+)", controls.get(name, ""))}
         value = limits.get("default") if wanted is None else wanted
         if value is not None:
             steps.append(f"{name}={min(max(value, limits.get('min', value)), limits.get('max', value))}")

@@ -14,12 +14,12 @@ from vb_core.errors import CodedError
 from vb_laser_detect.camera.controls import CaptureParams, run_v4l2
 from vb_laser_detect.camera.source import CameraSource, Shot, is_device, printable
 
-# the notices that the lines help to explain: a camera cannot be read, is slow, or refuses a setting
+# codes of notices that the lines help to explain: a camera cannot be read, is slow, or refuses a setting
 REPORTED = frozenset(
     "camera_unplugged camera_busy camera_forbidden camera_unreachable camera_stalled camera_ended camera_password"
     " camera_no_stream camera_fault camera_silent camera_slow bad_image control_refused no_control".split()
 )
-_SECONDS = 5.0
+_WATCH_TIME = 5.0  # [s]
 
 
 def describing_command(source: str) -> str:
@@ -28,9 +28,9 @@ def describing_command(source: str) -> str:
 
 
 def describe(source: str, params: CaptureParams) -> List[str]:
-    """Describes a camera in lines: driver, formats, sizes, rates and stamps; takes some seconds.
+    """Describes a camera in lines: driver, formats, sizes, rates and stamps. This takes some seconds.
 
-    A device that the running detector reads is busy: then the lines say so, and list what it can do.
+    A device that the running detector reads is busy. Then the lines say so, and list what the device can do.
     """
     versions = ", ".join(f"{name} {'.'.join(map(str, number))}" for name, number in av.library_versions.items())
     lines = [f"source {printable(source)}", f"Linux {platform.release()}, PyAV {av.__version__}, {versions}"]
@@ -43,34 +43,36 @@ def describe(source: str, params: CaptureParams) -> List[str]:
 
 
 def _watch(source: str, params: CaptureParams) -> List[str]:
+    """Reads a camera for some seconds, and describes its images and faults in lines."""
     shots: List[Shot] = []
-    arrived: List[float] = []
+    arrival_times: List[float] = []
     faults: List[str] = []
 
-    def take(shot: Shot) -> None:
-        arrived.append(time.time())
+    def add_shot(shot: Shot) -> None:
+        arrival_times.append(time.time())
         shots.append(shot._replace(jpeg=None, frame=None) if len(shots) > 1 else shot)
 
-    def tell(error: object) -> None:
+    def add_fault(error: object) -> None:
         if isinstance(error, CodedError):
             faults.append(f"{error.code}: {error.values}")
 
-    reader = CameraSource(source, params, take, tell)
+    reader = CameraSource(source, params, add_shot, add_fault)
     reader.start()
-    time.sleep(_SECONDS)
+    time.sleep(_WATCH_TIME)
     reader.close()
     lines = [f"told: {fault}" for fault in dict.fromkeys(faults)]
     if len(shots) < 2:
-        return [*lines, f"{len(shots)} images in {_SECONDS:g} s"]
+        return [*lines, f"{len(shots)} images in {_WATCH_TIME:g} s"]
     first = shots[0]
     try:
         size: object = first.picture().pixels.shape[1::-1]
     except CodedError as error:
         size = error
-    stamps, ages = np.diff([shot.taken for shot in shots]), np.array(arrived) - [shot.taken for shot in shots]
+    stamps = np.array([shot.taken for shot in shots])
+    intervals, ages = np.diff(stamps), np.array(arrival_times) - stamps
     return [
         *lines,
-        f"{len(shots)} images in {_SECONDS:g} s, as {'JPEG' if first.jpeg else 'video'}, {size} px",
-        f"stamps: {1e3 * np.median(stamps):.1f} ms apart ({1e3 * stamps.min():.1f} to {1e3 * stamps.max():.1f})",
+        f"{len(shots)} images in {_WATCH_TIME:g} s, as {'JPEG' if first.jpeg else 'video'}, {size} px",
+        f"stamps: {1e3 * np.median(intervals):.1f} ms apart ({1e3 * intervals.min():.1f} to {1e3 * intervals.max():.1f})",
         f"arrival after the stamp: {1e3 * np.median(ages):.1f} ms ({1e3 * ages.min():.1f} to {1e3 * ages.max():.1f})",
     ]

@@ -53,7 +53,7 @@ class LensFile:
     """A camera's lens, read from its file, which may appear late, and change."""
 
     def __init__(self, path: Path) -> None:
-        self._path, self._changed = path, -1
+        self._path, self._mtime_ns = path, -1  # when the file that was read had last changed; 0: there was none
         self._camera: Optional[CameraModel] = None
         self._error: Optional[CodedError] = None
 
@@ -63,9 +63,9 @@ class LensFile:
         Raises:
             CodedError: "no_camera_info" if there is no file, or one for another image size; "bad_lens_file".
         """
-        changed = self._path.stat().st_mtime_ns if self._path.is_file() else 0
-        if changed != self._changed:
-            self._changed, self._error = changed, None
+        mtime_ns = self._path.stat().st_mtime_ns if self._path.is_file() else 0
+        if mtime_ns != self._mtime_ns:
+            self._mtime_ns, self._error = mtime_ns, None
             try:
                 self._camera = load_lens(self._path)
             except CodedError as error:
@@ -110,7 +110,7 @@ class CameraFeed:
         self._compressed = rospy.Publisher(f"{image}/compressed", CompressedImage, queue_size=1)
         self._info = rospy.Publisher(sibling_topic(image, "camera_info"), CameraInfo, queue_size=1)
         rospy.Service(sibling_topic(image, "set_camera_info"), SetCameraInfo, self.lens.write)
-        self._setting = threading.Lock()
+        self._settings_lock = threading.Lock()
         self._source = CameraSource(params.source, params.capture, self._on_shot, self._on_source_state)
         self._source.start()  # its thread may call back at once
 
@@ -124,7 +124,7 @@ class CameraFeed:
         Raises:
             CodedError: as `controls.apply`; only what the camera has accepted is then changed.
         """
-        with self._setting:
+        with self._settings_lock:
             if is_device(self._source.address):
                 controls.apply(self._source.address, params)
             elif params.exposure or params.white_balance:

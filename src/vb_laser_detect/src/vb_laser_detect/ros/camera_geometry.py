@@ -110,13 +110,13 @@ class DepthTopic:
             color_frame: frame of the colour image; a depth image with another frame is not registered to it.
         """
         # copied first: images arrive meanwhile
-        best = min(list(self._images), key=lambda message: abs((message.header.stamp - stamp).to_sec()), default=None)
-        if best is None or abs((best.header.stamp - stamp).to_sec()) > _MAX_DEPTH_AGE:
+        nearest = min(list(self._images), key=lambda image: abs((image.header.stamp - stamp).to_sec()), default=None)
+        if nearest is None or abs((nearest.header.stamp - stamp).to_sec()) > _MAX_DEPTH_AGE:
             return None, None
         try:
-            if best.header.frame_id.lstrip("/") != color_frame.lstrip("/"):
-                raise CodedError("depth_not_registered", depth=best.header.frame_id, color=color_frame)
-            depth = depth_array(best)
+            if nearest.header.frame_id.lstrip("/") != color_frame.lstrip("/"):
+                raise CodedError("depth_not_registered", depth=nearest.header.frame_id, color=color_frame)
+            depth = depth_array(nearest)
         except CodedError as error:
             self._report.report_fault(error)
             return None, None
@@ -145,15 +145,16 @@ def depth_array(message: Image) -> np.ndarray:
 
 
 class CameraGeometry:
-    """Finds each image's geometry.
+    """Finds each image's geometry: the camera's lens and pose, and on demand depth and robots.
 
     Subscribed topics:
-        tf: <optical frame> to map; at the image's time for a moving camera; <robot>/base_link to map
+        tf: <optical frame> to map, for a moving camera at the image's time; <robot>/base_link to map
 
     Args:
         mobile: whether the camera moves.
         transforms: lookup in tf, shared by all cameras of the process.
-        info, depth: sources of the lens model (`InfoTopic`, `LensFile`) and of depth; without depth, the floor is a plane.
+        info: source of the lens model, an `InfoTopic` or `LensFile`.
+        depth: source of depth images; None: the floor is a plane.
         floor_projection: projection of this camera's spots.
         robots: namespaces of the robots that the camera sees; "/" for a robot without one.
         report: receives faults.

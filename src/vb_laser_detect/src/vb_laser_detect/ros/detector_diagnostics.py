@@ -50,7 +50,8 @@ class DetectorDiagnostics:
         self.focal = 0.0
         self._others: Dict[str, Tuple[str, float]] = {}  # frame of each other stationary camera, and when it arrived
         self._color = True  # whether the images show colours
-        self._bright, self._measured = 0.0, float("-inf")  # saturated share of an image, and when it was measured
+        self._saturated_share = 0.0  # of an image, measured once a second
+        self._measured_at = float("-inf")  # [s] when that was
         self._lock = threading.Lock()
         self._counts, self._watch = DetectorCounts(), InputWatch(rospy.get_time())
         # by code: its notice, when it last occurred, and whether it is about image quality
@@ -115,8 +116,9 @@ class DetectorDiagnostics:
         """
         now = rospy.get_time()
         self._frame_id, self._color = frame_id, picture.content != "mono"
-        if abs(now - self._measured) > 1.0:
-            self._bright, self._measured = saturated_share(picture.searched), now
+        if abs(now - self._measured_at) > 1.0:
+            self._saturated_share = saturated_share(picture.searched)
+            self._measured_at = now
         with self._lock:
             self._watch.record_image(now, missing)
             self._counts.count_rejections(*rejected, *([] if missing is None else [missing.code]))
@@ -125,16 +127,13 @@ class DetectorDiagnostics:
     def record_detector(self, message: DetectorStatus) -> None:
         """Records the frame of another stationary camera, or reports another node that uses this camera's name."""
         if message.camera == self._camera:
-            self._check_sender((getattr(message, "_connection_header", None) or {}).get("callerid", ""))
+            sender = (getattr(message, "_connection_header", None) or {}).get("callerid", "")
+            if sender and sender != rospy.get_name():
+                nodes = ", ".join(sorted((sender, rospy.get_name())))
+                self.report_fault(CodedError("camera_name_twice", camera=self._camera, nodes=nodes))
         elif not message.mobile and message.frame_id:
             with self._lock:
                 self._others[message.camera] = (message.frame_id, time.monotonic())
-
-    def _check_sender(self, sender: str) -> None:
-        """Reports a fault if the status of this camera comes from another node."""
-        if sender and sender != rospy.get_name():
-            nodes = ", ".join(sorted((sender, rospy.get_name())))
-            self.report_fault(CodedError("camera_name_twice", camera=self._camera, nodes=nodes))
 
     def require_own_frame(self, frame_id: str) -> None:
         """Checks that the images name a frame, and that no other stationary camera has it: a frame has one pose.
@@ -144,12 +143,9 @@ class DetectorDiagnostics:
         """
         if not frame_id:
             raise CodedError("camera_no_frame", camera=self._camera)
+        oldest = time.monotonic() - _DETECTOR_TIMEOUT
         with self._lock:
-            frames = {
-                name: frame
-                for name, (frame, arrival) in self._others.items()
-                if time.monotonic() - arrival < _DETECTOR_TIMEOUT
-            }
+            frames = {name: frame for name, (frame, arrival) in self._others.items() if arrival > oldest}
         if not self._mobile:
             require_own_frame(self._camera, frame_id, frames)
 
@@ -170,7 +166,7 @@ class DetectorDiagnostics:
             if missing is not None and self._mobile and missing.code == "camera_no_pose":
                 missing = CodedError("camera_robot_lost", **missing.values)
             usable = missing is None and not self._is_silent
-            for error in self._quality() if usable else ():
+            for error in self._quality_faults() if usable else ():
                 self._faults[error.code] = self._notice(error, error.code == "camera_clock"), now, True
             notices = [] if missing is None else [self._notice(missing, True)]
             for notice, stamp, of_images in self._faults.values():
@@ -179,11 +175,11 @@ class DetectorDiagnostics:
             notices += [] if self._source_fault is None else [self._source_fault]
         self._notices.set(notices)
 
-    def _quality(self) -> List[CodedError]:
+    def _quality_faults(self) -> List[CodedError]:
         """Returns the faults of usable images. A value that hovers around its limit is reported continuously."""
         faults = self._counts.quality(not self._own_source)
-        if self._bright > TOO_BRIGHT:
-            faults.append(CodedError("camera_too_bright", percent=f"{100 * self._bright:.0f}"))
+        if self._saturated_share > TOO_BRIGHT:
+            faults.append(CodedError("camera_too_bright", percent=f"{100 * self._saturated_share:.0f}"))
         if self._mobile and not self._color:
             faults.append(CodedError("no_color", camera=self._camera))
         return faults

@@ -1,0 +1,122 @@
+"""A camera's lens from camera_info, and the poses of camera and robots at an image's time, from tf2's real buffer."""
+
+import math
+from types import SimpleNamespace
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+import rospy
+import tf2_ros
+
+from refusals import refused
+from vb_core import geometry
+from vb_core.camera_model import CameraModel
+from vb_core.robot_profile import Limits, RobotProfile, RobotShape
+from vb_core.ros import images, robot_profile
+from vb_core.ros.messages import message_from_transform
+from vb_core.ros.transforms import TransformLookup
+from vb_laser_detect.detection.projection import FloorProjection
+from vb_laser_detect.ros import camera_geometry
+from vb_laser_detect.ros.camera_geometry import CameraGeometry, InfoTopic, is_rectified
+
+PROFILE = RobotProfile(shape=RobotShape(radius=0.2, height=0.3), limits=Limits(max_speed=0.4))
+
+
+@pytest.fixture
+def lab(monkeypatch):
+    """Returns a camera's geometry, tf's buffer, and a list of the codes that the geometry counts as dropped."""
+    monkeypatch.setattr(tf2_ros, "TransformListener", lambda buffer: None)
+    monkeypatch.setattr(tf2_ros.Buffer, "__init__", tf2_ros.BufferCore.__init__)
+    # a buffer that waits asks for the time, and no node provides it here
+    monkeypatch.setattr(rospy, "get_rostime", lambda: rospy.Time(10))
+    monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(10)))
+    monkeypatch.setattr(robot_profile, "read", lambda name: PROFILE)
+    dropped_codes, transforms = [], TransformLookup()
+    report = SimpleNamespace(count_dropped=dropped_codes.append)
+    camera = CameraGeometry(False, transforms, None, None, FloorProjection(), ["/", "/second"], report)
+    return camera, transforms._buffer, dropped_codes
+
+
+def drive(buffer, frame, x, stamp, static=False):
+    """Puts a pose at (x, 1) [m] into tf, at a time [s]."""
+    T = geometry.transform(geometry.rotation_from_rpy(0, 0, 0.3), (x, 1.0, 0.0))
+    message = message_from_transform(T, "map", frame, rospy.Time(stamp))
+    (buffer.set_transform_static if static else buffer.set_transform)(message, "test")
+
+
+def test_robots_are_where_they_were_at_the_images_time(lab):
+    camera, buffer, dropped_codes = lab
+    for stamp, x in ((5.0, 2.0), (5.1, 2.04), (5.2, 2.2)):
+        drive(buffer, "base_link", x, stamp)
+        drive(buffer, "second/base_link", 4.0 - x, stamp)
+    first, second = camera.robot_cylinders(rospy.Time(5.05))
+    assert (first.x, first.y, second.x) == pytest.approx((2.02, 1.0, 1.98)) and not dropped_codes
+    assert first.height == 0.3 and 0.2 < first.radius < 0.3
+
+
+def test_a_pose_that_has_not_arrived_makes_a_robot_larger(lab):
+    camera, buffer, _ = lab
+    drive(buffer, "base_link", 2.0, 5.0)
+    at_once, later = (camera.robot_cylinders(rospy.Time(stamp))[0] for stamp in (5.0, 5.25))
+    assert later.x == at_once.x
+    assert later.radius == pytest.approx(at_once.radius + 0.25 * 0.4)
+
+
+def test_a_robot_without_a_recent_pose_hides_nothing_and_is_counted(lab):
+    camera, buffer, dropped_codes = lab
+    drive(buffer, "base_link", 2.0, 5.0)
+    # the second robot never had a pose
+    assert len(camera.robot_cylinders(rospy.Time(5.0))) == 1 and dropped_codes == ["robot_without_pose"]
+    assert camera.robot_cylinders(rospy.Time(7.0)) == [] and dropped_codes == ["robot_without_pose"] * 3
+    assert camera.robot_cylinders(rospy.Time(4.0)) == [] and len(dropped_codes) == 5  # before the first pose in tf
+
+
+def test_a_robot_with_a_fixed_pose_is_never_out_of_date(lab):
+    camera, buffer, dropped_codes = lab
+    drive(buffer, "base_link", 2.0, 5.0, static=True)
+    drive(buffer, "second/base_link", 3.0, 5.0, static=True)
+    radius = camera.robot_cylinders(rospy.Time(5.0))[0].radius
+    for cylinder, x in zip(camera.robot_cylinders(rospy.Time(900.0)), (2.0, 3.0)):
+        assert cylinder.x == x and math.isclose(cylinder.radius, radius)
+    assert not dropped_codes
+
+
+def test_lens_is_looked_up_twice_a_second_and_for_each_new_size(lab, monkeypatch):
+    lookups, clock = [], SimpleNamespace(monotonic=lambda: 100.0)
+    monkeypatch.setattr(camera_geometry, "time", clock)
+    info = SimpleNamespace(model_for=lambda size: lookups.append(size) or CameraModel.ideal(*size, 500.0))
+    transforms = TransformLookup()
+    red = CameraGeometry(False, transforms, info, None, FloorProjection(), (), Mock())
+    drive(transforms._buffer, "red", 2.0, 5.0, static=True)
+    large, small = (640, 480), (320, 240)
+    for seconds, size in ((0.0, large), (0.4, large), (0.4, small), (0.8, small), (0.91, small), (1.0, large)):
+        clock.monotonic = lambda seconds=seconds: 100.0 + seconds
+        red.geometry_of("red", rospy.Time(5.0 + seconds), size)
+    assert lookups == [large, small, small, large]
+
+
+# ------------------------------------------------------------------ camera_info
+def info_of(distortion, binning=0):
+    """Returns the camera_info of a lens whose images were rectified with another focal length."""
+    lens = CameraModel(640, 480, CameraModel.ideal(640, 480, 400.0).matrix, np.array(distortion))
+    message = images.info_from_camera(lens, rospy.Time(1), "lens")
+    message.P = [350.0, 0, 319.5, 0, 0, 350.0, 239.5, 0, 0, 0, 1, 0]
+    message.binning_x = binning
+    return message
+
+
+def test_rectified_images_are_not_undistorted_again(monkeypatch):
+    assert is_rectified("/hall/image_rect_color") and is_rectified("/hall/image_rect")
+    assert not is_rectified("/rect/image_raw") and not is_rectified("/hall/image_raw")
+    monkeypatch.setattr(rospy, "Subscriber", Mock())
+    models = {}
+    for rectified in (False, True):
+        topic = InfoTopic("/hall/camera_info", Mock(), rectified)
+        topic._on_info(info_of([-0.33, 0.12, 0.0, 0.0, 0.0]))
+        models[rectified] = topic.model_for((640, 480))
+    assert models[False].distorted and not models[True].distorted
+    assert models[True].matrix[0, 0] == 350.0
+    topic._on_info(info_of([0.0] * 5, binning=2))
+    with refused("no_camera_info"):  # not the lens that it had before
+        topic.model_for((640, 480))
