@@ -57,11 +57,12 @@ class Bench:
     def step(self):
         """Returns the x to which a robot was sent, or None."""
         self.now += 0.25
-        fleet = {}
-        for name, robot in self.robots.items():
-            status = DispatchStatus(robot.pose if robot.localized else None, robot.server, robot.goal, robot.busy)
-            fleet[name] = (status, robot if robot.has_map else None)
-        goals = self.policy.step(self.now, self.key if self.robot_wanted else None, self.unseen_s, fleet)
+        statuses = {
+            name: DispatchStatus(robot.pose if robot.localized else None, robot.server, robot.goal, robot.busy)
+            for name, robot in self.robots.items()
+        }
+        planners = {name: robot if robot.has_map else None for name, robot in self.robots.items()}
+        goals = self.policy.step(self.now, self.key if self.robot_wanted else None, self.unseen_s, statuses, planners)
         assert set(goals) == set(self.robots) and sum(goal is not None for goal in goals.values()) <= 1
         sent_x = None
         for name, goal in goals.items():
@@ -69,7 +70,7 @@ class Bench:
             robot.destination = goal
             if goal is not None and goal is not previous:
                 robot.goal, sent_x = ACTIVE, goal.pose[0]
-            elif goal is None and previous is not None and fleet[name][0].goal.under_way:
+            elif goal is None and previous is not None and statuses[name].goal.under_way:
                 robot.goal = NONE
         return sent_x
 

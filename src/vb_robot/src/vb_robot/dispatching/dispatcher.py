@@ -84,12 +84,11 @@ class Dispatcher:
         time_since_seen = sightings.time_since_seen(now)
         if sightings.newest() is None and drawing is not None and not drawing.seeding:
             time_since_seen = 2.0 * LOST_TIMEOUT  # this program was restarted in the middle of a drawing
-        candidates = {}
+        planners: Dict[str, Optional[ViewpointPlanner]] = {}
         for name, status in robots.items():
             others = [s.pose[:2] for other, s in robots.items() if other != name and s.pose is not None]
-            planner = self.maps[name].make_planner(drawing, status, others) if drawing is not None else None
-            candidates[name] = (status, planner)
-        goals = self._policy.step(now, sightings.key if robot_wanted else None, time_since_seen, candidates)
+            planners[name] = self.maps[name].make_planner(drawing, status, others) if drawing is not None else None
+        goals = self._policy.step(now, sightings.key if robot_wanted else None, time_since_seen, robots, planners)
         self._update_notice(now, lost=drawing is not None and time_since_seen > LOST_TIMEOUT)
         return goals
 
