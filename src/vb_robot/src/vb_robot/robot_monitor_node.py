@@ -278,7 +278,7 @@ class RobotMonitorNode:
         try:
             graph = read_graph()
             for robot in self._robots.values():
-                robot.look(graph)
+                robot.update_wiring(graph)
         except (rosgraph.MasterException, OSError) as error:
             rospy.logwarn_throttle(10.0, f"{rospy.get_name()}: {error}")
 
