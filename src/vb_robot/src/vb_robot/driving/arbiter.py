@@ -18,9 +18,10 @@ from vb_core.robot_profile import RobotProfile
 from vb_core.stop_latch import HeldStops
 from vb_core.vocabulary import DEFAULT, State
 from vb_robot.driving.escape import Escape
-from vb_robot.driving.gate import ESCAPE, FOLLOW, INPUT_TIMEOUT, NAVIGATION, NONE, STOP, TELEOP, Gate
+from vb_robot.driving.gate import ESCAPE, FOLLOW, INPUT_TIMEOUT, NAVIGATION, NONE, STOP, TELEOP, CommandGate
 from vb_robot.driving.rotation_shim import RotationShim
-from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
+from vb_robot.driving.spot_follower import SpotFollower
+from vb_robot.driving.velocity import VelocityRequest
 from vb_robot.spot_sightings import Sighting, Sightings
 
 # [s] for which a new subscriber is sent zero commands, as a base may still execute the last one of a crashed driver
@@ -72,7 +73,7 @@ class Arbiter:
         mobile_cameras: Iterable[str] = (),
         stops: Optional[HeldStops] = None,
     ) -> None:
-        self.gate = Gate(profile)
+        self.gate = CommandGate(profile)
         self._lock = threading.Lock()
         self._camera = camera
         self.follower, self._escape = SpotFollower(), Escape(profile.radius)

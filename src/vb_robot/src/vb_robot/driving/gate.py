@@ -10,7 +10,7 @@ and send the result of `limit` to the base.
 
 >>> import numpy as np
 >>> from vb_core.grid_map import GridMap
->>> gate, profile = Gate(RobotProfile()), RobotProfile()
+>>> gate, profile = CommandGate(RobotProfile()), RobotProfile()
 >>> request = VelocityRequest(0.3, 0.0, "driving")                            # [m/s], [rad/s]
 >>> gate.limit(10.0, NAVIGATION, request)                                     # nothing is known yet
 (0.0, 0.0, 'no_map')
@@ -38,7 +38,7 @@ from vb_core.geometry import Pose
 from vb_core.robot_profile import RobotProfile
 from vb_robot.driving.safety import MAX_POSE_JUMP, Clearance, Fix, Scan, limit_around, pose_jump, safe_speed
 from vb_robot.driving.safety import stop_distance
-from vb_robot.driving.spot_follower import MAX_SPEED, VelocityRequest
+from vb_robot.driving.velocity import MAX_SPEED, VelocityRequest
 from vb_robot.driving.workspace import Workspace
 
 RATE = 20.0  # [1/s] how often commands are limited, and late messages noticed
@@ -61,7 +61,7 @@ CLEARANCES = {
 }
 
 
-class Gate:
+class CommandGate:
     """Limits one robot's commands by the space ahead and the age of its inputs. The input methods are thread safe.
 
     Attributes:
