@@ -113,20 +113,20 @@ class CornerPage:
     """Shows the camera's picture, and asks for the four corners of a rectangle on it.
 
     Attributes:
-        fault: the sentence that says why the camera sends no pictures; "" while it sends them, or is being opened.
+        fault: why the camera sends no pictures; None while it sends them, or is being opened.
     """
 
     def __init__(self, source: str) -> None:
-        self.fault = ""
+        self.fault: Optional[CodedError] = None
         self._view: Optional[FloorView] = None  # what `ask` will return
         self._newest: Deque[Shot] = deque(maxlen=1)
         self._source = CameraSource(source, CaptureParams(), self._newest.append, self._set_fault)
         self._source.start()
 
     def _set_fault(self, error: Optional[CodedError]) -> None:
-        fault = "" if error is None else CodedError(error.code, **{**error.values, "camera": "1"}).message
-        if fault not in ("", self.fault):
-            print(f"  {fault}\n  If this does not help, end it with Ctrl-C, and report what this prints:")
+        fault = None if error is None else CodedError(error.code, **{**error.values, "camera": "1"})
+        if fault is not None and str(fault) != str(self.fault):
+            print(f"  {fault.message}\n  If this does not help, end it with Ctrl-C, and report what this prints:")
             print(f"    . scripts/env.sh; {describing_command(self._source.address)}", flush=True)
         self.fault = fault
 
@@ -151,10 +151,10 @@ class CornerPage:
         """Returns the newest picture (H, W, 3) bgr.
 
         Raises:
-            CodedError: "no_picture" before the first one, with the sentence that says why; "bad_image" for half a one.
+            CodedError: "camera_opening" or the camera's fault before the first one; "bad_image" for half a one.
         """
         if not self._newest:
-            raise CodedError("no_picture", self.fault)
+            raise CodedError("camera_opening") if self.fault is None else self.fault.without_traceback()
         return self._newest[-1].picture().pixels
 
     def accept(self, view: FloorView) -> None:
@@ -178,12 +178,12 @@ class _Picture(_Handler):
     def get(self) -> None:
         try:
             picture = self.page.picture()
-            reason = self.page.fault
+            fault = self.page.fault
         except CodedError as error:
-            reason = error.message
-        if reason:
+            fault = error
+        if fault is not None:
             self.set_status(503)
-            self.write(reason)
+            self.write(fault.message)
             return
         self.set_header("Content-Type", "image/jpeg")
         self.write(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes())
