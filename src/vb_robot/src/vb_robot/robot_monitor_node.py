@@ -12,7 +12,7 @@ import numpy as np
 import rosgraph
 import rospy
 
-from vb_core import names, lab_offer
+from vb_core import capabilities, names
 from vb_core.errors import ParameterError
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
@@ -105,7 +105,7 @@ class RobotMonitorNode:
         self._speed_limits: Optional[GridMap] = None
         self._slow_zones: Optional[bool] = None  # whether there are any, known before their map; None if not yet known
         self._cameras: Dict[str, None] = {}
-        self._offer = lab_offer.offer(lab_offer.Connections())
+        self._capabilities = capabilities.derive_capabilities(capabilities.Connections())
         self._faulty_since: Dict[Any, float] = {}
         self._logged: Tuple[Any, ...] = ()
         self._started = self._published_at = rospy.get_time()
@@ -263,7 +263,7 @@ class RobotMonitorNode:
         goal = (request.goal.x, request.goal.y)
         if self._stops.stopped:
             refusal: Optional[Notice] = robot.notice("goal_while_stopped", Severity.WARNING)
-        elif robot.name not in self._offer.goes or not np.isfinite(goal).all():
+        elif robot.name not in self._capabilities.goes or not np.isfinite(goal).all():
             refusal = robot.notice("robot_cannot_be_sent", Severity.WARNING)
         else:
             with self._lock:
@@ -304,8 +304,8 @@ class RobotMonitorNode:
                 self._published, self._published_at = (message.robots, message.cameras), now
                 message.header.stamp = rospy.Time.from_sec(now)
                 self._status.publish(message)
-            self._offer = lab_offer.offer(connections_from_message(message))
-            faults = self._lasting(self._offer.notices(), now)
+            self._capabilities = capabilities.derive_capabilities(connections_from_message(message))
+            faults = self._lasting(self._capabilities.notices(), now)
             self._log(now)
             notices = [notice for robot in self._robots.values() for notice in robot.notices(now)]
             unseen = self._dispatcher.notice
@@ -321,7 +321,7 @@ class RobotMonitorNode:
 
     def _log(self, now: float) -> None:
         """Logs what is connected once the lab has started, and later its changes. Faults are notices instead."""
-        lines = self._offer.lines
+        lines = self._capabilities.lines
         if now - self._started < SETTLING_TIME or lines == self._logged:
             return
         if self._faulty_since and min(now - since for since in self._faulty_since.values()) < SETTLING_TIME:
