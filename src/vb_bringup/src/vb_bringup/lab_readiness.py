@@ -127,7 +127,6 @@ def check_nodes(missing: Sequence[str]) -> List[Notice]:
 
 def check_disk(folder: str, free_mb: float, writable: bool = True) -> Notice:
     """Checks whether the folder of borders and records has room and is writable."""
-    code = "lab_disk_ok" if free_mb >= MIN_DISK_MB else "lab_disk_full"
-    code = code if writable else "lab_disk_read_only"
-    state = Severity.INFO if code == "lab_disk_ok" else Severity.ERROR
-    return Notice(code, state, values={"folder": folder, "free": f"{free_mb:.0f}"})
+    code = "lab_disk_read_only" if not writable else "lab_disk_full" if free_mb < MIN_DISK_MB else "lab_disk_ok"
+    severity = Severity.INFO if code == "lab_disk_ok" else Severity.ERROR
+    return Notice(code, severity, values={"folder": folder, "free": f"{free_mb:.0f}"})

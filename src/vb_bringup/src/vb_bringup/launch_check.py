@@ -185,15 +185,12 @@ def check_values(values: Mapping[str, str], kinds: Mapping[str, Kind] = KINDS) -
 # ------------------------------------------------------------ what is installed, and what runs
 def declared_arguments(files: Iterable[Path]) -> List[str]:
     """Lists the arguments that launch files declare without a fixed value. Included files do not count."""
-    names = []
+    names = set()
     for path in files:
-        pending = [ElementTree.parse(str(path)).getroot()]
-        while pending:
-            element = pending.pop()
-            if element.tag == "arg" and element.get("value") is None:
-                names.append(str(element.get("name")))
-            pending += [child for child in element if child.tag in ("arg", "group")]
-    return sorted(set(names))
+        root = ElementTree.parse(str(path)).getroot()
+        arguments = [*root.findall("arg"), *root.findall(".//group/arg")]
+        names.update(str(argument.get("name")) for argument in arguments if argument.get("value") is None)
+    return sorted(names)
 
 
 def check_installed(programs: Iterable[str]) -> None:

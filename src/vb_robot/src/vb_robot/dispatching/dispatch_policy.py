@@ -166,11 +166,8 @@ class DispatchPolicy:
         self._previous_time, self._previous_key = now, key
         self._failures = [failure for failure in self._failures if now - failure.time < FAILED_MEMORY]
         self._hidden = self._hidden if unseen > LOST_TIMEOUT else []
-        able = {
-            name: status
-            for name, status in robots.items()
-            if key is not None and status.server and status.pose is not None
-        }
+        wanted = robots if key is not None else {}
+        able = {name: status for name, status in wanted.items() if status.server and status.pose is not None}
         if self.serving not in able:
             self.serving = self.goal = None
         if self.serving is not None:
@@ -186,10 +183,8 @@ class DispatchPolicy:
         """Assesses the position of the serving robot, and changes nothing."""
         goal = self.goal
         on_way = goal is not None and status.goal.under_way
-        if goal is not None and status.goal is SentGoalState.PREEMPTED:
-            return Assessment.PREEMPTED
-        if goal is not None and status.goal is SentGoalState.FAILED:
-            return Assessment.FAILED
+        if goal is not None and status.goal in (SentGoalState.FAILED, SentGoalState.PREEMPTED):
+            return Assessment(status.goal.value)
         if on_way:
             wait = self._wait.continued(status.goal.value, now, status.pose)
             if now - wait.since > STUCK_TIMEOUTS[wait.event]:

@@ -173,9 +173,9 @@ class Arbiter:
         return NONE, VelocityRequest(code="idle")
 
     def _command(self, source: str, now: float) -> Optional[VelocityRequest]:
-        return (
-            self._commands[source] if -0.1 <= now - self.gate.stamps.get(source, -math.inf) <= INPUT_TIMEOUT else None
-        )
+        """Returns the newest command of navigation or teleoperation; None if it is too old."""
+        age = now - self.gate.stamps.get(source, -math.inf)
+        return self._commands[source] if -0.1 <= age <= INPUT_TIMEOUT else None
 
     def _compute_escape(self, now: float, goal: bool) -> Optional[VelocityRequest]:
         pose, workspace = self.gate.pose(now), self.gate.workspace

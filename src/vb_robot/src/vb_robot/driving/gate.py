@@ -88,7 +88,8 @@ class CommandGate:
         self._recent_fixes: Deque[Fix] = deque(maxlen=64)
         self._pose_known = False  # whether the newest fix is still valid
         self._periods: Dict[str, Deque[float]] = {}  # [s] between an input's newest messages
-        self._correction = 0.0, -math.inf  # [s] stamp of the newest correction, and when it arrived
+        self._corrected_stamp = 0.0  # [s] stamp of the localisation's newest correction
+        self._corrected_at = -math.inf  # [s] when it arrived
         self._jump_hold_until = -math.inf
         self._other_publishers: Dict[str, float] = {}  # [s] time of the last command, by other node
         self._last_limited = -math.inf  # [s] time of the last call of `limit`
@@ -111,9 +112,9 @@ class CommandGate:
                 post-dates its corrections, so a correction's age counts from the change of this stamp.
         """
         with self._lock:
-            if correction != self._correction[0]:
-                self._correction = correction, stamp
-            stamp = min(stamp, self._correction[1]) if correction else stamp
+            if correction != self._corrected_stamp:
+                self._corrected_stamp, self._corrected_at = correction, stamp
+            stamp = min(stamp, self._corrected_at) if correction else stamp
             was_located, self._pose_known = self._pose_known, pose is not None
             if pose is None:
                 self.stamps.pop("pose", None)
