@@ -118,7 +118,6 @@ class CornerPage:
 
     def __init__(self, source: str) -> None:
         self.fault: Optional[CodedError] = None
-        self._view: Optional[FloorView] = None  # what `ask` will return
         self._newest: Deque[Shot] = deque(maxlen=1)
         self._source = CameraSource(source, CaptureParams(), self._newest.append, self._set_fault)
         self._source.start()
@@ -132,7 +131,7 @@ class CornerPage:
 
     async def ask(self, port: int) -> FloorView:
         """Serves the page until somebody accepts a floor. Returns the camera's view of it."""
-        self._done = asyncio.Event()
+        self._accepted: asyncio.Queue = asyncio.Queue()
         handlers = {r"/": _Page, r"/image\.jpg": _Picture, r"/(floor|start)": _Floor}
         application = tornado.web.Application(log_function=lambda _handler: None)
         # other sites' pages must not get at the camera by a host name of theirs (DNS rebinding)
@@ -140,12 +139,12 @@ class CornerPage:
             r"(localhost|127\.0\.0\.1)", [(path, handler, {"page": self}) for path, handler in handlers.items()]
         )
         server = application.listen(port, "127.0.0.1")
-        await self._done.wait()
+        view = await self._accepted.get()
         await asyncio.sleep(0.3)  # until the answer has been sent
         server.stop()
         await server.close_all_connections()
         self._source.close()
-        return self._view
+        return view
 
     def picture(self) -> np.ndarray:
         """Returns the newest picture (H, W, 3) bgr.
@@ -158,9 +157,8 @@ class CornerPage:
         return self._newest[-1].picture().pixels
 
     def accept(self, view: FloorView) -> None:
-        """Ends the asking with this view of the floor."""
-        self._view = view
-        self._done.set()
+        """Makes `ask` return this view of the floor."""
+        self._accepted.put_nowait(view)
 
 
 class _Handler(tornado.web.RequestHandler):

@@ -40,19 +40,12 @@ DEFAULT_RADIUS = 0.18  # [m] of a robot whose radius neither costmap nor profile
 
 @dataclass
 class RobotMaps:
-    """The newest maps for one robot; None for each that has not arrived.
+    """The newest maps for one robot; None for each that has not arrived."""
 
-    Attributes:
-        physical: the map without borders.
-        borders: the map with all robots' borders.
-        own: the map with only this robot's borders; None for a robot without a name.
-        keep_out: its driver's map, with a margin around the borders, on which its navigation may plan.
-    """
-
-    physical: Optional[GridMap] = None
-    borders: Optional[GridMap] = None
-    own: Optional[GridMap] = None
-    keep_out: Optional[GridMap] = None
+    physical: Optional[GridMap] = None  # without borders
+    borders: Optional[GridMap] = None  # with all robots' borders
+    own: Optional[GridMap] = None  # with only this robot's borders; a robot without a name has none
+    keep_out: Optional[GridMap] = None  # its driver's, with a margin around borders; its navigation may plan on it
 
 
 class WatchedRobot:
