@@ -125,16 +125,11 @@ CONVERSIONS = {
 }
 
 
-@pytest.mark.parametrize("what", CONVERSIONS)
-def test_messages_are_taken_or_refused_with_a_code(what):
-    convert, examples = CONVERSIONS[what]
-
-    @bounded()
-    @given(examples)
-    def check(found):
-        check_taken(convert, found)
-
-    check()
+@pytest.mark.parametrize("convert, examples", CONVERSIONS.values(), ids=CONVERSIONS)
+@bounded()
+@given(st.data())
+def test_messages_are_taken_or_refused_with_a_code(convert, examples, data):
+    check_taken(convert, data.draw(examples))
 
 
 # ---------------------------------------------------------------------- parameters
@@ -190,31 +185,24 @@ READERS = {
 
 
 @pytest.mark.parametrize("name", READERS)
-def test_files_are_taken_or_refused_with_a_code(name, tmp_path):
+@bounded()
+@given(st.data())
+def test_files_are_taken_or_refused_with_a_code(name, tmp_path, data):
     read, good = READERS[name]
-
-    @bounded(0.3 if name == "world.yaml" else 1.0)
-    @given(damaged(good) | ANYTHING.map(lambda value: yaml.safe_dump(value, allow_unicode=False).encode()))
-    def check(data):
-        (tmp_path / name).write_bytes(data)
-        check_taken(read, tmp_path / name)
-
-    check()
+    written = ANYTHING.map(lambda value: yaml.safe_dump(value, allow_unicode=False).encode())
+    (tmp_path / name).write_bytes(data.draw(damaged(good) | written))
+    check_taken(read, tmp_path / name)
 
 
-def test_map_files_are_read_or_refused_as_bad_map_files(tmp_path):
-    random = np.random.default_rng(1)
-    files = write_map(tmp_path / "map", GridMap(random.choice(np.array([-1, 0, 100], np.int8), (12, 9)), 0.05))
-    good = {path: path.read_bytes() for path in files}
-
-    @bounded()
-    @given(st.tuples(*(st.just(content) | damaged(content) for content in good.values())))
-    def check(contents):
-        for path, content in zip(good, contents):
-            path.write_bytes(content)
-        try:
-            assert read_map(files[1]).data.size
-        except CodedError as error:
-            assert error.code == "bad_map_file"
-
-    check()
+@bounded()
+@given(st.data())
+def test_map_files_are_read_or_refused_as_bad_map_files(tmp_path, data):
+    cells = np.random.default_rng(1).choice(np.array([-1, 0, 100], np.int8), (12, 9))
+    files = write_map(tmp_path / "map", GridMap(cells, 0.05))
+    for path in files:
+        content = path.read_bytes()
+        path.write_bytes(data.draw(st.just(content) | damaged(content)))
+    try:
+        assert read_map(files[1]).data.size
+    except CodedError as error:
+        assert error.code == "bad_map_file"
