@@ -1,4 +1,4 @@
-"""Marking corners on a camera's picture, apart from the lab that is started afterwards."""
+"""Marking corners on a camera's picture, before a lab is started."""
 
 import asyncio
 import json
@@ -9,19 +9,16 @@ from tornado.httpclient import AsyncHTTPClient
 from vb_bringup import try_camera
 from vb_evaluation.child_processes import free_port
 
-RECTANGLE = {"corners": [[100, 100], [500, 100], [500, 400], [100, 400]], "width": 2.0, "depth": 1.5}
-
 
 def test_corners_marked_before_the_first_picture_are_answered_with_why_there_is_none(monkeypatch):
-    camera = SimpleNamespace(start=lambda: None, close=lambda: None, address="/dev/video0")
+    camera = SimpleNamespace(start=lambda: None, close=lambda: None)
     monkeypatch.setattr(try_camera, "CameraSource", lambda *_: camera)
-    port = free_port()
+    rectangle = json.dumps({"corners": [[0, 0], [9, 0], [9, 9], [0, 9]], "width": 1.0, "depth": 1.0})
 
-    async def mark():
+    async def judge(port):
         page = asyncio.ensure_future(try_camera.CornerPage("/dev/video0").ask(port))
-        url = f"http://127.0.0.1:{port}/floor"
-        answer = await AsyncHTTPClient().fetch(url, method="POST", body=json.dumps(RECTANGLE), raise_error=False)
+        answer = await AsyncHTTPClient().fetch(f"http://127.0.0.1:{port}/floor", method="POST", body=rectangle)
         page.cancel()
-        return answer
+        return json.loads(answer.body)
 
-    assert json.loads(asyncio.run(mark()).body) == {"error": "The camera is being opened."}
+    assert asyncio.run(judge(free_port())) == {"error": "The camera is being opened."}
