@@ -49,6 +49,10 @@ class Lab:
             self.sent.append((self.now, self.robot))
         self.last_goal = goal
 
+    def wait(self, steps, **options):
+        for _ in range(steps):
+            self.step(**options)
+
     def robot_views(self, place):
         return bool(VIEW.sees(to_base(np.asarray(place)[None], self.robot))[0])
 
@@ -70,9 +74,7 @@ def test_the_robot_looks_where_people_notice_that_the_spot_is_lost():
     lab.draw_until(EDGE - 0.05, speed=0.5, robot_sees=False)
     lab.robot = (7.0, 0.5, 0.0)  # somebody has moved it
     lab.draw_until(EDGE + 0.3, robot_sees=False)
-    lost = lab.now
-    while lab.now < lost + 2.0:
-        lab.step()
+    lab.wait(8)
     for beyond in (0.0, 0.15, 0.3):
         assert lab.robot_views((EDGE + beyond, 2.5))
 
@@ -85,8 +87,7 @@ def test_a_restarted_dispatcher_sends_a_robot_to_a_blind_corner():
     points = np.array([[EDGE - 0.1, 2.5], [EDGE + 0.2, 2.5]])
     lab.dispatcher.set_progress("a", DrawingState(points[-1]), ["red"])
     assert lab.dispatcher.sightings.should_dispatch()
-    for _ in range(8):
-        lab.step(robot_sees=False)
+    lab.wait(8, robot_sees=False)
     assert lab.sent and lab.robot_views((EDGE + 0.2, 2.5)), "it comes to where the line was seen last"
 
 
@@ -95,12 +96,10 @@ def test_a_notice_says_that_a_robot_looks_for_the_spot():
     lab.draw_until(EDGE - 0.4)
     assert lab.dispatcher.notice is None
     lab.draw_until(EDGE + 0.2, robot_sees=False)
-    for _ in range(4):
-        lab.step(robot_sees=False)
+    lab.wait(4, robot_sees=False)
     assert lab.dispatcher.notice.code == "spot_not_seen_robot_looks"
     place = lab.robot
-    for _ in range(16):
-        lab.step(robot_sees=False)
+    lab.wait(16, robot_sees=False)
     assert math.dist(lab.robot[:2], place[:2]) >= 0.5 and lab.robot_views(lab.spot), "it looks from elsewhere, too"
     lab.goal = SentGoalState.NONE
     for _ in range(40):
@@ -130,8 +129,7 @@ def test_a_robot_within_a_closed_line_leaves_before_it_hides_the_seed(start):
     lab.dispatcher.sightings.set_state(SEED, "a", lab.now)
     lab.dispatcher.set_progress("a", DrawingState(carpet[0] - 0.02, carpet, closed=True), ["red"])
     lab.spot = np.array([10.0, 2.5])  # where nobody sees it
-    while lab.now < 105.0:
-        lab.step()
+    lab.wait(20)
     assert Polygon(carpet).distance(Point(lab.robot[:2])) >= 0.18
     assert lab.robot_views(carpet.mean(axis=0))
 

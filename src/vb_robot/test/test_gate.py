@@ -16,13 +16,15 @@ RADIUS = PROFILE.radius
 
 
 def knowing_gate(profile=PROFILE, ranges=math.inf, fov=360, inside=False, touched="", speed_limits=None):
-    """Returns a gate with all inputs at 10 s: inside a border or not, bumper 1 `touched`, bumper 0 touched no more."""
+    """Returns a gate with all inputs at 10 s. Bumper 1's contact forbids the motion `touched`, if any."""
     gate = CommandGate(profile)
-    gate.workspace = Workspace(with_border(empty(), 0.0, 0.0, 8.0 * inside, 5.0), empty(), profile.radius)
+    borders = with_border(empty(), 0.0, 0.0, 8.0, 5.0) if inside else empty()
+    gate.workspace = Workspace(borders, empty(), profile.radius)
     gate.speed_limits = speed_limits
-    for number, blocks in enumerate(("forward", touched, "")):
-        gate.set_contact(("bumper", number), blocks)
-    gate.set_contact(("bumper", 0), "")
+    gate.set_contact(("bumper", 0), "forward")
+    gate.set_contact(("bumper", 1), touched)
+    gate.set_contact(("bumper", 2), "")
+    gate.set_contact(("bumper", 0), "")  # it is touched no more
     gate.set_scan(scan_of(np.full(fov, ranges), -math.radians(fov // 2), math.radians(1.0)), 10.0)
     gate.record_input("state", 10.0)
     gate.set_pose((4.0, 2.5, 0.0), 10.0)
