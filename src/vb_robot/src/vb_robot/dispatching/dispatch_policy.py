@@ -155,13 +155,10 @@ class DispatchPolicy:
             unseen: [s] since a camera saw the spot.
             planners: each robot's viewpoint planner, None until it can be made.
         """
-        if key is None or now < self._previous_time - 1.0:  # time has jumped back: the record is of another run
-            self._forget_goal()
-            self._forget_failures()
-        elif key != self._previous_key:
-            # a robot that is on its way goes on
-            if self.serving is None or self.goal is None or not robots[self.serving].goal.under_way:
-                self._forget_goal()
+        is_over = key is None or now < self._previous_time - 1.0  # if time has jumped back, this is another run
+        if is_over or key != self._previous_key:
+            if is_over or self.goal is None or not robots[self.serving].goal.under_way:
+                self._forget_goal()  # else a robot that is on its way goes on
             self._forget_failures()
         self._previous_time, self._previous_key = now, key
         self._failures = [failure for failure in self._failures if now - failure.time < FAILED_MEMORY]
