@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from actionlib_msgs.msg import GoalStatus
 
 from vb_core.vocabulary import BORDER, DEFAULT, SEED
 from vb_robot.dispatching.dispatch_policy import FAILED_MEMORY, DispatchPolicy, DispatchStatus, SentGoalState
-from vb_robot.dispatching.dispatched_robot import follow
+from vb_robot.dispatching.dispatched_robot import next_goal_state
 from vb_robot.dispatching.viewpoint import Viewpoint
 from vb_robot.spot_sightings import Sighting, Sightings
 
@@ -93,13 +93,8 @@ def test_a_robot_that_is_not_ready_is_not_sent(state):
     assert not Bench(ada=Robot(place(1), **state)).run(10)
 
 
-class Phase(NamedTuple):
-    """Changes of robot and bench, the number of steps after them, and each x to which the robot is then sent."""
-
-    steps: int
-    sent: list
-    robot: dict = {}
-    bench: dict = {}
+# the steps of a phase, each x to which the robot is sent in it, and the changes of robot and bench before it
+Phase = namedtuple("Phase", "steps sent robot bench", defaults=[{}, {}])
 
 
 def flicker():
@@ -172,12 +167,12 @@ def test_a_robot_that_makes_progress_keeps_its_goal(seen):
 
 
 def test_a_goals_state_follows_navigations_status():
+    statuses = GoalStatus.ACTIVE, GoalStatus.SUCCEEDED, GoalStatus.PREEMPTED, GoalStatus.ABORTED
     for before in (SENT, ACTIVE):
-        said = [follow(before, getattr(GoalStatus, name)) for name in "ACTIVE SUCCEEDED PREEMPTED ABORTED".split()]
-        assert said == [ACTIVE, REACHED, PREEMPTED, FAILED]
-    assert follow(SENT, None) is SENT, "it has not arrived yet"
-    assert follow(ACTIVE, None) is FAILED, "navigation was started again"
-    assert follow(REACHED, GoalStatus.ABORTED) is REACHED
+        assert [next_goal_state(before, status) for status in statuses] == [ACTIVE, REACHED, PREEMPTED, FAILED]
+    assert next_goal_state(SENT, None) is SENT, "it has not arrived yet"
+    assert next_goal_state(ACTIVE, None) is FAILED, "navigation was started again"
+    assert next_goal_state(REACHED, GoalStatus.ABORTED) is REACHED
 
 
 def test_a_robot_that_sees_the_spot_stays_until_it_is_lost():

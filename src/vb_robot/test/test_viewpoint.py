@@ -160,8 +160,7 @@ def test_every_viewpoint_is_sound(x, y, angle, length):
 
 
 def test_open_floor_has_viewpoints_on_the_robots_side():
-    drawing = DrawingState(np.array([6.0, 2.5]), NO_POINTS)
-    viewpoints = best_viewpoints(CLEARANCE_MAP, (6.0, 0.5, 0.0), drawing)
+    viewpoints = best_viewpoints(CLEARANCE_MAP, (6.0, 0.5, 0.0), DrawingState(np.array([6.0, 2.5]), NO_POINTS))
     assert len(viewpoints) == 12, "as many as are asked for"
     assert viewpoints[0].pose[1] < 2.0, "it need not go round the spot"
 

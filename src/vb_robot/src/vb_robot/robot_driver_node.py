@@ -208,14 +208,14 @@ class RobotDriverNode:
                 return
             self._mounts[frame] = T
         scan = Scan(
-            np.asarray(message.ranges),
-            message.angle_min,
-            message.angle_increment,
-            message.range_min,
-            message.range_max,
-            self._mounts[frame],
-            self._profile.radius,
-            self._profile.scanner.no_return,
+            ranges=np.asarray(message.ranges),
+            angle_min=message.angle_min,
+            angle_increment=message.angle_increment,
+            range_min=message.range_min,
+            range_max=message.range_max,
+            mount=self._mounts[frame],
+            radius=self._profile.radius,
+            no_return=self._profile.scanner.no_return,
         )
         # the message's stamp is that of the first beam, but the scan's age counts from the last
         duration = max(message.time_increment, 0.0) * max(len(message.ranges) - 1, 0)

@@ -41,10 +41,10 @@ def keep_out_borders_for(robot: str, message: VirtualBorderArray) -> List[KnownB
     """Returns the borders in force that a robot must not enter."""
     return [
         KnownBorder(
-            border.name or border.id,
-            array_from_points(border.points),
-            np.array([border.seed.x, border.seed.y]),
-            border.kind == VirtualBorder.POLYGON,
+            name=border.name or border.id,
+            points=array_from_points(border.points),
+            seed=np.array([border.seed.x, border.seed.y]),
+            polygon=border.kind == VirtualBorder.POLYGON,
         )
         for border in message.borders
         if border.in_force

@@ -72,16 +72,16 @@ def observe(graph: Any, robot: str, parameters: Mapping[str, Any]) -> Wiring:
     is_serving = bool(graph.publishers.get(within(robot, "move_base/status")))
     planner = next((name for name in PLANNERS if f"{node}/{name}/set_parameters" in graph.services), "")
     return Wiring(
-        node,
-        maps,
+        move_base=node,
+        maps=maps,
         # its action server starts once it has all maps, so a running one waits for none
-        tuple(topic for topic in maps if not (is_serving or graph.publishers.get(topic))),
-        tuple(topic for topic in graph.publications(node, VELOCITIES) if not graph.subscribers.get(topic)),
-        _plans_round_borders(robot, maps, parameters),
+        missing_maps=tuple(topic for topic in maps if not (is_serving or graph.publishers.get(topic))),
+        unheard=tuple(topic for topic in graph.publications(node, VELOCITIES) if not graph.subscribers.get(topic)),
+        plans_round_borders=_plans_round_borders(robot, maps, parameters),
         # the global planner's path; local planners call theirs global_plan and local_plan
-        next((topic for topic in sorted(graph.publications(node, PATHS)) if topic.endswith("/plan")), ""),
-        planner,
-        _radius(parameters),
+        path=next((topic for topic in sorted(graph.publications(node, PATHS)) if topic.endswith("/plan")), ""),
+        planner=planner,
+        radius=_radius(parameters),
     )
 
 

@@ -39,7 +39,7 @@ DEFAULT_RADIUS = 0.18  # [m] of a robot whose radius neither costmap nor profile
 
 
 @dataclass
-class RobotMaps:
+class MapLayers:
     """The newest maps for one robot; None for each that has not arrived."""
 
     physical: Optional[GridMap] = None  # without borders
@@ -76,7 +76,7 @@ class WatchedRobot:
         self._goal_at = self._status_at = self._driver_heard_at = -math.inf
         self._in_control = False
         self._path = np.zeros((0, 2))
-        self._maps = RobotMaps()
+        self._maps = MapLayers()
         self._borders: Sequence[KnownBorder] = ()
         self._goal_checker: Optional[GoalChecker] = None
         self._checked_radius: Optional[float] = None  # [m] for which the checker was made
@@ -94,7 +94,7 @@ class WatchedRobot:
         self._driver_heard_at, self._in_control = now, message.code != OTHER_PUBLISHER
 
     def set_map(self, layer: str, grid: GridMap) -> None:
-        """Stores a map. The layer is a field of RobotMaps."""
+        """Stores a map. The layer is a field of MapLayers."""
         setattr(self._maps, layer, grid)
         self._request_another_check()
 
@@ -222,7 +222,10 @@ class WatchedRobot:
         """Returns a notice that says why a goal (2,) [m] will be refused; None if nothing is known against it."""
         checker = self.goal_checker()
         refusal = checker.check(self.pose[:2] if self.pose else None, np.asarray(goal)) if checker else None
-        return self.notice(refusal[0], Severity.WARNING, border=quoted(refusal[1])) if refusal else None
+        if refusal is None:
+            return None
+        code, border = refusal
+        return self.notice(code, Severity.WARNING, border=quoted(border))
 
     def notices(self, now: float) -> List[Notice]:
         """Returns the notices about the robot's goal and position at time `now` [s]."""
