@@ -154,10 +154,9 @@ def _check_computer(running: Any) -> List[Notice]:
     lacking = rospy.get_param(f"{display}/lacking", "") if display else ""
     if lacking:
         lines.append(Notice(lacking, Severity.WARNING, values={"node": display}))
-    place = Path(str(rospy.get_param("/map_integrator/database_dir", "~"))).expanduser()
-    while not place.exists():
-        place = place.parent
-    lines.append(check_disk(str(place), shutil.disk_usage(str(place)).free / 2**20, os.access(str(place), os.W_OK)))
+    database = Path(str(rospy.get_param("/map_integrator/database_dir", "~"))).expanduser()
+    folder = str(next(path for path in (database, *database.parents) if path.exists()))
+    lines.append(check_disk(folder, shutil.disk_usage(folder).free / 2**20, os.access(folder, os.W_OK)))
     return lines
 
 

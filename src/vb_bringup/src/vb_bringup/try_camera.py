@@ -110,14 +110,10 @@ def write_try(folder: Path, source: str, view: FloorView, profiles: Path) -> Non
 
 # ------------------------------------------------------------- the page that asks for the corners
 class CornerPage:
-    """Shows the camera's picture, and asks for the four corners of a rectangle on it.
-
-    Attributes:
-        fault: why the camera sends no pictures; None while it sends them, or is being opened.
-    """
+    """Shows the camera's picture, and asks for the four corners of a rectangle on it."""
 
     def __init__(self, source: str) -> None:
-        self.fault: Optional[CodedError] = None
+        self.fault: Optional[CodedError] = None  # why the camera sends no pictures, if it is known
         self._newest: Deque[Shot] = deque(maxlen=1)
         self._source = CameraSource(source, CaptureParams(), self._newest.append, self._set_fault)
         self._source.start()
@@ -147,11 +143,7 @@ class CornerPage:
         return view
 
     def picture(self) -> np.ndarray:
-        """Returns the newest picture (H, W, 3) bgr.
-
-        Raises:
-            CodedError: "camera_opening" or the camera's fault before the first one; "bad_image" for half a one.
-        """
+        """Returns the newest picture (H, W, 3) bgr. Raises a CodedError that says why there is none."""
         if not self._newest:
             raise CodedError("camera_opening") if self.fault is None else self.fault.without_traceback()
         return self._newest[-1].picture().pixels

@@ -308,8 +308,8 @@ class RobotMonitorNode:
             faults = self._lasting(self._capabilities.notices(), now)
             self._log(now)
             notices = [notice for robot in self._robots.values() for notice in robot.notices(now)]
-            dispatching = [self._dispatcher.notice] if self._dispatcher.notice is not None else []
-            self._notices.set([*faults, *notices, *dispatching])
+            dispatching = self._dispatcher.notice  # read once, because it is set in another thread
+            self._notices.set([*faults, *notices, *([dispatching] if dispatching is not None else [])])
 
     def _lasting(self, faults: List[Notice], now: float) -> List[Notice]:
         """Returns the faults that have lasted for SETTLING_TIME."""

@@ -34,6 +34,7 @@ PREEMPTION_PAUSE = 15.0  # [s] after another node sent the robot elsewhere
 SWITCH_GAIN = 1.0  # [m] by which another robot's bid must be cheaper for it to take over
 
 Circle = Tuple[float, float, float]  # (x, y, radius) [m]
+Planners = Mapping[str, Optional[ViewpointPlanner]]  # by robot's name; None until a planner can be made
 
 
 class SentGoalState(enum.Enum):
@@ -138,12 +139,7 @@ class DispatchPolicy:
         self._unfit_since: Optional[float] = None  # [s]; None while the goal is fit
 
     def step(
-        self,
-        now: float,
-        key: Hashable,
-        unseen: float,
-        robots: Mapping[str, DispatchStatus],
-        planners: Mapping[str, Optional[ViewpointPlanner]],
+        self, now: float, key: Hashable, unseen: float, robots: Mapping[str, DispatchStatus], planners: Planners
     ) -> Dict[str, Optional[Viewpoint]]:
         """Decides the goal of each robot, which it may have reached already; None if it has no goal.
 
@@ -153,7 +149,6 @@ class DispatchPolicy:
             now: [s]
             key: identifies interaction and state; None if no robot is wanted.
             unseen: [s] since a camera saw the spot.
-            planners: each robot's viewpoint planner, None until it can be made.
         """
         is_over = key is None or now < self._previous_time - 1.0  # if time has jumped back, this is another run
         if is_over or key != self._previous_key:
@@ -237,9 +232,7 @@ class DispatchPolicy:
         """Returns the circles around the positions at which a robot failed."""
         return [failure.circle for failure in self._failures if failure.robot == robot]
 
-    def _choose(
-        self, now: float, able: Mapping[str, DispatchStatus], planners: Mapping[str, Optional[ViewpointPlanner]]
-    ) -> None:
+    def _choose(self, now: float, able: Mapping[str, DispatchStatus], planners: Planners) -> None:
         """Accepts the best bid; changes nothing if there is none."""
         bids: Dict[str, Tuple[Rank, Optional[Viewpoint]]] = {}
         for name, status in able.items():

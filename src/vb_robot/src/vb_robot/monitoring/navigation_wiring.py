@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
@@ -103,10 +104,8 @@ def _radius(parameters: Mapping[str, Any]) -> Optional[float]:
     costmap = parameters.get("global_costmap") or {}
     footprint: Any = costmap.get("footprint")
     if isinstance(footprint, str):
-        try:
+        with contextlib.suppress(yaml.YAMLError):
             footprint = yaml.safe_load(footprint)
-        except yaml.YAMLError:
-            footprint = None
     corners: List[Any] = footprint if isinstance(footprint, list) else []
     try:
         if len(corners) >= 3:
