@@ -147,31 +147,33 @@ def test_a_bright_spot_after_the_seed_does_not_replace_it():
     assert lab.robot[0] >= 6.2 and lab.robot[1] >= 3.6, "off the seed's side"
 
 
-def look(cells, drawing, robot):
+def planner_of(cells, drawing, robot):
     """Returns the planner of a robot in an empty square of so many cells of 5 cm, with (0, 0) in its middle."""
     grid = GridMap(np.zeros((cells, cells), np.int8), 0.05, (-0.025 * cells, -0.025 * cells, 0.0))
-    grounds = RobotMap(0.18)
-    grounds.update(VIEW, grid, None)
-    return grounds.make_planner(drawing, DispatchStatus(robot), [])
+    robot_map = RobotMap(0.18)
+    robot_map.update(VIEW, grid, None)
+    return robot_map.make_planner(drawing, DispatchStatus(robot), [])
 
 
 def test_choosing_a_place_costs_the_same_in_a_hotel():
     """The searched window does not grow with the map, and the result is the same."""
     answers = []
     for cells in (200, 2000):
-        outlook = look(cells, DrawingState(np.array([0.5, 0.3]), np.array([[0.0, 0.3], [0.5, 0.3]])), (-2.0, 0.0, 0.0))
-        assert max(outlook.clearance_map.grid.shape) * 0.05 <= 12.0
-        answers.append(outlook.best_viewpoint((-2.0, 0.0, 0.0)).pose)
+        planner = planner_of(
+            cells, DrawingState(np.array([0.5, 0.3]), np.array([[0.0, 0.3], [0.5, 0.3]])), (-2.0, 0.0, 0.0)
+        )
+        assert max(planner.clearance_map.grid.shape) * 0.05 <= 12.0
+        answers.append(planner.best_viewpoint((-2.0, 0.0, 0.0)).pose)
     assert answers[0] == pytest.approx(answers[1])
 
 
 def test_a_robot_from_far_away_comes_in_over_the_windows_edge():
     robot = (-25.0, 0.0, 0.0)
-    outlook = look(1200, DrawingState(np.array([0.5, 0.3])), robot)
-    grid = outlook.clearance_map.grid
+    planner = planner_of(1200, DrawingState(np.array([0.5, 0.3])), robot)
+    grid = planner.clearance_map.grid
     assert not grid.contains_cells(grid.world_to_cell(np.array([robot[:2]])))[0]
-    best = outlook.best_viewpoint(robot)
-    length = outlook.clearance_map.path_lengths(robot[:2], np.array([best.pose[:2]]))[0]
+    best = planner.best_viewpoint(robot)
+    length = planner.clearance_map.path_lengths(robot[:2], np.array([best.pose[:2]]))[0]
     assert best.pose[0] < 0.5 and length == pytest.approx(math.dist(robot[:2], best.pose[:2]), rel=0.1)
 
 
