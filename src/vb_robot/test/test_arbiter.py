@@ -252,8 +252,6 @@ def drag(path, speed, pose, latency=0.12):
 
 CIRCLE = np.column_stack([3 - np.cos(np.linspace(0, 2 * np.pi, 100)), 2.5 - np.sin(np.linspace(0, 2 * np.pi, 100))])
 RECTANGLE = np.array([[2, 2.0], [4, 2.0], [4, 3.25], [2, 3.25], [2, 2.0]])
-
-
 DRAGS = {
     "line away": ([[2, 2.5], [6, 2.5]], 0.2),
     "line sideways": ([[2, 2.5], [2, 4.5]], 0.2),

@@ -157,11 +157,9 @@ def planner_of(cells, drawing, robot):
 
 def test_choosing_a_place_costs_the_same_in_a_hotel():
     """The searched window does not grow with the map, and the result is the same."""
-    answers = []
+    drawing, answers = DrawingState(np.array([0.5, 0.3]), np.array([[0.0, 0.3], [0.5, 0.3]])), []
     for cells in (200, 2000):
-        planner = planner_of(
-            cells, DrawingState(np.array([0.5, 0.3]), np.array([[0.0, 0.3], [0.5, 0.3]])), (-2.0, 0.0, 0.0)
-        )
+        planner = planner_of(cells, drawing, (-2.0, 0.0, 0.0))
         assert max(planner.clearance_map.grid.shape) * 0.05 <= 12.0
         answers.append(planner.best_viewpoint((-2.0, 0.0, 0.0)).pose)
     assert answers[0] == pytest.approx(answers[1])
