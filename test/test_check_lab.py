@@ -33,8 +33,8 @@ def graph(*publishers, topic="/north/image_raw"):
 
 DETECTOR = {"image_transport": "raw"}
 GOOD = {
-    "camera": dict(graph=graph("/north/usb_cam"), name="north", parameters=DETECTOR, measured=False, rate=15.0),
-    "robot": dict(name="ada", keeps_margin=True, scan_topic="/ada/scan", scan_deg=270.0, clears_plans=False),
+    "camera": dict(graph=graph("/north/usb_cam"), name="north", parameters=DETECTOR, has_delay=False, rate=15.0),
+    "robot": dict(name="ada", lacks_margin=False, scan_topic="/ada/scan", scan_deg=270.0, clears_plans=False),
     "map": dict(size=(5.0, 10.0), publishers=["/map_server"], with_borders=True, file="", all_known=False),
     "disk": dict(folder="/x", free_mb=9000.0),
     "nodes": dict(missing=[]),
@@ -52,7 +52,7 @@ GOOD = {
         ("robot", dict(scan_deg=0.0), "lab_robot_no_scan"),
         ("robot", dict(scan_deg=30.0), "lab_robot_narrow_scan"),
         ("robot", dict(scan_deg=None), ""),
-        ("robot", dict(keeps_margin=False), "lab_robot_without_margin"),
+        ("robot", dict(lacks_margin=True), "lab_robot_without_margin"),
         ("robot", dict(clears_plans=True), "lab_robot_clears_plans"),
         ("map", dict(size=None), "lab_map_missing"),
         ("map", dict(size=None, file="room.yaml"), "lab_map_not_served"),

@@ -84,7 +84,7 @@ def _listen(seconds: float) -> Tuple[Dict[str, Any], Dict[str, DetectorStatus], 
     """Returns the newest message of each topic, the newest status of each camera, and the notices that hold."""
     newest: Dict[str, Any] = {}
     statuses: Dict[str, DetectorStatus] = {}
-    scans = {_scan(robot) for robot in rospy.get_param("/robot_monitor/robots", []) or [""]} - {""}
+    scans = {_scan_topic(robot) for robot in rospy.get_param("/robot_monitor/robots", []) or [""]} - {""}
     topics = {
         names.PHYSICAL_MAP: OccupancyGridArray,
         names.MAP_WITH_BORDERS: OccupancyGridArray,
@@ -112,7 +112,7 @@ def _has_delay(detector: Mapping[str, Any]) -> bool:
     return False
 
 
-def _scan(robot: str) -> str:
+def _scan_topic(robot: str) -> str:
     """Returns the topic of a robot's scanner, or "" if it has none."""
     try:
         scanner = robot_profile.read(robot).scanner
@@ -123,15 +123,15 @@ def _scan(robot: str) -> str:
 
 def _check_robot(status: RobotStatus, newest: Mapping[str, Any]) -> List[Notice]:
     navigation = _parameters(status.move_base) if status.move_base else {}
-    topic = _scan(status.robot)
-    scan: Optional[LaserScan] = newest.get(topic)
+    scan_topic = _scan_topic(status.robot)
+    scan: Optional[LaserScan] = newest.get(scan_topic)
     covered = 0.0 if scan is None else float(np.degrees(scan.angle_max - scan.angle_min))
-    has_margin = any(name.endswith(names.MAP_WITH_MARGIN) for name in status.maps)
+    has_margin = any(topic.endswith(names.MAP_WITH_MARGIN) for topic in status.maps)
     return check_robot(
         status.robot,
-        has_margin or not (status.driver and status.plans_round_borders),
-        topic,
-        covered if status.driver and topic else None,
+        status.driver and status.plans_round_borders and not has_margin,
+        scan_topic,
+        covered if status.driver and scan_topic else None,
         bool(navigation.get("make_plan_clear_costmap", True)) and "global_costmap" in navigation,
     )
 

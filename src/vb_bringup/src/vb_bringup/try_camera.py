@@ -52,7 +52,8 @@ from vb_msgs.msg import LaserSpot, VirtualBorderArray
 
 CAMERA = "camera"
 PORT = 8420
-_CELL, _FAR = 0.025, 10.0  # [m] cell of the map; floor that is farther from the camera is left out
+_CELL = 0.025  # [m] of the map
+_FAR = 10.0  # [m] floor that is farther from the camera is left out
 _GRID = 0.5  # [m] between the lines that the page draws
 # [s] without a spot in the video
 _SEED_PAUSE = 1.0  # between a line and its seed
@@ -94,7 +95,7 @@ def grid_lines(view: FloorView, floor: GridMap) -> List[List[List[float]]]:
     return [line for line in lines if len(line) > 1]
 
 
-def write_try(folder: Path, source: str, view: FloorView, profiles: Path) -> None:
+def write_camera_lab(folder: Path, source: str, view: FloorView, profiles: Path) -> None:
     """Deletes what is in the lab's folder, and writes camera, lens, pose and an empty map into it.
 
     Raises:
@@ -283,7 +284,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
         source = str(package / "try/room.mp4")
         truth = yaml.safe_load((package / "try/room.yaml").read_text(encoding="utf-8"))
         view = view_rectangle(np.array(truth["corners"]), (truth["width"], truth["depth"]), tuple(truth["image"]))
-    write_try(folder / "lab", source, view, package / "robots")
+    write_camera_lab(folder / "lab", source, view, package / "robots")
     master_port = free_port()
     os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{master_port}", ROS_LOG_DIR=str(folder / "log"))
     print("Starting the detector, the map and the page ...", flush=True)

@@ -24,7 +24,8 @@ LOST_INTERVAL = 0.5  # [s] between two goals while no camera sees the spot; UNFI
 RETRY_AFTER = 0.5  # [s] pause after a failure, times the number of failures so far
 UNFIT_TIMEOUT = 0.6  # [s] for which the present goal must have been unfit before it is replaced
 MIN_GAIN, MIN_TURN = 0.25, math.radians(20.0)  # [m, rad] minimum difference between a new goal and the present one
-FAILED_RADIUS, FAILED_MEMORY = 0.5, 20.0  # [m, s] no goal is tried so near to a failed position, for so long
+FAILED_RADIUS = 0.5  # [m] around a failed position, in which no goal is tried
+FAILED_MEMORY = 20.0  # [s] after which it may be tried again
 # [s] for which a robot may stand still while its goal is in this state; move_base itself gives up only after 40 s
 STUCK_TIMEOUTS = {"sent": 4.0, "active": 15.0}
 HIDDEN_TIMEOUT = 3.0  # [s] after which something must hide the spot from a position where the robot should see it
