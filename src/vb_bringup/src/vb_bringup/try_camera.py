@@ -181,7 +181,7 @@ class _Picture(_Handler):
 
 
 class _Floor(_Handler):
-    """Answers marked corners with lines on the floor and the largest error of a spot; "start" also accepts them."""
+    """Answers marked corners with lines on the floor and the largest error of a spot. "start" also accepts them."""
 
     def post(self, step: str) -> None:
         try:

@@ -56,7 +56,7 @@ SEVERITIES = {"obstacle": Severity.INFO, "border": Severity.INFO, "other_cmd_vel
 
 @dataclass(frozen=True)
 class DriverParams(Parameters):
-    """The node's parameters; the robot's properties come from its profile."""
+    """The node's parameters. The robot's properties come from its profile."""
 
     robot: str = param(
         "", doc="name of the robot in borders and notices, of its camera, and before its frames; empty: the only one"

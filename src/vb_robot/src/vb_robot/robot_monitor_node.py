@@ -67,7 +67,7 @@ class RobotMonitorParams(Parameters):
 
 
 class RobotMonitorNode:
-    """Watches robots with navigation of their own, whatever else is connected; with ~dispatch, sends one to the spot.
+    """Watches robots with navigation of their own, whatever else is connected. With ~dispatch, sends one to the spot.
 
     Subscribed topics:
         /map, /virtual_borders/map, /<robot>/virtual_borders/map, /virtual_borders/speed_limits (nav_msgs/OccupancyGrid)

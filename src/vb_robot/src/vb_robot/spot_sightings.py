@@ -77,7 +77,7 @@ class Sightings:
         self.state, self._interaction, self._entered = state, interaction, entered
 
     def add(self, sighting: Sighting) -> bool:
-        """Adds a sighting; returns whether it counts: if it is certain, and from this state, in which robots act."""
+        """Adds a sighting. Returns whether it counts: if it is certain, and from this state, in which robots act."""
         if sighting.mobile:
             self._mobile_names.add(sighting.camera)
         if not self.state.robots_act or sighting.stamp < self._entered or sighting.confidence < MIN_CONFIDENCE:
@@ -108,7 +108,7 @@ class Sightings:
         return not self.stationary_seen and self.first_mobile is not None and now - self.first_mobile >= FOLLOW_DELAY
 
     def _update_follower(self, now: float) -> Optional[str]:
-        """Returns the robot camera that has seen the spot longest without a pause; if none sees it, the last such one.
+        """Returns the robot camera that has seen the spot longest without a pause. If none sees it, the last such one.
 
         The times of the images count, not of their arrival, so that all robots' drivers choose the same camera.
         """

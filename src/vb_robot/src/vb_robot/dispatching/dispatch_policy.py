@@ -234,7 +234,7 @@ class DispatchPolicy:
         return [failure.circle for failure in self._failures if failure.robot == robot]
 
     def _choose(self, now: float, able: Mapping[str, DispatchStatus], planners: Planners) -> None:
-        """Accepts the best bid; changes nothing if there is none."""
+        """Accepts the best bid. Changes nothing if there is none."""
         bids: Dict[str, Tuple[Rank, Optional[Viewpoint]]] = {}
         for name, status in able.items():
             planner, circles, serves = planners[name], self._circles_of(name), name == self.serving

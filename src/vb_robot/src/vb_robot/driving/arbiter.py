@@ -133,7 +133,7 @@ class Arbiter:
             return self._last
 
     def step(self, now: float, listeners: int = 1) -> DriveCommand:
-        """Computes the command for time `now` [s], RATE times a second; `listeners`: number of its subscribers."""
+        """Computes the command for time `now` [s] and this number of subscribers. Call it RATE times a second."""
         with self._lock:
             if listeners > self._listeners:
                 self._zeros_until = now + START_ZEROS
@@ -155,7 +155,7 @@ class Arbiter:
             return self._last
 
     def _choose(self, now: float, goal: bool) -> Tuple[str, VelocityRequest]:
-        """Chooses the source that drives; returns it and its request."""
+        """Chooses the source that drives. Returns it and its request."""
         if self.stops.stopped:
             return STOP, VelocityRequest(code="stopped")
         teleop = self._command(TELEOP, now)

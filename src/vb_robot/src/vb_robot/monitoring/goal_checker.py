@@ -107,7 +107,7 @@ class GoalChecker:
         return None
 
     def _connected(self, grid: GridMap) -> np.ndarray:
-        """Labels the connected parts of the floor (H, W) with room for the robot; 0 is no room. Unknown may be free."""
+        """Labels the connected parts of the floor (H, W) with room for the robot. 0 is no room. Unknown may be free."""
         room = clearance_grid(grid.data >= LETHAL_THRESHOLD, grid.resolution) >= self._radius
         return cv2.connectedComponents(room.astype(np.uint8), connectivity=4)[1]
 

@@ -251,7 +251,7 @@ class WatchedRobot:
         self.send((x, y, math.atan2(y - self.pose[1], x - self.pose[0]) if self.pose else 0.0))
 
     def send(self, pose: Pose, mark: str = "-") -> str:
-        """Sends the robot to a pose; returns the goal's id, which contains the mark."""
+        """Sends the robot to a pose. Returns the goal's id, which contains the mark."""
         now = rospy.Time.now()
         identity = f"{rospy.get_name()}{mark}{next(self._ids)}-{now.to_nsec()}"
         message = MoveBaseActionGoal(goal_id=GoalID(now, identity))
