@@ -24,7 +24,7 @@ from sensor_msgs.msg import LaserScan
 from vb_msgs.msg import DetectorStatus, RobotStatus, RobotStatusArray, VirtualBorderArray
 
 from vb_bringup.lab_readiness import check_camera, check_disk, check_map, check_nodes, check_robot, is_all_known
-from vb_bringup.launch_check import read_parameters
+from vb_bringup.launch_check import UNIQUE_NODE, read_parameters
 from vb_bringup.new_lab import parse_source
 from vb_core import names, sentences
 from vb_core.errors import CodedError
@@ -45,7 +45,7 @@ READY, FAULTS, NO_MASTER = 0, 1, 3
 _STATES = {Severity.INFO: "ok", Severity.WARNING: "warning", Severity.ERROR: "error"}
 _STYLES = {Severity.INFO: "green", Severity.WARNING: "yellow", Severity.ERROR: "bold red"}
 # nodes that must run if the launch file has set their parameters; camera_poses reports missing detectors
-_NODES = ("/map_integrator", "/border_fusion", "/interaction_manager", "/camera_poses", "/robot_monitor")
+_NODES = (UNIQUE_NODE, "/border_fusion", "/interaction_manager", "/camera_poses", "/robot_monitor")
 _CONNECTION_TIMEOUT = 5.0  # [s] a publisher that is not reached within this is a fault to report
 
 
@@ -55,7 +55,7 @@ def observe_lab(seconds: float) -> List[Notice]:
     newest, statuses, notices = _listen(seconds)
     running = graph.nodes | read_graph().nodes  # while a node restarts, the master does not list it
     lines = check_nodes(
-        [node for node in _NODES if node not in running and (node == _NODES[0] or rospy.has_param(node))]
+        [node for node in _NODES if node not in running and (node == UNIQUE_NODE or rospy.has_param(node))]
     )
     if rospy.has_param("/border_fusion") and not statuses:
         lines.append(Notice("lab_no_cameras", Severity.WARNING))
