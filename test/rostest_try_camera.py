@@ -62,7 +62,8 @@ class TestTryCamera(unittest.TestCase):
             stack.callback(running.stop)
             wait_until(lambda: f"check_lab --camera {film}" in running.tail(), "how to describe a missing camera")
             browser = stack.enter_context(closing(Browser(f"http://127.0.0.1:{port}/", WALL)))
-            self.assertEqual(browser.run(JUDGE, TRUTH["corners"]), {"error": REFUSED})  # there is no picture
+            unplugged = CodedError("camera_unplugged", source=str(film), camera="1").message
+            self.assertEqual(browser.run(JUDGE, TRUTH["corners"]), {"error": unplugged})
             shutil.copy(str(ROOM / "room.mp4"), str(film))
             left, top, scale = browser.wait("""picture.naturalWidth && (({ left, top, width }) =>
                 [left, top, width / picture.naturalWidth])(picture.getBoundingClientRect())""")

@@ -15,7 +15,7 @@ from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map, write_map
 from vb_core.node_graph import NodeGraph
 from vb_core.notices import Notice, Severity
-from vb_core.lab_offer import offer
+from vb_core.capabilities import derive_capabilities
 from vb_core.ros.robot_status import connections_from_message
 from vb_laser_detect.camera import report
 from vb_laser_detect.camera.source import Shot
@@ -33,8 +33,8 @@ def graph(*publishers, topic="/north/image_raw"):
 
 DETECTOR = {"image_transport": "raw"}
 GOOD = {
-    "camera": dict(graph=graph("/north/usb_cam"), name="north", parameters=DETECTOR, measured=False, rate=15.0),
-    "robot": dict(name="ada", keeps_margin=True, scan_topic="/ada/scan", scan_deg=270.0, clears_plans=False),
+    "camera": dict(graph=graph("/north/usb_cam"), name="north", parameters=DETECTOR, has_delay=False, rate=15.0),
+    "robot": dict(name="ada", lacks_margin=False, scan_topic="/ada/scan", scan_deg=270.0, clears_plans=False),
     "map": dict(size=(5.0, 10.0), publishers=["/map_server"], with_borders=True, file="", all_known=False),
     "disk": dict(folder="/x", free_mb=9000.0),
     "nodes": dict(missing=[]),
@@ -52,7 +52,7 @@ GOOD = {
         ("robot", dict(scan_deg=0.0), "lab_robot_no_scan"),
         ("robot", dict(scan_deg=30.0), "lab_robot_narrow_scan"),
         ("robot", dict(scan_deg=None), ""),
-        ("robot", dict(keeps_margin=False), "lab_robot_without_margin"),
+        ("robot", dict(lacks_margin=True), "lab_robot_without_margin"),
         ("robot", dict(clears_plans=True), "lab_robot_clears_plans"),
         ("map", dict(size=None), "lab_map_missing"),
         ("map", dict(size=None, file="room.yaml"), "lab_map_not_served"),
@@ -173,7 +173,7 @@ def test_what_a_robot_lacks_is_one_line_though_robot_monitor_reports_it_too(monk
     good = RobotStatus(robot="ada", move_base="/ada/move_base", plans_round_borders=True, localized=True)
     bad = RobotStatus(robot="bob", move_base="/bob/move_base", localized=True)
     newest = {names.ROBOTS: RobotStatusArray(robots=[good, bad])}
-    notices = offer(connections_from_message(newest[names.ROBOTS])).notices()
+    notices = derive_capabilities(connections_from_message(newest[names.ROBOTS])).notices()
     monkeypatch.setattr(check_lab, "_listen", lambda seconds: (newest, {}, notices))
     monkeypatch.setattr(check_lab, "read_graph", lambda: NodeGraph([], []))
     monkeypatch.setattr(check_lab.rospy, "get_param", lambda _name, default: default)

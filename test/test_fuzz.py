@@ -6,6 +6,7 @@ fields by themselves. FUZZ_EXAMPLES sets their number per test: few in `make tes
 """
 
 import dataclasses
+import functools
 import importlib
 import os
 from pathlib import Path
@@ -99,10 +100,10 @@ def damaged(good):
     return st.builds(apply, st.lists(change, min_size=1, max_size=6), st.integers(0, len(good)) | st.just(len(good)))
 
 
-def check_taken(read, found):
+def check_taken(read, given_input):
     """Checks that an input is taken, or refused with a code."""
     try:
-        read(found)
+        read(given_input)
     except CodedError as error:
         assert error.code
 
@@ -125,48 +126,39 @@ CONVERSIONS = {
 }
 
 
-@pytest.mark.parametrize("what", CONVERSIONS)
-def test_messages_are_taken_or_refused_with_a_code(what):
-    convert, examples = CONVERSIONS[what]
-
-    @bounded()
-    @given(examples)
-    def check(found):
-        check_taken(convert, found)
-
-    check()
+@pytest.mark.parametrize("convert, examples", CONVERSIONS.values(), ids=CONVERSIONS)
+@bounded()
+@given(st.data())
+def test_messages_are_taken_or_refused_with_a_code(convert, examples, data):
+    check_taken(convert, data.draw(examples))
 
 
 # ---------------------------------------------------------------------- parameters
+@functools.lru_cache(None)
 def parameter_classes():
     """Finds every parameter class of the lab's packages; the study's do not read the parameter server."""
     for path in sorted(TOP.glob("src/vb_*/src/vb_*/**/*.py")):
         if "(Parameters)" in path.read_text(encoding="utf-8"):
             importlib.import_module(".".join(path.relative_to(TOP / "src").with_suffix("").parts[2:]))
     ours = [cls for cls in Parameters.__subclasses__() if cls.__module__.startswith("vb_")]  # not those of tests
-    found = [cls for cls in ours if not cls.__module__.startswith("vb_evaluation.")]
-    return sorted(found, key=lambda cls: (cls.__module__, cls.__name__))
+    classes = [cls for cls in ours if not cls.__module__.startswith("vb_evaluation.")]
+    assert len(classes) > 30
+    return sorted(classes, key=lambda cls: (cls.__module__, cls.__name__))
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_parameters_are_taken_or_refused_with_their_key():
-    classes = parameter_classes()
-    assert len(classes) > 30
-
-    @bounded(4.0)
-    @given(st.data())
-    def check(data):
-        cls = data.draw(st.sampled_from(classes))
-        names = [one.name for one in dataclasses.fields(cls)]
-        mapping = data.draw(st.dictionaries(st.sampled_from(names) | st.text(max_size=5), ANYTHING, max_size=3))
-        try:
-            found = cls.from_mapping(mapping, "/node")
-        except ParameterError as error:
-            assert error.key.startswith("/node")
-        else:
-            assert isinstance(found.describe(), str) and set(mapping) <= set(names)
-
-    check()
+@bounded(4.0)
+@given(st.data())
+def test_parameters_are_taken_or_refused_with_their_key(data):
+    cls = data.draw(st.sampled_from(parameter_classes()))
+    names = [field.name for field in dataclasses.fields(cls)]
+    mapping = data.draw(st.dictionaries(st.sampled_from(names) | st.text(max_size=5), ANYTHING, max_size=3))
+    try:
+        parameters = cls.from_mapping(mapping, "/node")
+    except ParameterError as error:
+        assert error.key.startswith("/node")
+    else:
+        assert isinstance(parameters.describe(), str) and set(mapping) <= set(names)
 
 
 # ---------------------------------------------------------------------- files
@@ -190,31 +182,24 @@ READERS = {
 
 
 @pytest.mark.parametrize("name", READERS)
-def test_files_are_taken_or_refused_with_a_code(name, tmp_path):
+@bounded()
+@given(st.data())
+def test_files_are_taken_or_refused_with_a_code(name, tmp_path, data):
     read, good = READERS[name]
-
-    @bounded(0.3 if name == "world.yaml" else 1.0)
-    @given(damaged(good) | ANYTHING.map(lambda value: yaml.safe_dump(value, allow_unicode=False).encode()))
-    def check(data):
-        (tmp_path / name).write_bytes(data)
-        check_taken(read, tmp_path / name)
-
-    check()
+    written = ANYTHING.map(lambda value: yaml.safe_dump(value, allow_unicode=False).encode())
+    (tmp_path / name).write_bytes(data.draw(damaged(good) | written))
+    check_taken(read, tmp_path / name)
 
 
-def test_map_files_are_read_or_refused_as_bad_map_files(tmp_path):
-    random = np.random.default_rng(1)
-    files = write_map(tmp_path / "map", GridMap(random.choice(np.array([-1, 0, 100], np.int8), (12, 9)), 0.05))
-    good = {path: path.read_bytes() for path in files}
-
-    @bounded()
-    @given(st.tuples(*(st.just(content) | damaged(content) for content in good.values())))
-    def check(contents):
-        for path, content in zip(good, contents):
-            path.write_bytes(content)
-        try:
-            assert read_map(files[1]).data.size
-        except CodedError as error:
-            assert error.code == "bad_map_file"
-
-    check()
+@bounded()
+@given(st.data())
+def test_map_files_are_read_or_refused_as_bad_map_files(tmp_path, data):
+    cells = np.random.default_rng(1).choice(np.array([-1, 0, 100], np.int8), (12, 9))
+    files = write_map(tmp_path / "map", GridMap(cells, 0.05))
+    for path in files:
+        content = path.read_bytes()
+        path.write_bytes(data.draw(st.just(content) | damaged(content)))
+    try:
+        assert read_map(files[1]).data.size
+    except CodedError as error:
+        assert error.code == "bad_map_file"

@@ -159,12 +159,10 @@ def test_the_table_of_topics_has_every_fixed_name():
 # ------------------------------------------------------------ words
 def calls(source):
     """Lists the calls in a program's text: (name, arguments, keyword arguments)."""
-    found = []
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Call):
-            name = getattr(node.func, "attr", getattr(node.func, "id", ""))
-            found.append((name, node.args, {one.arg: one.value for one in node.keywords}))
-    return found
+    nodes = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
+    names_called = [getattr(node.func, "attr", getattr(node.func, "id", "")) for node in nodes]
+    keywords = [{keyword.arg: keyword.value for keyword in node.keywords} for node in nodes]
+    return list(zip(names_called, (node.args for node in nodes), keywords))
 
 
 def own_sentences(source):

@@ -2,10 +2,8 @@
 
 import rospy
 from geometry_msgs.msg import Point
+from vb_msgs import srv
 from vb_msgs.msg import VirtualBorder
-from vb_msgs.srv import AddBorder, AddBorderResponse, GetDrawnBorder, GetDrawnBorderResponse
-from vb_msgs.srv import ListBorders, ListBordersResponse, PreviewBorder, PreviewBorderResponse, UndoRedo
-from vb_msgs.srv import UndoRedoResponse
 
 
 def point(x, y):
@@ -16,11 +14,11 @@ class StubNeighbors:
     """Stubs of border_fusion and map_integrator, as far as tests need them."""
 
     def __init__(self) -> None:
-        self.candidate = GetDrawnBorderResponse(success=True, code="ok")
+        self.candidate = srv.GetDrawnBorderResponse(success=True, code="ok")
         self.candidate.border.points = [point(0, 0), point(1, 0), point(1, 1)]
         self.candidate.border.seed = point(0.5, 0.5)
-        self.add = AddBorderResponse(success=True, code="ok", id="b1")
-        self.preview = PreviewBorderResponse(success=True, code="ok", area_m2=0.5, free_parts=1)
+        self.add = srv.AddBorderResponse(success=True, code="ok", id="b1")
+        self.preview = srv.PreviewBorderResponse(success=True, code="ok", area_m2=0.5, free_parts=1)
         self.preview.region.info.width, self.preview.region.info.height = 2, 1
         self.preview.region.data = [100, 0]
         self.before_add = lambda: None
@@ -31,21 +29,21 @@ class StubNeighbors:
         """Starts the services; one border, "Nursery", can be undone once."""
         self.undone = 0
         self.services += [
-            rospy.Service("/virtual_borders/preview_border", PreviewBorder, self._on_preview),
-            rospy.Service("/virtual_borders/get_drawn_border", GetDrawnBorder, self._on_candidate),
-            rospy.Service("/virtual_borders/add_border", AddBorder, self._on_add),
-            rospy.Service("/virtual_borders/undo_redo", UndoRedo, self._on_undo),
-            rospy.Service("/virtual_borders/list_borders", ListBorders, self._on_list),
+            rospy.Service("/virtual_borders/preview_border", srv.PreviewBorder, self._on_preview),
+            rospy.Service("/virtual_borders/get_drawn_border", srv.GetDrawnBorder, self._on_candidate),
+            rospy.Service("/virtual_borders/add_border", srv.AddBorder, self._on_add),
+            rospy.Service("/virtual_borders/undo_redo", srv.UndoRedo, self._on_undo),
+            rospy.Service("/virtual_borders/list_borders", srv.ListBorders, self._on_list),
         ]
 
     def _on_undo(self, _request):
         if self.undone:
-            return UndoRedoResponse(code="nothing_to_undo")
+            return srv.UndoRedoResponse(code="nothing_to_undo")
         self.undone += 1
-        return UndoRedoResponse(success=True, code="ok")
+        return srv.UndoRedoResponse(success=True, code="ok")
 
     def _on_list(self, _request):
-        response = ListBordersResponse()
+        response = srv.ListBordersResponse()
         if not self.undone:
             response.borders.borders.append(VirtualBorder(id="b1", name="Nursery"))
         return response

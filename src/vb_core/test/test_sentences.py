@@ -6,7 +6,7 @@ import pytest
 
 from vb_core import sentences
 from vb_core.errors import CodedError
-from vb_core.lab_offer import ConnectedRobot
+from vb_core.capabilities import ConnectedRobot
 from vb_core.sentences import spelled_out
 from vb_core.vocabulary import COMMANDS, STATES, normalize, state_of
 from vb_core.zones import KEEP_OUT, ZONES, zone_of

@@ -60,8 +60,9 @@ class DriverTest(unittest.TestCase):
         type(self).wish = None
         self.stimulus.set_state(DEFAULT)
         wait_until(lambda: self.stimulus.velocity == (0.0, 0.0) == self.ada.velocity, "both robots to stand")
-        self.put(self.stimulus, (1.5, 2.5, 0.0))
-        self.put(self.ada, (1.0, 4.0, 0.0))
+        for body, pose in ((self.stimulus, (1.5, 2.5, 0.0)), (self.ada, (1.0, 4.0, 0.0))):
+            with body.lock:
+                body.pose = pose
         self.publish_border(False)
         wait_until(self.is_released, lambda: f"the end of all stops; {self.drivers}")
 
@@ -76,10 +77,6 @@ class DriverTest(unittest.TestCase):
 
     def stop_all(self):
         wait_until(self.is_stopped, lambda: f"a stop of both; {self.drivers}")
-
-    def put(self, body, pose):
-        with body.lock:
-            body.pose = pose
 
     def publish_border(self, has_border=True):
         grid = room(6.0)

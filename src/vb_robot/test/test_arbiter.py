@@ -1,6 +1,7 @@
 """Which source drives a robot, and whether it may; following and escaping. In a closed loop, on a unicycle."""
 
 import math
+from collections import namedtuple
 
 import numpy as np
 import pytest
@@ -15,7 +16,8 @@ from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED, state_of
 from vb_robot.driving.arbiter import Arbiter
 from vb_robot.driving.escape import FREE, PINCHED_AFTER
 from vb_robot.driving.gate import NAVIGATION, TELEOP
-from vb_robot.driving.spot_follower import FAR_DISTANCE, MAX_TURN, NEAR_DISTANCE
+from vb_robot.driving.spot_follower import FAR_DISTANCE, NEAR_DISTANCE
+from vb_robot.driving.velocity import MAX_TURN
 from vb_robot.driving.workspace import MIN_UNCERTAINTY
 from vb_robot.spot_sightings import Sighting, Sightings
 
@@ -23,13 +25,15 @@ from vb_robot.spot_sightings import Sighting, Sightings
 # ------------------------------------------------------------ who drives
 def test_the_source_of_highest_priority_drives():
     rig = Rig()
-    assert rig.step(4.0).source == "none" and not rig.commands[-1].publish
+    command = rig.step(4.0)
+    assert (command.source, command.publish) == ("none", False)
     rig.navigation = (0.3, 0.1)
     command = rig.step()
     assert (command.source, command.v, command.w) == ("navigation", 0.3, 0.1)
     rig.follows()
     rig.teleop = (-0.1, 0.0)
-    assert rig.step().source == "teleop" and rig.commands[-1].v == -0.1
+    command = rig.step()
+    assert (command.source, command.v) == ("teleop", -0.1)
     rig.latch.stop("a", "test")
     command = rig.step(0.6)
     assert (command.source, command.v, command.publish) == ("stop", 0.0, True)
@@ -86,28 +90,29 @@ def test_a_restarted_driver_stays_stopped(tmp_path):
     assert rig.step(5.0).source == "stop"
 
 
-def published(arbiter, listeners, *times):
-    """Returns for each of the times [s] whether a command is published, with this number of listeners."""
-    return [arbiter.step(now, listeners).publish for now in times]
-
-
 def test_a_new_listener_hears_zeros_for_three_seconds():
     arbiter = Arbiter(PROFILE)
-    assert published(arbiter, 0, 9.0) == [False]
-    assert published(arbiter, 1, 10.0, 12.9, 13.1) == [True, True, False]
+    assert not arbiter.step(9.0, listeners=0).publish
+    assert arbiter.step(10.0, listeners=1).publish
+    assert arbiter.step(12.9, listeners=1).publish
+    assert not arbiter.step(13.1, listeners=1).publish
 
 
 def test_a_listener_that_leaves_ends_no_zeros():
     arbiter = Arbiter(PROFILE)
-    assert published(arbiter, 2, 14.0) == [True]
-    assert published(arbiter, 1, 14.5, 16.9, 17.1) == [True, True, False]
+    assert arbiter.step(14.0, listeners=2).publish
+    assert arbiter.step(14.5, listeners=1).publish
+    assert arbiter.step(16.9, listeners=1).publish
+    assert not arbiter.step(17.1, listeners=1).publish
 
 
 def test_a_command_that_ends_is_followed_by_no_zeros():
     arbiter = Arbiter(PROFILE)
-    assert published(arbiter, 2, 20.0) == [True]
+    assert arbiter.step(20.0).publish
     arbiter.request(TELEOP, 0.0, 0.0, 20.5)
-    assert published(arbiter, 2, 20.5, 21.2, 21.3) == [True, True, False]
+    assert arbiter.step(20.5).publish
+    assert arbiter.step(21.2).publish  # the command is too old: one zero
+    assert not arbiter.step(21.3).publish
 
 
 @pytest.mark.parametrize("age, drives", [(-0.11, False), (-0.09, True), (0.49, True), (0.51, False)])
@@ -224,13 +229,16 @@ def test_a_robot_follows_until_another_one_sees_the_lost_spot():
 
 
 # ------------------------------------------------------------ following
+Drag = namedtuple("Drag", "v w visible distance")
+
+
 def drag(path, speed, pose, latency=0.12):
-    """Drags a spot along a path, then rests 4 s; returns rows of (x, y, v, w, visible, spot distance)."""
+    """Drags a spot along a path, then rests 4 s. Returns an array of each quantity, by time."""
     path = np.asarray(path, dtype=float)
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     rig, rng = Rig(pose), np.random.default_rng(7)
     rig.set_state(GUIDE)
-    waiting, rows = [], []
+    waiting, moments = [], []
     for i in range(int((length[-1] / speed + 4.0) / DT)):
         spot = np.array([np.interp(i * DT * speed, length, path[:, k]) for k in range(2)])
         visible = bool(VIEW.sees(to_base(spot[None], rig.pose))[0])
@@ -240,14 +248,12 @@ def drag(path, speed, pose, latency=0.12):
             stamp, place = waiting.pop(0)
             rig.arbiter.add(Sighting(stamp, tuple(place), "robot", True, 0.9))
         command = rig.step()
-        rows.append((*rig.pose[:2], command.v, command.w, visible, math.dist(rig.pose[:2], spot)))
-    return np.array(rows)
+        moments.append(Drag(command.v, command.w, visible, math.dist(rig.pose[:2], spot)))
+    return Drag(*np.array(moments).T)
 
 
 CIRCLE = np.column_stack([3 - np.cos(np.linspace(0, 2 * np.pi, 100)), 2.5 - np.sin(np.linspace(0, 2 * np.pi, 100))])
 RECTANGLE = np.array([[2, 2.0], [4, 2.0], [4, 3.25], [2, 3.25], [2, 2.0]])
-
-
 DRAGS = {
     "line away": ([[2, 2.5], [6, 2.5]], 0.2),
     "line sideways": ([[2, 2.5], [2, 4.5]], 0.2),
@@ -263,11 +269,12 @@ DRAGS = {
 def test_the_spot_stays_in_view(path, speed):
     start = np.asarray(path, dtype=float)[0]
     run = drag(path, speed, (start[0] - 1.0, start[1] + 0.1, 0.0))
-    assert np.abs(run[:, 2]).max() <= 0.2 + 1e-9 and np.abs(run[:, 3]).max() <= MAX_TURN + 1e-9
-    assert run[:, 4].all()
-    assert run[:, 5].min() > 0.4
-    assert abs(run[-1, 2]) < 0.01 and abs(run[-1, 3]) < 0.05, "it comes to rest with the spot"
-    assert NEAR_DISTANCE <= run[-1, 5] <= FAR_DISTANCE
+    assert np.abs(run.v).max() <= 0.2 + 1e-9
+    assert np.abs(run.w).max() <= MAX_TURN + 1e-9
+    assert run.visible.all()
+    assert run.distance.min() > 0.4
+    assert abs(run.v[-1]) < 0.01 and abs(run.w[-1]) < 0.05, "it comes to rest with the spot"
+    assert NEAR_DISTANCE <= run.distance[-1] <= FAR_DISTANCE
 
 
 # ------------------------------------------------------------------ escaping

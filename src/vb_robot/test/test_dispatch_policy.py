@@ -1,7 +1,8 @@
 """The dispatch policy, and the record of sightings."""
 
+import itertools
 import math
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from actionlib_msgs.msg import GoalStatus
 
 from vb_core.vocabulary import BORDER, DEFAULT, SEED
 from vb_robot.dispatching.dispatch_policy import FAILED_MEMORY, DispatchPolicy, DispatchStatus, SentGoalState
-from vb_robot.dispatching.dispatched_robot import follow
+from vb_robot.dispatching.dispatched_robot import next_goal_state
 from vb_robot.dispatching.viewpoint import Viewpoint
 from vb_robot.spot_sightings import Sighting, Sightings
 
@@ -48,28 +49,37 @@ class Robot:
 
 
 class Bench:
-    """Steps a dispatch policy at 4 Hz; goals become active at once, and end when they are cancelled."""
+    """Steps a dispatch policy at 4 Hz; goals end when they are cancelled.
 
-    def __init__(self, **robots):
+    Attributes:
+        outcome: the state of a goal once it was sent; a robot that has REACHED it is there.
+        sent: time [s] and x [m] of each goal.
+    """
+
+    def __init__(self, outcome=ACTIVE, **robots):
         self.robots, self.policy = robots, DispatchPolicy(robots)
         self.now, self.robot_wanted, self.key, self.unseen_s = 100.0, True, ("a", 1), 0.0
+        self.outcome, self.sent = outcome, []
 
     def step(self):
         """Returns the x to which a robot was sent, or None."""
         self.now += 0.25
-        fleet = {}
-        for name, robot in self.robots.items():
-            status = DispatchStatus(robot.pose if robot.localized else None, robot.server, robot.goal, robot.busy)
-            fleet[name] = (status, robot if robot.has_map else None)
-        goals = self.policy.step(self.now, self.key if self.robot_wanted else None, self.unseen_s, fleet)
+        statuses = {
+            name: DispatchStatus(robot.pose if robot.localized else None, robot.server, robot.goal, robot.busy)
+            for name, robot in self.robots.items()
+        }
+        planners = {name: robot if robot.has_map else None for name, robot in self.robots.items()}
+        goals = self.policy.step(self.now, self.key if self.robot_wanted else None, self.unseen_s, statuses, planners)
         assert set(goals) == set(self.robots) and sum(goal is not None for goal in goals.values()) <= 1
         sent_x = None
         for name, goal in goals.items():
             robot, previous = self.robots[name], self.robots[name].destination
             robot.destination = goal
             if goal is not None and goal is not previous:
-                robot.goal, sent_x = ACTIVE, goal.pose[0]
-            elif goal is None and previous is not None and fleet[name][0].goal.under_way:
+                robot.goal, sent_x = self.outcome, goal.pose[0]
+                robot.pose = goal.pose if self.outcome is REACHED else robot.pose
+                self.sent.append((self.now, sent_x))
+            elif goal is None and previous is not None and statuses[name].goal.under_way:
                 robot.goal = NONE
         return sent_x
 
@@ -83,18 +93,14 @@ def test_a_robot_that_is_not_ready_is_not_sent(state):
     assert not Bench(ada=Robot(place(1), **state)).run(10)
 
 
-class Phase(NamedTuple):
-    """Changes of robot and bench, the number of steps after them, and each x to which the robot is then sent."""
-
-    steps: int
-    sent: list
-    robot: dict = {}
-    bench: dict = {}
+# the steps of a phase, each x to which the robot is sent in it, and the changes of robot and bench before it
+Phase = namedtuple("Phase", "steps sent robot bench", defaults=[{}, {}])
 
 
-def flickers(x, now_and_then=iter([True, False] * 100)):
-    """Returns whether a robot at x [m] sees the spot: not where it stands, and every second time elsewhere."""
-    return x != 9.0 and next(now_and_then)
+def flicker():
+    """Returns a function that tells whether a robot at x [m] sees the spot: every second time, and never at 9 m."""
+    answers = itertools.cycle([True, False])
+    return lambda x: x != 9.0 and next(answers)
 
 
 THERE = dict(goal=REACHED, pose=(1.0, 0.0, 0.0))
@@ -111,7 +117,7 @@ AFTERWARDS = {
         Phase(20, [1.3], dict(offers=[place(1.3)])),
     ],
     "a goal within a new border is replaced": [Phase(12, [3], dict(room=at(3), offers=[place(3)], sees=at(1, 3)))],
-    "flicker at the edge does not change it": [Phase(60, [], dict(offers=[place(5)], sees=flickers))],
+    "flicker at the edge does not change it": [Phase(60, [], dict(offers=[place(5)], sees=flicker()))],
     "a spot that is lost is no matter of patience": [
         Phase(4, []),
         Phase(1, [3], dict(offers=[place(3)], sees=at(3)), dict(unseen_s=1.0)),
@@ -142,16 +148,10 @@ def test_a_robot_is_sent_again_once_what_kept_it_is_over(phases):
 
 
 def test_each_failure_tries_the_next_place_after_a_longer_pause():
-    ada = Robot(*map(place, range(1, 20)))
-    bench, tried = Bench(ada=ada), []
-    for _ in range(40):
-        goal = bench.step()
-        if goal:
-            tried.append((bench.now, goal))
-            ada.goal = FAILED
-    assert [x for _, x in tried[:5]] == [1, 2, 3, 4, 5]
-    assert tried[1][0] - tried[0][0] < 1.5, "the person does not wait for a retry"
-    pauses = np.diff([when for when, _ in tried])
+    bench = Bench(ada=Robot(*map(place, range(1, 20))), outcome=FAILED)
+    assert bench.run(40)[:5] == [1, 2, 3, 4, 5]
+    pauses = np.diff([time for time, _ in bench.sent])
+    assert pauses[0] < 1.5, "the person does not wait for a retry"
     assert (np.diff(pauses) >= 0.0).all() and pauses[-1] > 2.0, "and navigation is not asked for ever more plans"
 
 
@@ -167,37 +167,32 @@ def test_a_robot_that_makes_progress_keeps_its_goal(seen):
 
 
 def test_a_goals_state_follows_navigations_status():
+    statuses = GoalStatus.ACTIVE, GoalStatus.SUCCEEDED, GoalStatus.PREEMPTED, GoalStatus.ABORTED
     for before in (SENT, ACTIVE):
-        said = [follow(before, getattr(GoalStatus, name)) for name in "ACTIVE SUCCEEDED PREEMPTED ABORTED".split()]
-        assert said == [ACTIVE, REACHED, PREEMPTED, FAILED]
-    assert follow(SENT, None) is SENT, "it has not arrived yet"
-    assert follow(ACTIVE, None) is FAILED, "navigation was started again"
-    assert follow(REACHED, GoalStatus.ABORTED) is REACHED
+        assert [next_goal_state(before, status) for status in statuses] == [ACTIVE, REACHED, PREEMPTED, FAILED]
+    assert next_goal_state(SENT, None) is SENT, "it has not arrived yet"
+    assert next_goal_state(ACTIVE, None) is FAILED, "navigation was started again"
+    assert next_goal_state(REACHED, GoalStatus.ABORTED) is REACHED
 
 
 def test_a_robot_that_sees_the_spot_stays_until_it_is_lost():
-    ada = Robot(*map(place, (1, 1.2, 2, 3, 4)), sees=at(1, 2, 3, 4))
-    bench = Bench(ada=ada)
-    bench.step()
-    ada.goal, ada.pose = REACHED, (1.0, 0.0, 0.0)
+    bench = Bench(ada=Robot(*map(place, (1, 1.2, 2, 3, 4)), sees=at(1, 2, 3, 4)), outcome=REACHED)
 
-    def stand(steps):
-        """Steps while the spot stays unseen; a robot that is sent arrives at once. Returns each x it was sent to."""
+    def run_unseen(steps):
+        """Runs while no camera sees the spot. Returns every x to which the robot was sent."""
         sent = []
         for _ in range(steps):
             bench.unseen_s += 0.25
-            goal = bench.step()
-            if goal is not None:
-                sent.append(goal)
-                ada.goal, ada.pose = REACHED, (goal, 0.0, 0.0)
+            sent += bench.run(1)
         return sent
 
-    assert not bench.run(60)
-    assert (stand(16), stand(44)) == ([2], [3]), "half a metre away, and not for ever: the laser may be off"
+    assert bench.run(61) == [1]
+    assert run_unseen(16) == [2], "half a metre away"
+    assert run_unseen(44) == [3], "and not for ever: the laser may be off"
     bench.unseen_s = 0.0
     bench.run(4)
     bench.now += FAILED_MEMORY
-    assert stand(20), "the tries count again"
+    assert run_unseen(20), "the tries count again"
 
 
 # ------------------------------------------------------------------ sightings
@@ -333,13 +328,8 @@ def test_another_robot_takes_over_when_one_fails(fault, limit):
 
 
 def test_the_first_robot_is_sent_again_when_the_second_fails_too():
-    bench, order = Bench(ada=Robot(place(1), place(2), place(3)), bob=Robot(place(20, 3.0))), []
-    for _ in range(40):
-        goal = bench.step()
-        if goal is not None:
-            order.append(goal)
-            bench.robots[bench.policy.serving].goal = FAILED
-    assert order[:3] == [1, 20, 2], "each place is tried once"
+    bench = Bench(ada=Robot(place(1), place(2), place(3)), bob=Robot(place(20, 3.0)), outcome=FAILED)
+    assert bench.run(40)[:3] == [1, 20, 2], "each place is tried once"
 
 
 def test_a_robot_that_failed_comes_after_one_that_did_not():

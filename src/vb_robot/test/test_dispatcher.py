@@ -49,6 +49,10 @@ class Lab:
             self.sent.append((self.now, self.robot))
         self.last_goal = goal
 
+    def wait(self, steps, **options):
+        for _ in range(steps):
+            self.step(**options)
+
     def robot_views(self, place):
         return bool(VIEW.sees(to_base(np.asarray(place)[None], self.robot))[0])
 
@@ -70,9 +74,7 @@ def test_the_robot_looks_where_people_notice_that_the_spot_is_lost():
     lab.draw_until(EDGE - 0.05, speed=0.5, robot_sees=False)
     lab.robot = (7.0, 0.5, 0.0)  # somebody has moved it
     lab.draw_until(EDGE + 0.3, robot_sees=False)
-    lost = lab.now
-    while lab.now < lost + 2.0:
-        lab.step()
+    lab.wait(8)
     for beyond in (0.0, 0.15, 0.3):
         assert lab.robot_views((EDGE + beyond, 2.5))
 
@@ -85,8 +87,7 @@ def test_a_restarted_dispatcher_sends_a_robot_to_a_blind_corner():
     points = np.array([[EDGE - 0.1, 2.5], [EDGE + 0.2, 2.5]])
     lab.dispatcher.set_progress("a", DrawingState(points[-1]), ["red"])
     assert lab.dispatcher.sightings.should_dispatch()
-    for _ in range(8):
-        lab.step(robot_sees=False)
+    lab.wait(8, robot_sees=False)
     assert lab.sent and lab.robot_views((EDGE + 0.2, 2.5)), "it comes to where the line was seen last"
 
 
@@ -95,12 +96,10 @@ def test_a_notice_says_that_a_robot_looks_for_the_spot():
     lab.draw_until(EDGE - 0.4)
     assert lab.dispatcher.notice is None
     lab.draw_until(EDGE + 0.2, robot_sees=False)
-    for _ in range(4):
-        lab.step(robot_sees=False)
+    lab.wait(4, robot_sees=False)
     assert lab.dispatcher.notice.code == "spot_not_seen_robot_looks"
     place = lab.robot
-    for _ in range(16):
-        lab.step(robot_sees=False)
+    lab.wait(16, robot_sees=False)
     assert math.dist(lab.robot[:2], place[:2]) >= 0.5 and lab.robot_views(lab.spot), "it looks from elsewhere, too"
     lab.goal = SentGoalState.NONE
     for _ in range(40):
@@ -130,8 +129,7 @@ def test_a_robot_within_a_closed_line_leaves_before_it_hides_the_seed(start):
     lab.dispatcher.sightings.set_state(SEED, "a", lab.now)
     lab.dispatcher.set_progress("a", DrawingState(carpet[0] - 0.02, carpet, closed=True), ["red"])
     lab.spot = np.array([10.0, 2.5])  # where nobody sees it
-    while lab.now < 105.0:
-        lab.step()
+    lab.wait(20)
     assert Polygon(carpet).distance(Point(lab.robot[:2])) >= 0.18
     assert lab.robot_views(carpet.mean(axis=0))
 
@@ -149,31 +147,31 @@ def test_a_bright_spot_after_the_seed_does_not_replace_it():
     assert lab.robot[0] >= 6.2 and lab.robot[1] >= 3.6, "off the seed's side"
 
 
-def look(cells, drawing, robot):
+def planner_of(cells, drawing, robot):
     """Returns the planner of a robot in an empty square of so many cells of 5 cm, with (0, 0) in its middle."""
     grid = GridMap(np.zeros((cells, cells), np.int8), 0.05, (-0.025 * cells, -0.025 * cells, 0.0))
-    grounds = RobotMap(0.18)
-    grounds.update(VIEW, grid, None)
-    return grounds.make_planner(drawing, DispatchStatus(robot), [])
+    robot_map = RobotMap(0.18)
+    robot_map.update(VIEW, grid, None)
+    return robot_map.make_planner(drawing, DispatchStatus(robot), [])
 
 
 def test_choosing_a_place_costs_the_same_in_a_hotel():
     """The searched window does not grow with the map, and the result is the same."""
-    answers = []
+    drawing, answers = DrawingState(np.array([0.5, 0.3]), np.array([[0.0, 0.3], [0.5, 0.3]])), []
     for cells in (200, 2000):
-        outlook = look(cells, DrawingState(np.array([0.5, 0.3]), np.array([[0.0, 0.3], [0.5, 0.3]])), (-2.0, 0.0, 0.0))
-        assert max(outlook.clearance_map.grid.shape) * 0.05 <= 12.0
-        answers.append(outlook.best_viewpoint((-2.0, 0.0, 0.0)).pose)
+        planner = planner_of(cells, drawing, (-2.0, 0.0, 0.0))
+        assert max(planner.clearance_map.grid.shape) * 0.05 <= 12.0
+        answers.append(planner.best_viewpoint((-2.0, 0.0, 0.0)).pose)
     assert answers[0] == pytest.approx(answers[1])
 
 
 def test_a_robot_from_far_away_comes_in_over_the_windows_edge():
     robot = (-25.0, 0.0, 0.0)
-    outlook = look(1200, DrawingState(np.array([0.5, 0.3])), robot)
-    grid = outlook.clearance_map.grid
+    planner = planner_of(1200, DrawingState(np.array([0.5, 0.3])), robot)
+    grid = planner.clearance_map.grid
     assert not grid.contains_cells(grid.world_to_cell(np.array([robot[:2]])))[0]
-    best = outlook.best_viewpoint(robot)
-    length = outlook.clearance_map.path_lengths(robot[:2], np.array([best.pose[:2]]))[0]
+    best = planner.best_viewpoint(robot)
+    length = planner.clearance_map.path_lengths(robot[:2], np.array([best.pose[:2]]))[0]
     assert best.pose[0] < 0.5 and length == pytest.approx(math.dist(robot[:2], best.pose[:2]), rel=0.1)
 
 

@@ -8,7 +8,8 @@ import pytest
 from driving_rig import PROFILE
 from vb_core.navigation_parameters import PATH_MARGIN
 from vb_robot.driving.escape import Escape
-from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
+from vb_robot.driving.spot_follower import SpotFollower
+from vb_robot.driving.velocity import VelocityRequest
 
 RADIUS = PROFILE.radius
 

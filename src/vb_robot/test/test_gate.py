@@ -8,21 +8,23 @@ import pytest
 from driving_rig import PROFILE
 from plain_rooms import empty, scan_of, with_border
 from vb_core.robot_profile import RobotProfile, Scanner
-from vb_robot.driving.gate import ESCAPE, FOLLOW, NAVIGATION, NONE, TELEOP, Gate
-from vb_robot.driving.spot_follower import VelocityRequest
+from vb_robot.driving.gate import ESCAPE, FOLLOW, NAVIGATION, NONE, TELEOP, CommandGate
+from vb_robot.driving.velocity import VelocityRequest
 from vb_robot.driving.workspace import Workspace
 
 RADIUS = PROFILE.radius
 
 
 def knowing_gate(profile=PROFILE, ranges=math.inf, fov=360, inside=False, touched="", speed_limits=None):
-    """Returns a gate with all inputs at 10 s: inside a border or not, bumper 1 `touched`, bumper 0 touched no more."""
-    gate = Gate(profile)
-    gate.workspace = Workspace(with_border(empty(), 0.0, 0.0, 8.0 * inside, 5.0), empty(), profile.radius)
+    """Returns a gate with all inputs at 10 s. Bumper 1's contact forbids the motion `touched`, if any."""
+    gate = CommandGate(profile)
+    borders = with_border(empty(), 0.0, 0.0, 8.0, 5.0) if inside else empty()
+    gate.workspace = Workspace(borders, empty(), profile.radius)
     gate.speed_limits = speed_limits
-    for number, blocks in enumerate(("forward", touched, "")):
-        gate.set_contact(("bumper", number), blocks)
-    gate.set_contact(("bumper", 0), "")
+    gate.set_contact(("bumper", 0), "forward")
+    gate.set_contact(("bumper", 1), touched)
+    gate.set_contact(("bumper", 2), "")
+    gate.set_contact(("bumper", 0), "")  # it is touched no more
     gate.set_scan(scan_of(np.full(fov, ranges), -math.radians(fov // 2), math.radians(1.0)), 10.0)
     gate.record_input("state", 10.0)
     gate.set_pose((4.0, 2.5, 0.0), 10.0)
@@ -82,7 +84,7 @@ def test_a_missing_input_stops_navigation_with_its_name_and_a_joystick_not_at_al
 
 
 def test_a_joystick_needs_only_the_scan():
-    gate = Gate(PROFILE)
+    gate = CommandGate(PROFILE)
     assert gate.limit(10.0, TELEOP, WISH) == (0.0, 0.0, "scan_lost")
     gate.set_scan(scan_of(np.full(360, math.inf)), 10.0)
     assert gate.limit(10.0, TELEOP, WISH) == (0.1, 0.0, "driving")
@@ -117,7 +119,7 @@ def test_a_clock_that_stands_still_stops_every_source():
     ],
 )
 def test_an_input_may_be_older_by_what_it_usually_comes_later(periods, limit):
-    gate, stamp = Gate(PROFILE), 100.0
+    gate, stamp = CommandGate(PROFILE), 100.0
     for period in [0.0, *periods]:
         stamp += period
         gate.set_pose((4.0, 2.5, 0.0), stamp)
@@ -126,7 +128,7 @@ def test_an_input_may_be_older_by_what_it_usually_comes_later(periods, limit):
 
 @pytest.mark.parametrize("ahead, first, last", [(-0.3, 0, 199), (0.0, 0, 499), (0.49, 0, 499), (0.6, 101, 1099)])
 def test_a_stamp_slightly_in_the_future_counts_as_now(ahead, first, last):
-    gate = Gate(PROFILE)
+    gate = CommandGate(PROFILE)
     gate.limit(100.0, NONE, VelocityRequest())
     gate.set_pose((4.0, 2.5, 0.0), 100.0 + ahead)
     valid_ms = [ms for ms in (0, 99, 101, 199, 201, 499, 501, 1099, 1101) if gate.pose(100.0 + ms / 1000.0)]
@@ -150,7 +152,7 @@ JUMPS = {  # (seconds, the pose's x [m] while the odometry stays as it is, wheth
 @pytest.mark.parametrize("clock_ahead", [0.0, 0.005])
 @pytest.mark.parametrize("steps", JUMPS.values(), ids=JUMPS)
 def test_a_jump_of_the_localisation_holds_the_robot_for_a_second(steps, clock_ahead):
-    gate = Gate(PROFILE)
+    gate = CommandGate(PROFILE)
     for seconds, x, is_held in steps:
         now, pose = 100.0 + seconds, None if x is None else (x, 0.0, 0.0)
         gate.set_pose(pose, now + clock_ahead, odometry=(0.0, 0.0, 0.0))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vb_robot.driving.rotation_shim import RECOVERY, RotationShim
-from vb_robot.driving.spot_follower import VelocityRequest
+from vb_robot.driving.velocity import VelocityRequest
 
 STEP, NOW = 0.05, 100.0  # [s]
 PATH = np.column_stack([np.linspace(0.0, 3.0, 61), np.zeros(61)])

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from plain_rooms import empty, scan_of, with_border
 from vb_core.robot_profile import Limits, RobotProfile
-from vb_robot.driving.gate import CLEARANCES, TELEOP, Gate
+from vb_robot.driving.gate import CLEARANCES, TELEOP, CommandGate
 from vb_robot.driving.safety import Clearance, Fix, arc, limit_around, pose_jump, safe_speed, stop_distance
-from vb_robot.driving.spot_follower import VelocityRequest
+from vb_robot.driving.velocity import VelocityRequest
 from vb_robot.driving.workspace import MAX_UNCERTAINTY, MIN_UNCERTAINTY, UNCERTAINTY_UPDATES, PoseUncertainty, Workspace
 
 LIMITS, RADIUS, KEEP = Limits(), 0.18, Clearance(0.12, 0.04, 0.05)
@@ -38,7 +38,7 @@ def test_a_profile_says_which_range_means_no_echo(reading, no_return):
 @pytest.mark.parametrize("room", [0.05, 0.1])
 @pytest.mark.parametrize("age", [0.0, 0.1, 0.25])
 def test_a_robot_stops_before_what_it_saw_however_old_the_scan(age, room):
-    gate, ranges = Gate(RobotProfile()), np.full(360, math.inf)
+    gate, ranges = CommandGate(RobotProfile()), np.full(360, math.inf)
     ranges[178:182] = RADIUS + CLEARANCES[TELEOP].ahead + room  # straight ahead
     gate.set_scan(scan_of(ranges), 10.0)
     v, _, code = gate.limit(10.0 + age, TELEOP, VelocityRequest(1.0, 0.0, "driving"))

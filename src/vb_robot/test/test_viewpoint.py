@@ -114,15 +114,15 @@ def test_the_target_is_ahead_of_a_moving_spot_and_not_in_a_wall(x, velocity, see
 
 
 # ------------------------------------------------------------------ viewpoints
-def offers(clearance_map, robot, drawing, others=(), least=0.3):
-    """Yields the best viewpoint, then the best at least `least` [m] from those before, up to twelve."""
-    outlook, avoid = ViewpointPlanner(clearance_map, VIEW, drawing, others), []
-    while len(avoid) < 12:
-        best = outlook.best_viewpoint(robot, avoid)
+def best_viewpoints(clearance_map, robot, drawing, others=()):
+    """Lists the best viewpoint, then the best at least 0.3 m from those before, up to twelve."""
+    planner, viewpoints = ViewpointPlanner(clearance_map, VIEW, drawing, others), []
+    while len(viewpoints) < 12:
+        best = planner.best_viewpoint(robot, [(*viewpoint.pose[:2], 0.3) for viewpoint in viewpoints])
         if best is None:
             break
-        avoid.append((*best.pose[:2], least))
-        yield best
+        viewpoints.append(best)
+    return viewpoints
 
 
 def check_invariants(clearance_map, viewpoints, drawing, robot):
@@ -156,31 +156,27 @@ def test_every_viewpoint_is_sound(x, y, angle, length):
     chain = spot - np.linspace(0.0, 0.5 * length, 6)[:, None] * direction if length else NO_POINTS
     drawing = DrawingState(spot, chain, direction if length else None)
     robot = (7.0, 0.7, 0.0)
-    check_invariants(CLEARANCE_MAP, list(offers(CLEARANCE_MAP, robot, drawing)), drawing, robot)
+    check_invariants(CLEARANCE_MAP, best_viewpoints(CLEARANCE_MAP, robot, drawing), drawing, robot)
 
 
 def test_open_floor_has_viewpoints_on_the_robots_side():
-    drawing = DrawingState(np.array([6.0, 2.5]), NO_POINTS)
-    viewpoints = list(offers(CLEARANCE_MAP, (6.0, 0.5, 0.0), drawing))
+    viewpoints = best_viewpoints(CLEARANCE_MAP, (6.0, 0.5, 0.0), DrawingState(np.array([6.0, 2.5]), NO_POINTS))
     assert len(viewpoints) == 12, "as many as are asked for"
     assert viewpoints[0].pose[1] < 2.0, "it need not go round the spot"
 
 
 def test_robot_that_only_has_to_turn_does_not_drive():
     # the spot lies 1.3 m to its left: poses closer to the best distance are a few decimetres away
-    viewpoints = list(offers(CLEARANCE_MAP, (6.0, 1.0, 0.0), DrawingState(np.array([6.0, 2.3]), NO_POINTS)))
+    viewpoints = best_viewpoints(CLEARANCE_MAP, (6.0, 1.0, 0.0), DrawingState(np.array([6.0, 2.3]), NO_POINTS))
     assert viewpoints[0].pose == pytest.approx((6.0, 1.0, math.pi / 2))
 
 
 def test_places_of_other_robots_are_taken():
     drawing = DrawingState(np.array([6.0, 2.5]), NO_POINTS)
     robot = (6.0, 0.5, math.pi / 2)
-    free = list(offers(CLEARANCE_MAP, robot, drawing))
-    taken = [free[0].pose[:2]]
-    viewpoints = list(offers(CLEARANCE_MAP, robot, drawing, taken))
-    assert viewpoints
-    for viewpoint in viewpoints:
-        assert math.dist(viewpoint.pose[:2], taken[0]) >= 2 * 0.18 + 0.10
+    taken = best_viewpoints(CLEARANCE_MAP, robot, drawing)[0].pose[:2]
+    others = best_viewpoints(CLEARANCE_MAP, robot, drawing, [taken])
+    assert min(math.dist(viewpoint.pose[:2], taken) for viewpoint in others) >= 2 * 0.18 + 0.10
 
 
 def test_paths_lead_round_other_robots():
@@ -193,18 +189,18 @@ def test_paths_lead_round_other_robots():
 
 def test_unreachable_spot_has_no_viewpoint():
     shut = ClearanceMap(two_rooms(door=False), 0.18)
-    assert list(offers(shut, (1.0, 1.0, 0.0), DrawingState(np.array([7.0, 2.0]), NO_POINTS))) == []
+    assert best_viewpoints(shut, (1.0, 1.0, 0.0), DrawingState(np.array([7.0, 2.0]), NO_POINTS)) == []
 
 
 def test_seed_side_is_left():
     door = np.array([[4.0, 3.65], [4.0, 4.35]])
     # the seed and the robot are in the right room: the robot must leave it
     drawing = DrawingState(np.array([7.0, 1.0]), door, None, closed=False, seeding=True)
-    viewpoints = list(offers(CLEARANCE_MAP, (6.0, 1.0, 0.0), drawing))
+    viewpoints = best_viewpoints(CLEARANCE_MAP, (6.0, 1.0, 0.0), drawing)
     assert viewpoints and viewpoints[0].pose[0] < 4.0 and not viewpoints[0].sees_spot
     assert not ViewpointPlanner(CLEARANCE_MAP, VIEW, drawing).shows_target((6.0, 1.0, 0.0))
     # the seed cannot be seen from the left room, and the robot need not go anywhere
-    assert list(offers(CLEARANCE_MAP, (1.0, 3.0, 0.0), drawing)) == []
+    assert best_viewpoints(CLEARANCE_MAP, (1.0, 3.0, 0.0), drawing) == []
 
 
 CARPET = np.array([[5.1, 1.6], [7.1, 1.6], [7.1, 2.9], [5.1, 2.9]])
@@ -216,10 +212,9 @@ def test_a_robot_is_not_sent_where_the_border_would_lock_it_in(x, y, yaw, seedin
     # three sides are drawn; while the seed is shown, a robot inside has to leave
     spot, velocity = (CARPET.mean(axis=0), None) if seeding else (CARPET[3], np.array([0.0, -1.0]))
     drawing = DrawingState(spot, CARPET, velocity, closed=seeding, seeding=seeding, seen_by_stationary=True)
-    viewpoints = list(offers(CLEARANCE_MAP, (x, y, yaw), drawing))[:4]
-    assert viewpoints
-    for viewpoint in viewpoints:
-        assert Polygon(CARPET).distance(Point(viewpoint.pose[:2])) >= CLEARANCE_MAP.radius
+    viewpoints = best_viewpoints(CLEARANCE_MAP, (x, y, yaw), drawing)[:4]
+    gaps = [Polygon(CARPET).distance(Point(viewpoint.pose[:2])) for viewpoint in viewpoints]
+    assert min(gaps) >= CLEARANCE_MAP.radius
 
 
 def seed_within(chain, seen_by_stationary):
@@ -260,13 +255,13 @@ def test_a_robot_crosses_the_seeds_side_only_for_an_unseen_seed():
 def test_a_view_from_inside_the_border_is_offered_only_until_the_seed_is_shown():
     ring = np.array([[4.4, 0.3], [7.7, 0.3], [7.7, 4.7], [4.4, 4.7]])
     robot = (1.0, 4.0, 0.0)
-    assert list(offers(CLEARANCE_MAP, robot, DrawingState(np.array([6.0, 2.5]), ring)))
+    assert best_viewpoints(CLEARANCE_MAP, robot, DrawingState(np.array([6.0, 2.5]), ring))
     shown = DrawingState(np.array([6.0, 2.5]), ring, None, closed=True, seeding=True)
-    assert list(offers(CLEARANCE_MAP, robot, shown)) == []
+    assert best_viewpoints(CLEARANCE_MAP, robot, shown) == []
 
 
 def test_seed_outside_sends_the_robot_into_the_allowed_corner():
     line = np.array([[6.0, 4.95], [6.0, 3.4], [7.95, 3.4]])
     drawing = DrawingState(np.array([5.3, 3.0]), line, None, closed=False, seeding=True, seen_by_stationary=True)
-    best = next(offers(CLEARANCE_MAP, (7.0, 1.0, 1.5), drawing))
+    best = best_viewpoints(CLEARANCE_MAP, (7.0, 1.0, 1.5), drawing)[0]
     assert best.pose[0] > 6.1 and best.pose[1] > 3.5

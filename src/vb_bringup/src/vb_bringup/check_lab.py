@@ -24,11 +24,11 @@ from sensor_msgs.msg import LaserScan
 from vb_msgs.msg import DetectorStatus, RobotStatus, RobotStatusArray, VirtualBorderArray
 
 from vb_bringup.lab_readiness import check_camera, check_disk, check_map, check_nodes, check_robot, is_all_known
-from vb_bringup.launch_check import read_parameters
+from vb_bringup.launch_check import UNIQUE_NODE, read_parameters
 from vb_bringup.new_lab import parse_source
 from vb_core import names, sentences
 from vb_core.errors import CodedError
-from vb_core.lab_offer import offer
+from vb_core.capabilities import derive_capabilities
 from vb_core.node_graph import NodeGraph
 from vb_core.notices import Notice, Severity
 from vb_core.robot_profile import Scanner
@@ -45,7 +45,7 @@ READY, FAULTS, NO_MASTER = 0, 1, 3
 _STATES = {Severity.INFO: "ok", Severity.WARNING: "warning", Severity.ERROR: "error"}
 _STYLES = {Severity.INFO: "green", Severity.WARNING: "yellow", Severity.ERROR: "bold red"}
 # nodes that must run if the launch file has set their parameters; camera_poses reports missing detectors
-_NODES = ("/map_integrator", "/border_fusion", "/interaction_manager", "/camera_poses", "/robot_monitor")
+_NODES = (UNIQUE_NODE, "/border_fusion", "/interaction_manager", "/camera_poses", "/robot_monitor")
 _CONNECTION_TIMEOUT = 5.0  # [s] a publisher that is not reached within this is a fault to report
 
 
@@ -55,7 +55,7 @@ def observe_lab(seconds: float) -> List[Notice]:
     newest, statuses, notices = _listen(seconds)
     running = graph.nodes | read_graph().nodes  # while a node restarts, the master does not list it
     lines = check_nodes(
-        [node for node in _NODES if node not in running and (node == _NODES[0] or rospy.has_param(node))]
+        [node for node in _NODES if node not in running and (node == UNIQUE_NODE or rospy.has_param(node))]
     )
     if rospy.has_param("/border_fusion") and not statuses:
         lines.append(Notice("lab_no_cameras", Severity.WARNING))
@@ -72,7 +72,7 @@ def observe_lab(seconds: float) -> List[Notice]:
         values = {"in_force": sum(border.in_force for border in borders), "count": len(borders)}
         lines.append(Notice("lab_borders_ok", Severity.INFO, values=values))
     if names.ROBOTS in newest:
-        lines += offer(connections_from_message(newest[names.ROBOTS])).lines
+        lines += derive_capabilities(connections_from_message(newest[names.ROBOTS])).lines
         for robot in newest[names.ROBOTS].robots:
             lines += _check_robot(robot, newest)
     lines += _check_computer(running)
@@ -84,7 +84,7 @@ def _listen(seconds: float) -> Tuple[Dict[str, Any], Dict[str, DetectorStatus], 
     """Returns the newest message of each topic, the newest status of each camera, and the notices that hold."""
     newest: Dict[str, Any] = {}
     statuses: Dict[str, DetectorStatus] = {}
-    scans = {_scan(robot) for robot in rospy.get_param("/robot_monitor/robots", []) or [""]} - {""}
+    scans = {_scan_topic(robot) for robot in rospy.get_param("/robot_monitor/robots", []) or [""]} - {""}
     topics = {
         names.PHYSICAL_MAP: OccupancyGridArray,
         names.MAP_WITH_BORDERS: OccupancyGridArray,
@@ -112,7 +112,7 @@ def _has_delay(detector: Mapping[str, Any]) -> bool:
     return False
 
 
-def _scan(robot: str) -> str:
+def _scan_topic(robot: str) -> str:
     """Returns the topic of a robot's scanner, or "" if it has none."""
     try:
         scanner = robot_profile.read(robot).scanner
@@ -123,15 +123,15 @@ def _scan(robot: str) -> str:
 
 def _check_robot(status: RobotStatus, newest: Mapping[str, Any]) -> List[Notice]:
     navigation = _parameters(status.move_base) if status.move_base else {}
-    topic = _scan(status.robot)
-    scan: Optional[LaserScan] = newest.get(topic)
+    scan_topic = _scan_topic(status.robot)
+    scan: Optional[LaserScan] = newest.get(scan_topic)
     covered = 0.0 if scan is None else float(np.degrees(scan.angle_max - scan.angle_min))
-    has_margin = any(name.endswith(names.MAP_WITH_MARGIN) for name in status.maps)
+    has_margin = any(topic.endswith(names.MAP_WITH_MARGIN) for topic in status.maps)
     return check_robot(
         status.robot,
-        has_margin or not (status.driver and status.plans_round_borders),
-        topic,
-        covered if status.driver and topic else None,
+        status.driver and status.plans_round_borders and not has_margin,
+        scan_topic,
+        covered if status.driver and scan_topic else None,
         bool(navigation.get("make_plan_clear_costmap", True)) and "global_costmap" in navigation,
     )
 
@@ -154,10 +154,9 @@ def _check_computer(running: Any) -> List[Notice]:
     lacking = rospy.get_param(f"{display}/lacking", "") if display else ""
     if lacking:
         lines.append(Notice(lacking, Severity.WARNING, values={"node": display}))
-    place = Path(str(rospy.get_param("/map_integrator/database_dir", "~"))).expanduser()
-    while not place.exists():
-        place = place.parent
-    lines.append(check_disk(str(place), shutil.disk_usage(str(place)).free / 2**20, os.access(str(place), os.W_OK)))
+    database = Path(str(rospy.get_param("/map_integrator/database_dir", "~"))).expanduser()
+    folder = str(next(path for path in (database, *database.parents) if path.exists()))
+    lines.append(check_disk(folder, shutil.disk_usage(folder).free / 2**20, os.access(folder, os.W_OK)))
     return lines
 
 

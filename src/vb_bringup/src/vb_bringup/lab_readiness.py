@@ -23,12 +23,12 @@ _IMAGES = ("sensor_msgs/Image", "sensor_msgs/CompressedImage")
 _HARDLY_ANY = 0.01  # share of unknown cells; shades in between may still be unknown where all else was read as free
 
 
-def check_camera(graph: NodeGraph, name: str, parameters: Mapping[str, Any], measured: bool, rate: float) -> Notice:
+def check_camera(graph: NodeGraph, name: str, parameters: Mapping[str, Any], has_delay: bool, rate: float) -> Notice:
     """Checks how a camera's images reach its detector. The detector itself reports whether they are usable.
 
     Args:
         parameters: the detector's parameters; empty if the camera is on a robot.
-        measured: whether somebody has measured a source's delay, even if the delay is 0.
+        has_delay: whether a source's delay was measured, even if it is 0.
         rate: [1/s] searched images per second.
     """
     source, delay = str(parameters.get("source", "")), parameters.get("capture", {}).get("delay_ms", 0.0)
@@ -51,20 +51,20 @@ def check_camera(graph: NodeGraph, name: str, parameters: Mapping[str, Any], mea
         return line(Severity.ERROR, "lab_camera_no_publisher")
     if len(publishers) > 1:
         return line(Severity.ERROR, "lab_camera_many_publishers", nodes=", ".join(publishers))
-    if "://" in source and not (delay or measured):
+    if "://" in source and not (delay or has_delay):
         return line(Severity.WARNING, "lab_camera_no_delay")
     code = "lab_camera_ok_delay" if source else "lab_camera_ok"
     return line(Severity.INFO, code, rate=f"{rate:.1f}", delay=f"{delay:g}")
 
 
 def check_robot(
-    name: str, keeps_margin: bool, scan_topic: str, scan_deg: Optional[float], clears_plans: bool
+    name: str, lacks_margin: bool, scan_topic: str, scan_deg: Optional[float], clears_plans: bool
 ) -> List[Notice]:
     """Checks the scanner of a lab's own robot, and the costmaps and parameters of its navigation.
 
     Args:
         name: "" for the only robot.
-        keeps_margin: whether it plans on the driver's keep_out; True also without a driver or borders to plan round.
+        lacks_margin: whether it plans round borders, but not on its driver's map with a margin (keep_out).
         scan_deg: [deg] what its scan covers; 0: no scan arrived, None: it has no scanner, or no driver that needs it.
         clears_plans: whether make_plan clears the costmap around the robot first, and borders with it.
     """
@@ -73,7 +73,7 @@ def check_robot(
         return Notice(code, severity, robot=name, values={"robot": sentences.robot_value(name), **values})
 
     faults = []
-    if not keeps_margin:
+    if lacks_margin:
         faults.append(line(Severity.WARNING, "lab_robot_without_margin"))
     if scan_deg == 0.0:
         faults.append(line(Severity.WARNING, "lab_robot_no_scan", topic=scan_topic))
@@ -127,7 +127,6 @@ def check_nodes(missing: Sequence[str]) -> List[Notice]:
 
 def check_disk(folder: str, free_mb: float, writable: bool = True) -> Notice:
     """Checks whether the folder of borders and records has room and is writable."""
-    code = "lab_disk_ok" if free_mb >= MIN_DISK_MB else "lab_disk_full"
-    code = code if writable else "lab_disk_read_only"
-    state = Severity.INFO if code == "lab_disk_ok" else Severity.ERROR
-    return Notice(code, state, values={"folder": folder, "free": f"{free_mb:.0f}"})
+    code = "lab_disk_read_only" if not writable else "lab_disk_full" if free_mb < MIN_DISK_MB else "lab_disk_ok"
+    severity = Severity.INFO if code == "lab_disk_ok" else Severity.ERROR
+    return Notice(code, severity, values={"folder": folder, "free": f"{free_mb:.0f}"})

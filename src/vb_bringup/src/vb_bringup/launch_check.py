@@ -185,15 +185,12 @@ def check_values(values: Mapping[str, str], kinds: Mapping[str, Kind] = KINDS) -
 # ------------------------------------------------------------ what is installed, and what runs
 def declared_arguments(files: Iterable[Path]) -> List[str]:
     """Lists the arguments that launch files declare without a fixed value. Included files do not count."""
-    names = []
+    names = set()
     for path in files:
-        pending = [ElementTree.parse(str(path)).getroot()]
-        while pending:
-            element = pending.pop()
-            if element.tag == "arg" and element.get("value") is None:
-                names.append(str(element.get("name")))
-            pending += [child for child in element if child.tag in ("arg", "group")]
-    return sorted(set(names))
+        root = ElementTree.parse(str(path)).getroot()
+        arguments = [*root.findall("arg"), *root.findall(".//group/arg")]
+        names.update(str(argument.get("name")) for argument in arguments if argument.get("value") is None)
+    return sorted(names)
 
 
 def check_installed(programs: Iterable[str]) -> None:
@@ -232,7 +229,7 @@ def check_alone(master_uri: str) -> None:
     raise CodedError("lab_already_running", node=UNIQUE_NODE, process=process)
 
 
-def launch_of(process: int) -> Tuple[List[str], List[Path], str]:
+def find_launch(process: int) -> Tuple[List[str], List[Path], str]:
     """Finds roslaunch's arguments: names of the launch arguments, launch files, URI of the master that it will use.
 
     All are empty if the process starts nothing, or is another program, such as a test that runs its own master.
@@ -256,7 +253,7 @@ def launch_of(process: int) -> Tuple[List[str], List[Path], str]:
 def run() -> int:
     """Checks what the parent process, roslaunch, is about to start. Returns the exit status, 0 or 1."""
     parser = argparse.ArgumentParser(prog="launch_check", description=__doc__.split("\n")[0])
-    parser.add_argument("what", choices=("lab", "simulation", "navigation"))
+    parser.add_argument("launch_file", choices=("lab", "simulation", "navigation"))
     parser.add_argument(
         "words", nargs="*", help="NAME:=VALUE of the launch file's arguments; or programs of the navigation stack"
     )
@@ -264,13 +261,13 @@ def run() -> int:
     process = os.getppid()
     files: List[Path] = []
     try:
-        arguments, files, master_uri = launch_of(process)
+        arguments, files, master_uri = find_launch(process)
         check_arguments(arguments, declared_arguments(files))
-        if options.what == "navigation":
+        if options.launch_file == "navigation":
             check_installed(options.words)
         else:
             values = {name: value for name, _, value in (word.partition(":=") for word in options.words)}
-            check_values(values, {**KINDS, **(SIMULATION if options.what == "simulation" else {})})
+            check_values(values, {**KINDS, **(SIMULATION if options.launch_file == "simulation" else {})})
             if master_uri:
                 check_alone(master_uri)
     except CodedError as error:

@@ -19,7 +19,7 @@ import time
 import webbrowser
 from collections import deque
 from pathlib import Path
-from typing import Any, Callable, Deque, Dict, List, Optional
+from typing import Any, Callable, Deque, List, Optional
 
 import cv2
 import numpy as np
@@ -52,7 +52,8 @@ from vb_msgs.msg import LaserSpot, VirtualBorderArray
 
 CAMERA = "camera"
 PORT = 8420
-_CELL, _FAR = 0.025, 10.0  # [m] cell of the map; floor that is farther from the camera is left out
+_CELL = 0.025  # [m] of the map
+_FAR = 10.0  # [m] floor that is farther from the camera is left out
 _GRID = 0.5  # [m] between the lines that the page draws
 # [s] without a spot in the video
 _SEED_PAUSE = 1.0  # between a line and its seed
@@ -94,7 +95,7 @@ def grid_lines(view: FloorView, floor: GridMap) -> List[List[List[float]]]:
     return [line for line in lines if len(line) > 1]
 
 
-def write_try(folder: Path, source: str, view: FloorView, profiles: Path) -> None:
+def write_camera_lab(folder: Path, source: str, view: FloorView, profiles: Path) -> None:
     """Deletes what is in the lab's folder, and writes camera, lens, pose and an empty map into it.
 
     Raises:
@@ -110,26 +111,24 @@ def write_try(folder: Path, source: str, view: FloorView, profiles: Path) -> Non
 
 # ------------------------------------------------------------- the page that asks for the corners
 class CornerPage:
-    """Shows the camera's picture, and asks for four corners on it."""
+    """Shows the camera's picture, and asks for the four corners of a rectangle on it."""
 
     def __init__(self, source: str) -> None:
-        self.view: Optional[FloorView] = None
+        self.fault: Optional[CodedError] = None  # why the camera sends no pictures, if it is known
         self._newest: Deque[Shot] = deque(maxlen=1)
-        self.error = ""  # why there is no picture
-        self._source = CameraSource(source, CaptureParams(), self._newest.append, self._show_error)
+        self._source = CameraSource(source, CaptureParams(), self._newest.append, self._set_fault)
         self._source.start()
 
-    def _show_error(self, error: Optional[CodedError]) -> None:
-        previous, self.error = self.error, ""
-        if error is not None:
-            self.error = CodedError(error.code, **{**error.values, "camera": "1"}).message
-        if self.error not in ("", previous):
-            print(f"  {self.error}\n  If this does not help, end it with Ctrl-C, and report what this prints:")
+    def _set_fault(self, error: Optional[CodedError]) -> None:
+        fault = None if error is None else CodedError(error.code, **{**error.values, "camera": "1"})
+        if fault is not None and str(fault) != str(self.fault):
+            print(f"  {fault.message}\n  If this does not help, end it with Ctrl-C, and report what this prints:")
             print(f"    . scripts/env.sh; {describing_command(self._source.address)}", flush=True)
+        self.fault = fault
 
     async def ask(self, port: int) -> FloorView:
-        """Serves the page until the corners are given."""
-        self._done = asyncio.Event()
+        """Serves the page until somebody accepts a floor. Returns the camera's view of it."""
+        self._accepted: asyncio.Queue = asyncio.Queue()
         handlers = {r"/": _Page, r"/image\.jpg": _Picture, r"/(floor|start)": _Floor}
         application = tornado.web.Application(log_function=lambda _handler: None)
         # other sites' pages must not get at the camera by a host name of theirs (DNS rebinding)
@@ -137,31 +136,22 @@ class CornerPage:
             r"(localhost|127\.0\.0\.1)", [(path, handler, {"page": self}) for path, handler in handlers.items()]
         )
         server = application.listen(port, "127.0.0.1")
-        await self._done.wait()
+        view = await self._accepted.get()
         await asyncio.sleep(0.3)  # until the answer has been sent
         server.stop()
         await server.close_all_connections()
         self._source.close()
-        return self.view
+        return view
 
-    def picture(self) -> Optional[np.ndarray]:
-        """Returns the newest picture (H, W, 3) bgr."""
-        return self._newest[-1].picture().pixels if self._newest else None
+    def picture(self) -> np.ndarray:
+        """Returns the newest picture (H, W, 3) bgr. Raises a CodedError that says why there is none."""
+        if not self._newest:
+            raise CodedError("camera_opening") if self.fault is None else self.fault.without_traceback()
+        return self._newest[-1].picture().pixels
 
-    def judge(self, request: Dict[str, Any], start: bool) -> Dict[str, Any]:
-        """Returns the floor's grid and worst error from four corners. Raises CodedError "bad_rectangle"."""
-        picture = self.picture()
-        corners = np.array(request["corners"], float).reshape(4, 2)
-        size = float(request["width"]), float(request["depth"])
-        image = picture.shape[1], picture.shape[0]
-        view = view_rectangle(corners, size, image)
-        floor = seen_floor(view)
-        if start:
-            self.view = view
-            self._done.set()
-        places = floor.cell_to_world(np.argwhere(floor.data == 0)[:: max(1, floor.data.size // 400)])
-        worst = click_uncertainty(corners, size, image, project(view.camera, view.T_map_camera, places))
-        return {"lines": grid_lines(view, floor), "worst_cm": round(100.0 * min(worst, 9.99))}
+    def accept(self, view: FloorView) -> None:
+        """Makes `ask` return this view of the floor."""
+        self._accepted.put_nowait(view)
 
 
 class _Handler(tornado.web.RequestHandler):
@@ -179,23 +169,37 @@ class _Picture(_Handler):
     def get(self) -> None:
         try:
             picture = self.page.picture()
-        except CodedError:
-            picture = None  # half an image: the next one is on its way
-        if picture is None or self.page.error:
+            fault = self.page.fault
+        except CodedError as error:
+            fault = error
+        if fault is not None:
             self.set_status(503)
-            self.write(self.page.error or "The camera is being opened.")
+            self.write(fault.message)
             return
         self.set_header("Content-Type", "image/jpeg")
         self.write(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes())
 
 
 class _Floor(_Handler):
+    """Answers marked corners with lines on the floor and the largest error of a spot. "start" also accepts them."""
+
     def post(self, step: str) -> None:
         try:
-            self.write(self.page.judge(json.loads(self.request.body), step == "start"))
+            height, width = self.page.picture().shape[:2]
+            request = json.loads(self.request.body)
+            corners = np.array(request["corners"], float).reshape(4, 2)
+            size = float(request["width"]), float(request["depth"])
+            view = view_rectangle(corners, size, (width, height))
+            floor = seen_floor(view)
+            places = floor.cell_to_world(np.argwhere(floor.data == 0)[:: max(1, floor.data.size // 400)])
+            pixels = project(view.camera, view.T_map_camera, places)
+            worst = click_uncertainty(corners, size, (width, height), pixels)
+            if step == "start":
+                self.page.accept(view)
+            self.write({"lines": grid_lines(view, floor), "worst_cm": round(100.0 * min(worst, 9.99))})
         except CodedError as error:
             self.write({"error": error.message})
-        except (ValueError, KeyError, TypeError, AttributeError):
+        except (ValueError, KeyError, TypeError):
             self.set_status(400)
             self.write({"error": CodedError("bad_rectangle").message})
 
@@ -256,7 +260,10 @@ class TryLab:
 
 
 def run(arguments: Optional[List[str]] = None) -> int:
-    """Asks for the corners, starts the lab, and keeps the borders' file until Ctrl-C. Returns 0 on success."""
+    """Finds the floor, starts the lab, and keeps the borders' file until Ctrl-C. Returns the exit status.
+
+    A camera's floor is asked for on a page. The supplied video's floor is known, and its commands are given.
+    """
     parser = argparse.ArgumentParser(prog="try_camera", description=__doc__.split("\n")[0])
     parser.add_argument("--camera", default="", help="number, device, address or file; left out: plays a video of ours")
     parser.add_argument("--out", type=Path, default=Path("out/try"), help="folder for the lab and the borders")
@@ -266,55 +273,54 @@ def run(arguments: Optional[List[str]] = None) -> int:
     import rospkg
 
     package = Path(rospkg.RosPack().get_path("vb_bringup"))
-    if options.camera:
-        source, truth = parse_source(options.camera), None
-    else:
-        source = str(package / "try/room.mp4")
-        truth = yaml.safe_load((package / "try/room.yaml").read_text(encoding="utf-8"))
     folder, port = options.out.expanduser().resolve(), free_port(options.port)
     address = f"http://127.0.0.1:{port}/"
-    if truth is None:
+    if options.camera:
+        source = parse_source(options.camera)
         print(f"Open {address} and mark four corners of something on the floor whose size you know.", flush=True)
         webbrowser.open(address)
         view = asyncio.run(CornerPage(source).ask(port))
     else:
+        source = str(package / "try/room.mp4")
+        truth = yaml.safe_load((package / "try/room.yaml").read_text(encoding="utf-8"))
         view = view_rectangle(np.array(truth["corners"]), (truth["width"], truth["depth"]), tuple(truth["image"]))
-    write_try(folder / "lab", source, view, package / "robots")
-    ros = free_port()
-    os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{ros}", ROS_LOG_DIR=str(folder / "log"))
+    write_camera_lab(folder / "lab", source, view, package / "robots")
+    master_port = free_port()
+    os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{master_port}", ROS_LOG_DIR=str(folder / "log"))
     print("Starting the detector, the map and the page ...", flush=True)
-    lab = roslaunch([folder / "lab/lab.launch"], folder / "log/roslaunch.txt", ros, rviz=False, page_port=port)
+    lab = roslaunch([folder / "lab/lab.launch"], folder / "log/roslaunch.txt", master_port, rviz=False, page_port=port)
     try:
-        instructions = "" if truth else _INSTRUCTIONS + (_REPEAT_NOTE if is_file(source) else "")
-        return _follow(folder, address, instructions, options.once, lab)
+        if not _wait_for_services(lab):
+            print(lab.tail(), file=sys.stderr)
+            return 1
+        running = TryLab(folder)
+        print(f"The page is at {address}", flush=True)
+        if options.camera:
+            print(_INSTRUCTIONS + (_REPEAT_NOTE if is_file(source) else ""), flush=True)
+        else:
+            running.play()
+            if options.once:
+                return 0
+        print("Ctrl-C ends it.", flush=True)
+        while lab.running:
+            time.sleep(0.5)
+        return 1
     finally:
         lab.stop()
 
 
-def _follow(folder: Path, address: str, instructions: str, once: bool, lab: Any) -> int:
-    """Follows the running lab. Shows people the instructions or, without any, gives the supplied video's commands."""
+def _wait_for_services(lab: Any) -> bool:
+    """Waits for the lab's master and for the services that a border passes. Returns whether all of them answer."""
     wait_until(lambda: rosgraph.is_master_online() or not lab.running, _START_TIMEOUT)  # roslaunch starts the master
+    if not lab.running:
+        return False
     try:
-        if not lab.running:
-            raise rospy.ROSException
         rospy.init_node("try_camera", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
-        for service in (names.COMMAND, names.GET_DRAWN_BORDER, names.PREVIEW_BORDER):  # of all that a border passes
+        for service in (names.COMMAND, names.GET_DRAWN_BORDER, names.PREVIEW_BORDER):
             rospy.wait_for_service(service, _START_TIMEOUT)
     except rospy.ROSException:
-        print(lab.tail(), file=sys.stderr)
-        return 1
-    running = TryLab(folder)
-    print(f"The page is at {address}", flush=True)
-    if instructions:
-        print(instructions, flush=True)
-    else:
-        running.play()
-        if once:
-            return 0
-    print("Ctrl-C ends it.", flush=True)
-    while lab.running:
-        time.sleep(0.5)
-    return 1
+        return False
+    return True
 
 
 def main() -> None:

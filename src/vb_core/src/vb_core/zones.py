@@ -20,7 +20,7 @@ class Zone:
 
     Attributes:
         number: the zone's number in vb_msgs/VirtualBorder.
-        kept_by: returns whether a robot, a localised vb_core.lab_offer.ConnectedRobot, keeps its rule.
+        kept_by: returns whether a robot, a localised vb_core.capabilities.ConnectedRobot, keeps its rule.
         restricts: whether its area is marked in the map with borders.
         soft: whether robots may go there if the detour is long: delta is below 1.
         limits_speed: whether it has a speed limit.

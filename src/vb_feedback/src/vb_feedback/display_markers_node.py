@@ -12,12 +12,12 @@ from nav_msgs.msg import OccupancyGrid
 from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_core.lab_offer import effective
+from vb_core.capabilities import effective_commands
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters, robot_profile
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_grid
 from vb_core.ros.notices import NoticeListener
-from vb_core.ros.robot_status import OfferListener
+from vb_core.ros.robot_status import CapabilitiesListener
 from visualization_msgs.msg import Marker, MarkerArray
 
 from vb_feedback.display import display_messages, restriction_overlay, scene
@@ -83,7 +83,7 @@ class DisplayMarkersNode:
         self._layout: Layout = fit_view(Box(0.0, 0.0, 8.0, 5.0), params.screen_aspect)
         self._inputs = InputListener(self._wake.set)
         self._notices = NoticeListener(self._wake.set)
-        self._robots = OfferListener(self._wake.set)
+        self._robots = CapabilitiesListener(self._wake.set)
 
         self._restricted = rospy.Publisher(RESTRICTED, OccupancyGridArray, queue_size=1, latch=True)
         self._markers = rospy.Publisher(names.MARKERS, MarkerArray, self._on_subscriber(), queue_size=20)
@@ -179,7 +179,7 @@ class DisplayMarkersNode:
         content = display_messages.panel_from_state(known.state, cameras_seeing_spot, shown, has_map, params.language)
         connected = self._robots.current()
         if connected is not None:
-            content = replace(content, commands=effective(connected[1], content.commands))
+            content = replace(content, commands=effective_commands(connected[1], content.commands))
         shapes = list(self._part("words", (layout, content), lambda: words(layout, content)))
         sentence = sentences.translate("display_off", {}, params.language)
         shapes += self._part(

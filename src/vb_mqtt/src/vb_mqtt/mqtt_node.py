@@ -19,13 +19,13 @@ from vb_core import names, sentences
 from vb_core.errors import CodedError, ParameterError
 from vb_core.rate_limiter import Limiter
 from vb_core.notices import Notice, Severity
-from vb_core.lab_offer import effective
+from vb_core.capabilities import effective_commands
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters, services
 from vb_core.ros.commands import CommandSender, send
 from vb_core.ros.messages import OccupancyGridArray
 from vb_core.ros.notices import NoticeListener, NoticePublisher
-from vb_core.ros.robot_status import OfferListener
+from vb_core.ros.robot_status import CapabilitiesListener
 from vb_core.vocabulary import COMMANDS
 from vb_mqtt import entities
 from vb_mqtt.broker_connection import MqttClient, read_connection
@@ -92,7 +92,11 @@ class MqttNode:
         self._broker = MqttClient(params.broker, connection, params.device, will, subscriptions, _on_fault)
         self._command_sender = CommandSender(SOURCE, self._on_answer)
         self._command_sender.connect()
-        self._notice_publisher, self._notices, self._robots = NoticePublisher(), NoticeListener(), OfferListener()
+        self._notice_publisher, self._notices, self._robots = (
+            NoticePublisher(),
+            NoticeListener(),
+            CapabilitiesListener(),
+        )
         self._maps, self._publish_timer = node.Mailbox(), node.WakeTimer(_PERIOD)
         self._subscribe()
         self._broker.put(will[0], ONLINE.encode())
@@ -161,7 +165,7 @@ class MqttNode:
 
     def _put_health(self) -> None:
         manager, robots = self._is_heard(MANAGER), self._robots.current()
-        offered = effective(robots[1], tuple(COMMANDS)) if robots is not None else COMMANDS
+        offered = effective_commands(robots[1], tuple(COMMANDS)) if robots is not None else COMMANDS
         health = {command: manager and command in offered for command in COMMANDS}
         health.update(
             {MANAGER: manager, entities.MONITOR: robots is not None, entities.CONFIRM: manager and self._asked}

@@ -94,13 +94,13 @@ class ClearanceMap:
             free[tuple(cells[np.linalg.norm(centers - other, axis=1) < 2.0 * self.radius + TRAVEL_MARGIN].T)] = False
         distances = np.where(free[tuple(cells.T)], np.linalg.norm(centers - start, axis=1), np.inf)
         if self.grid.contains_cells(self.grid.world_to_cell(start))[0]:
-            gates = np.argsort(distances, kind="stable")[:1]
-            gates = gates[distances[gates] <= START_TOLERANCE]
+            entries = np.argsort(distances, kind="stable")[:1]
+            entries = entries[distances[entries] <= START_TOLERANCE]
             distances = np.zeros(len(distances))
         else:
             at_edge = ((cells == 0) | (cells == np.array(free.shape) - 1)).any(axis=1)
-            gates = np.flatnonzero(at_edge & np.isfinite(distances))
-        paths = ShortestPaths(np.where(free, step * self.grid.resolution, np.inf), cells[gates], distances[gates])
+            entries = np.flatnonzero(at_edge & np.isfinite(distances))
+        paths = ShortestPaths(np.where(free, step * self.grid.resolution, np.inf), cells[entries], distances[entries])
         targets = self.grid.world_to_cell(places) // step
         inside = ((targets >= 0) & (targets < np.array(free.shape))).all(axis=1)
         lengths = np.full(len(targets), np.inf)
@@ -149,17 +149,18 @@ class ShortestPaths:
 
     Args:
         cost: (H, W) of a step of one cell's side in each cell; inf for a cell that must not be entered.
-        gates: (K, 2) cells (row, column) in which paths begin; entry: (K,) their costs from the start.
+        entries: (K, 2) cells (row, column) in which paths enter the grid.
+        entry_costs: (K,) costs of these cells from the start.
 
     Attributes:
         costs: (H, W) of the path to each cell; inf if there is none.
     """
 
-    def __init__(self, cost: np.ndarray, gates: np.ndarray, entry: np.ndarray) -> None:
+    def __init__(self, cost: np.ndarray, entries: np.ndarray, entry_costs: np.ndarray) -> None:
         rows, columns = cost.shape
         index = np.arange(cost.size).reshape(cost.shape)
         # the start is an additional node; a length of 0 would mean that there is no edge
-        edges = [(np.full(len(gates), cost.size), index[tuple(gates.T)], np.maximum(entry, 1e-6))]
+        edges = [(np.full(len(entries), cost.size), index[tuple(entries.T)], np.maximum(entry_costs, 1e-6))]
         for dr, dc in NEIGHBORS:
             from_cells = (slice(0, rows - dr), slice(max(0, -dc), columns - max(0, dc)))
             to_cells = (slice(dr, rows), slice(max(0, dc), columns + min(0, dc)))

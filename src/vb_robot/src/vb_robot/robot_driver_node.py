@@ -56,7 +56,7 @@ SEVERITIES = {"obstacle": Severity.INFO, "border": Severity.INFO, "other_cmd_vel
 
 @dataclass(frozen=True)
 class DriverParams(Parameters):
-    """The node's parameters; the robot's properties come from its profile."""
+    """The node's parameters. The robot's properties come from its profile."""
 
     robot: str = param(
         "", doc="name of the robot in borders and notices, of its camera, and before its frames; empty: the only one"
@@ -112,12 +112,13 @@ class RobotDriverNode:
         self._mounts: Dict[str, np.ndarray] = {}
         self._allowed = {rospy.get_name()}  # nodes that may command the base
         self._stopped_since: Dict[str, float] = {}
-        self._reported: tuple = ((), -1.0)
+        self._report: Tuple[Any, ...] = ()  # the newest: source, code, lasting stops
+        self._reported_at = -1.0  # [s]
         self._timer = node.WakeTimer(1.0 / RATE)
         self._transforms = TransformLookup()
         self._notices = NoticePublisher()
         self._cmd_vel = rospy.Publisher(profile.base.topic, Twist, queue_size=1, tcp_nodelay=True)
-        self._heard = True  # whether any node subscribes to the commands
+        self._base_listens = True  # whether any node subscribes to the commands
         self._look_for_commanders()  # before anything can drive
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
         self._states = rospy.Publisher(names.DRIVERS, DriverState, queue_size=5)
@@ -181,7 +182,7 @@ class RobotDriverNode:
             commanders = find_commanders(rospy.get_name(), self._profile.base, rosgraph.Master(rospy.get_name()))
         except (rosgraph.MasterException, OSError):
             return  # without the master, no other node can be connected either
-        self._allowed, self._heard = commanders.allowed, commanders.heard
+        self._allowed, self._base_listens = commanders.allowed, commanders.heard
         self._arbiter.gate.other_commanders = tuple(sorted(commanders.others))
 
     def _on_state(self, message: InteractionState) -> None:
@@ -207,14 +208,14 @@ class RobotDriverNode:
                 return
             self._mounts[frame] = T
         scan = Scan(
-            np.asarray(message.ranges),
-            message.angle_min,
-            message.angle_increment,
-            message.range_min,
-            message.range_max,
-            self._mounts[frame],
-            self._profile.radius,
-            self._profile.scanner.no_return,
+            ranges=np.asarray(message.ranges),
+            angle_min=message.angle_min,
+            angle_increment=message.angle_increment,
+            range_min=message.range_min,
+            range_max=message.range_max,
+            mount=self._mounts[frame],
+            radius=self._profile.radius,
+            no_return=self._profile.scanner.no_return,
         )
         # the message's stamp is that of the first beam, but the scan's age counts from the last
         duration = max(message.time_increment, 0.0) * max(len(message.ranges) - 1, 0)
@@ -233,9 +234,9 @@ class RobotDriverNode:
         if message.header.frame_id.lstrip("/") == names.MAP_FRAME:
             self._arbiter.set_path(array_from_points([entry.pose.position for entry in message.poses]))
 
-    def _on_map(self, which: str, grid: GridMap) -> None:
+    def _on_map(self, layer: str, grid: GridMap) -> None:
         with self._lock:
-            self._maps[which] = grid
+            self._maps[layer] = grid
             self._use_maps()
 
     def _on_covariance(self, message: PoseWithCovarianceStamped) -> None:
@@ -311,7 +312,7 @@ class RobotDriverNode:
             self._cmd_vel.publish(message)
         if command.cancel:
             self._cancel.publish(GoalID())
-        self._report(command, now.to_sec())
+        self._publish_report(command, now.to_sec())
 
     def _lookup(self, target: str, source: str, stamp: rospy.Time) -> Optional[np.ndarray]:
         try:
@@ -320,13 +321,12 @@ class RobotDriverNode:
             return None
 
     # ------------------------------------------------------------- notices
-    def _report(self, command: DriveCommand, now: float) -> None:
+    def _publish_report(self, command: DriveCommand, now: float) -> None:
         """Publishes which source drives, at once if that changes, and the notices."""
-        last_report, reported_at = self._reported
-        report = (command.source, command.code, self._stops.lasting)
-        if report == last_report and 0.0 <= now - reported_at < STATE_PERIOD:
+        previous, report = self._report, (command.source, command.code, self._stops.lasting)
+        if report == previous and 0.0 <= now - self._reported_at < STATE_PERIOD:
             return
-        self._reported = (report, now)
+        self._report, self._reported_at = report, now
         message = DriverState(
             robot=self._params.robot,
             source=command.source,
@@ -338,7 +338,7 @@ class RobotDriverNode:
         )
         message.header.stamp = rospy.Time.from_sec(now)
         self._states.publish(message)
-        if report[:2] != last_report[:2]:
+        if report[:2] != previous[:2]:
             rospy.loginfo("%s: %s: %s", rospy.get_name(), command.source, command.code)
         self._notices.set(self._list_notices(command, now))
 
@@ -348,7 +348,7 @@ class RobotDriverNode:
             notices.append(self._notice("goal_cancelled", Severity.INFO))
         self._stopped_since = {command.code: self._stopped_since.get(command.code, now)}
         is_lasting = now - self._stopped_since[command.code] >= MIN_STOP
-        if not self._heard:
+        if not self._base_listens:
             topic = rospy.resolve_name(self._profile.base.topic)
             notices.append(self._notice("base_not_listening", Severity.WARNING, topic=topic))
         if is_lasting and self._stops.stopped and not self._stops.stored:

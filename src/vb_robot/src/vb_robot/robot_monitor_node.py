@@ -12,7 +12,7 @@ import numpy as np
 import rosgraph
 import rospy
 
-from vb_core import names, lab_offer
+from vb_core import capabilities, names
 from vb_core.errors import ParameterError
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
@@ -67,7 +67,7 @@ class RobotMonitorParams(Parameters):
 
 
 class RobotMonitorNode:
-    """Watches robots with navigation of their own, whatever else is connected; with ~dispatch, sends one to the spot.
+    """Watches robots with navigation of their own, whatever else is connected. With ~dispatch, sends one to the spot.
 
     Subscribed topics:
         /map, /virtual_borders/map, /<robot>/virtual_borders/map, /virtual_borders/speed_limits (nav_msgs/OccupancyGrid)
@@ -103,9 +103,9 @@ class RobotMonitorNode:
         self._lock = threading.RLock()
         self._stops = HeldStops()  # only in memory, because the manager keeps stops, and its state repeats them
         self._speed_limits: Optional[GridMap] = None
-        self._slow_zones: Optional[bool] = None  # whether there are any, known before their map; None if not yet known
+        self._has_slow_zones: Optional[bool] = None  # known before the map of their limits; None: not known yet
         self._cameras: Dict[str, None] = {}
-        self._offer = lab_offer.offer(lab_offer.Connections())
+        self._capabilities = capabilities.derive_capabilities(capabilities.Connections())
         self._faulty_since: Dict[Any, float] = {}
         self._logged: Tuple[Any, ...] = ()
         self._started = self._published_at = rospy.get_time()
@@ -124,22 +124,22 @@ class RobotMonitorNode:
         self._dispatched = {
             name: DispatchedRobot(self._robots[name], profile, transforms) for name, profile in profiles.items()
         }
-        self._deciding = threading.Lock()  # guards the dispatcher
+        self._dispatch_lock = threading.Lock()  # guards the dispatcher
         self._dispatch_timer = node.WakeTimer(DISPATCH_PERIOD)
         self._notices = NoticePublisher()
         self._status = rospy.Publisher(names.ROBOTS, RobotStatusArray, queue_size=1, latch=True)
         self._subscribe()
         node.Worker(self._goals_to_check, self._check_goal)
         self._timer, self._graph_timer = node.WakeTimer(PERIOD), node.WakeTimer(GRAPH_PERIOD)
-        node.Worker(self._graph_timer, lambda _woken: self._look_at_graph())
-        node.Worker(self._timer, lambda _woken: self._look())
+        node.Worker(self._graph_timer, lambda _woken: self._update_wirings())
+        node.Worker(self._timer, lambda _woken: self._check_robots())
         if params.dispatch:
             node.Worker(self._dispatch_timer, lambda _woken: self._dispatch())
-        rospy.Service(names.SEND_ROBOT, SendRobot, self._send)
+        rospy.Service(names.SEND_ROBOT, SendRobot, self._on_send_robot)
 
     def _subscribe(self) -> None:
-        def on_map(name: str, which: str, robots: List[WatchedRobot]) -> None:
-            subscribe_map(name, functools.partial(self._on_map, which, robots))
+        def on_map(topic: str, layer: str, robots: List[WatchedRobot]) -> None:
+            subscribe_map(topic, functools.partial(self._on_map, layer, robots))
 
         everyone = list(self._robots.values())
         on_map(names.PHYSICAL_MAP, "physical", everyone)
@@ -162,8 +162,8 @@ class RobotMonitorNode:
         """Restores the planners' usual speeds, and cancels dispatched robots' goals, which nobody would supervise."""
         for queue in (self._timer, self._graph_timer, self._goals_to_check, self._dispatch_timer):
             queue.close()
-        for sent in self._dispatched.values():
-            sent.set_goal(None)
+        for dispatched in self._dispatched.values():
+            dispatched.set_goal(None)
         for robot in self._robots.values():
             speed = robot.speed
             if self._params.obey and speed is not None:
@@ -176,7 +176,7 @@ class RobotMonitorNode:
                 robot.set_map(layer, grid)
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
-        self._slow_zones = any(border.in_force and border.zone == VirtualBorder.SLOW for border in message.borders)
+        self._has_slow_zones = any(border.in_force and border.zone == VirtualBorder.SLOW for border in message.borders)
         with self._lock:
             for robot in self._robots.values():
                 robot.set_borders(keep_out_borders_for(robot.name, message))
@@ -190,18 +190,18 @@ class RobotMonitorNode:
 
     def _on_state(self, message: InteractionState) -> None:
         self._stops.update_from_latch(message.stopped, message.stops)
-        self._obey_stop()
-        with self._deciding:
+        self._cancel_goals_while_stopped()
+        with self._dispatch_lock:
             state = state_of(message.name)
             self._dispatcher.sightings.set_state(state, message.interaction_id, message.entered.to_sec())
         self._dispatch_timer.set()  # because the robots must stop at once when the state ends
 
     def _on_stop(self, message: Stop) -> None:
         self._stops.hear(message.id or new_id())
-        self._obey_stop()
+        self._cancel_goals_while_stopped()
 
     # ------------------------------------------------------------- stops and speed limits, through navigation
-    def _obey_stop(self) -> None:
+    def _cancel_goals_while_stopped(self) -> None:
         """Repeatedly cancels the goals of robots without a driver while a stop is in force."""
         now = rospy.get_time()
         if self._params.obey and self._stops.stopped and not 0.0 <= now - self._cancelled_at < CANCEL_PERIOD:
@@ -210,34 +210,34 @@ class RobotMonitorNode:
                 if not robot.is_driven():
                     robot.cancel_goals()
 
-    def _limit(self, robot: WatchedRobot) -> Optional[float]:
+    def _speed_limit_at(self, robot: WatchedRobot) -> Optional[float]:
         """Returns the speed limit [m/s] at a robot, inf without a limit; None while it is not known."""
-        if robot.pose is None or self._slow_zones is None:
+        if robot.pose is None or self._has_slow_zones is None:
             return None
-        if not self._slow_zones:
+        if not self._has_slow_zones:
             return math.inf
         reach = SLOW_DOWN_DISTANCE + (robot.wiring.radius or 0.0)
         return limit_around(self._speed_limits, robot.pose[:2], reach) if self._speed_limits is not None else None
 
     # ------------------------------------------------------------- dispatching
     def _on_spot(self, sighting: Sighting) -> None:
-        with self._deciding:
+        with self._dispatch_lock:
             self._dispatcher.sightings.add(sighting)
 
     def _on_progress(self, message: BorderProgress) -> None:
         chain, points = array_from_points(message.chain), array_from_points(message.points)
         seed = array_from_points([message.seed])[0] if message.has_seed else None
         drawing = DrawingState(points[-1] if len(points) else None, chain, closed=message.closed, seed=seed)
-        with self._deciding:
+        with self._dispatch_lock:
             self._dispatcher.set_progress(message.interaction_id, drawing, message.cameras)
 
     def _dispatch(self) -> None:
-        with self._deciding:
+        with self._dispatch_lock:
             robot_wanted = self._dispatcher.sightings.should_dispatch()
-            robots = {name: sent.status(robot_wanted) for name, sent in self._dispatched.items()}
-            for name, sent in self._dispatched.items():
-                self._dispatcher.maps[name].update(sent.view, *self._robots[name].driving_maps())
-            for name, goal in self._dispatcher.decide(rospy.get_time(), robots).items():
+            statuses = {name: robot.status(robot_wanted) for name, robot in self._dispatched.items()}
+            for name, robot in self._dispatched.items():
+                self._dispatcher.maps[name].update(robot.view, *self._robots[name].driving_maps())
+            for name, goal in self._dispatcher.decide(rospy.get_time(), statuses).items():
                 self._dispatched[name].set_goal(goal)
 
     # ------------------------------------------------------------- goals
@@ -253,7 +253,7 @@ class RobotMonitorNode:
             robot.refusal = refusal
         self._publish_status()
 
-    def _send(self, request: Any) -> SendRobotResponse:
+    def _on_send_robot(self, request: Any) -> SendRobotResponse:
         robot = self._robots.get(request.robot)
         if robot is None:
             return _answer(False, Notice("robot_unknown", values={"who": request.robot}))
@@ -263,7 +263,7 @@ class RobotMonitorNode:
         goal = (request.goal.x, request.goal.y)
         if self._stops.stopped:
             refusal: Optional[Notice] = robot.notice("goal_while_stopped", Severity.WARNING)
-        elif robot.name not in self._offer.goes or not np.isfinite(goal).all():
+        elif robot.name not in self._capabilities.goes or not np.isfinite(goal).all():
             refusal = robot.notice("robot_cannot_be_sent", Severity.WARNING)
         else:
             with self._lock:
@@ -274,22 +274,22 @@ class RobotMonitorNode:
         return _answer(True, robot.notice("robot_sent", Severity.INFO))
 
     # ------------------------------------------------------------- periodic checks
-    def _look_at_graph(self) -> None:
+    def _update_wirings(self) -> None:
         try:
             graph = read_graph()
             for robot in self._robots.values():
-                robot.look(graph)
+                robot.update_wiring(graph)
         except (rosgraph.MasterException, OSError) as error:
             rospy.logwarn_throttle(10.0, f"{rospy.get_name()}: {error}")
 
-    def _look(self) -> None:
+    def _check_robots(self) -> None:
         for robot in self._robots.values():
             robot.locate()
-            speed, limit = robot.speed, self._limit(robot)
+            speed, limit = robot.speed, self._speed_limit_at(robot)
             # a planner keeps its limit while it is not known whether it may be lifted
             if self._params.obey and speed is not None and limit is not None:
                 speed.request_limit(limit)
-        self._obey_stop()
+        self._cancel_goals_while_stopped()
         self._publish_status()
 
     def _publish_status(self) -> None:
@@ -304,12 +304,12 @@ class RobotMonitorNode:
                 self._published, self._published_at = (message.robots, message.cameras), now
                 message.header.stamp = rospy.Time.from_sec(now)
                 self._status.publish(message)
-            self._offer = lab_offer.offer(connections_from_message(message))
-            faults = self._lasting(self._offer.notices(), now)
+            self._capabilities = capabilities.derive_capabilities(connections_from_message(message))
+            faults = self._lasting(self._capabilities.notices(), now)
             self._log(now)
             notices = [notice for robot in self._robots.values() for notice in robot.notices(now)]
-            unseen = self._dispatcher.notice
-            self._notices.set([*faults, *notices, *([unseen] if unseen else [])])
+            dispatching = self._dispatcher.notice  # read once, because it is set in another thread
+            self._notices.set([*faults, *notices, *([dispatching] if dispatching is not None else [])])
 
     def _lasting(self, faults: List[Notice], now: float) -> List[Notice]:
         """Returns the faults that have lasted for SETTLING_TIME."""
@@ -321,7 +321,7 @@ class RobotMonitorNode:
 
     def _log(self, now: float) -> None:
         """Logs what is connected once the lab has started, and later its changes. Faults are notices instead."""
-        lines = self._offer.lines
+        lines = self._capabilities.lines
         if now - self._started < SETTLING_TIME or lines == self._logged:
             return
         if self._faulty_since and min(now - since for since in self._faulty_since.values()) < SETTLING_TIME:

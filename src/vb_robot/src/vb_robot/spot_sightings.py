@@ -77,7 +77,7 @@ class Sightings:
         self.state, self._interaction, self._entered = state, interaction, entered
 
     def add(self, sighting: Sighting) -> bool:
-        """Adds a sighting; returns whether it counts: if it is certain, and from this state, in which robots act."""
+        """Adds a sighting. Returns whether it counts: if it is certain, and from this state, in which robots act."""
         if sighting.mobile:
             self._mobile_names.add(sighting.camera)
         if not self.state.robots_act or sighting.stamp < self._entered or sighting.confidence < MIN_CONFIDENCE:
@@ -92,7 +92,7 @@ class Sightings:
         if abs(sighting.stamp - until) > RUN_GAP:
             since = until = sighting.stamp  # the spot was lost, or time has jumped back
         self._runs[sighting.camera] = min(since, sighting.stamp), max(until, sighting.stamp)
-        self._update_leader(sighting.stamp)
+        self._update_follower(sighting.stamp)
         return True
 
     def should_dispatch(self) -> bool:
@@ -101,14 +101,14 @@ class Sightings:
 
     def should_follow(self, camera: str, now: float) -> bool:
         """Returns whether the robot with this camera should follow the spot."""
-        if self._update_leader(now) != camera or not self.state.robots_act:
+        if self._update_follower(now) != camera or not self.state.robots_act:
             return False
         if self.state.guides:
             return True
         return not self.stationary_seen and self.first_mobile is not None and now - self.first_mobile >= FOLLOW_DELAY
 
-    def _update_leader(self, now: float) -> Optional[str]:
-        """Returns the robot camera that has seen the spot longest without a pause; if none sees it, the last leader.
+    def _update_follower(self, now: float) -> Optional[str]:
+        """Returns the robot camera that has seen the spot longest without a pause. If none sees it, the last such one.
 
         The times of the images count, not of their arrival, so that all robots' drivers choose the same camera.
         """

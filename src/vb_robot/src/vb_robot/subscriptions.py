@@ -24,7 +24,7 @@ RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalSta
 
 
 def subscribe_map(topic: str, on_map: Callable[[GridMap], None]) -> rospy.Subscriber:
-    """Passes every map of a topic to `on_map`; logs and refuses malformed ones."""
+    """Passes every map of a topic to `on_map`. Malformed ones are logged and refused."""
 
     def on_message(message: OccupancyGridArray) -> None:
         try:
@@ -41,10 +41,10 @@ def keep_out_borders_for(robot: str, message: VirtualBorderArray) -> List[KnownB
     """Returns the borders in force that a robot must not enter."""
     return [
         KnownBorder(
-            border.name or border.id,
-            array_from_points(border.points),
-            np.array([border.seed.x, border.seed.y]),
-            border.kind == VirtualBorder.POLYGON,
+            name=border.name or border.id,
+            points=array_from_points(border.points),
+            seed=np.array([border.seed.x, border.seed.y]),
+            polygon=border.kind == VirtualBorder.POLYGON,
         )
         for border in message.borders
         if border.in_force
@@ -55,7 +55,7 @@ def keep_out_borders_for(robot: str, message: VirtualBorderArray) -> List[KnownB
 
 
 def subscribe_spots(on_spot: Callable[[Sighting], None]) -> rospy.Subscriber:
-    """Passes every spot with a position in the map to `on_spot`; logs and rejects the others."""
+    """Passes every spot with a position in the map to `on_spot`. The others are logged and rejected."""
 
     def on_message(message: LaserSpot) -> None:
         position = (message.position.x, message.position.y)

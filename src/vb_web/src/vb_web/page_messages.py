@@ -15,7 +15,7 @@ from vb_msgs.msg import LaserSpot, RobotStatusArray, VirtualBorder, VirtualBorde
 
 from vb_core import sentences
 from vb_core.notices import Notice
-from vb_core.lab_offer import Offer, find_unkept
+from vb_core.capabilities import Capabilities, find_unkept
 from vb_core.ros.messages import mapping_from_values
 from vb_core.zones import ZONES, zone_of
 from vb_web import page_images
@@ -122,7 +122,7 @@ def border_section(border: VirtualBorder) -> Dict[str, Any]:
     }
 
 
-def _with_unkept(section: Dict[str, Any], offer: Optional[Offer]) -> Dict[str, Any]:
+def _with_unkept(section: Dict[str, Any], offer: Optional[Capabilities]) -> Dict[str, Any]:
     """Adds to a border's section, in `unkept`, which robots do not keep it, if that is known."""
     unkept = (
         find_unkept(offer, section["zone"], section["robots"]) if offer is not None and section["in_force"] else None
@@ -130,7 +130,7 @@ def _with_unkept(section: Dict[str, Any], offer: Optional[Offer]) -> Dict[str, A
     return {**section, "unkept": {"code": unkept[0], "values": unkept[1]} if unkept else None}
 
 
-def borders_section(message: VirtualBorderArray, offer: Optional[Offer] = None) -> Dict[str, Any]:
+def borders_section(message: VirtualBorderArray, offer: Optional[Capabilities] = None) -> Dict[str, Any]:
     """Converts all borders. `offer`: what is connected, if that is known."""
     return {
         **copy_fields(message, "revision map_id map_name available_commands"),
@@ -140,7 +140,7 @@ def borders_section(message: VirtualBorderArray, offer: Optional[Offer] = None) 
     }
 
 
-def offer_section(offer: Offer, message: RobotStatusArray, more_commands: Iterable[str] = ()) -> Dict[str, Any]:
+def offer_section(offer: Capabilities, message: RobotStatusArray, more_commands: Iterable[str] = ()) -> Dict[str, Any]:
     """Converts what is offered, and what is said about the robots. `more_commands`: further commands to offer."""
     return {
         **copy_fields(offer, "state zones goes"),

@@ -18,11 +18,11 @@ from vb_core import names
 from vb_core.border_changes import border_changes
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_core.lab_offer import Offer
+from vb_core.capabilities import Capabilities
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray
 from vb_core.ros.notices import NoticeListener
-from vb_core.ros.robot_status import OfferListener
+from vb_core.ros.robot_status import CapabilitiesListener
 from vb_core.ros.transforms import TransformLookup
 from vb_core.vocabulary import DEFAULT
 from vb_web import page_images, page_messages
@@ -77,7 +77,7 @@ class PageNode:
         self._events: Deque[Dict[str, Any]] = deque(maxlen=_EVENTS)  # what the page shows as history
         self._grid: Optional[GridMap] = None
         self._borders: Optional[VirtualBorderArray] = None  # None: not known yet
-        self._offer: Optional[Offer] = None  # None: it is not known what is connected
+        self._offer: Optional[Capabilities] = None  # None: it is not known what is connected
         self._stoppable = False  # whether a robot has obeyed Stop since this node was started
         self._frames: Dict[str, str] = {}  # of the robots' bases, by name
         self._marks: Dict[str, str] = {}
@@ -99,7 +99,7 @@ class PageNode:
             lambda: {"addresses": self._addresses, **(self._codes or {})},
         )
         self._subscribe()
-        self._robots = OfferListener()
+        self._robots = CapabilitiesListener()
         self._serve()
         # in wall time, which goes on when simulated time stops
         looks = (

@@ -1,4 +1,4 @@
-"""Reads from robot_monitor's messages what is connected; page, display, hub and check_lab derive the offer from it."""
+"""Reads from robot_monitor's messages what is connected; page, display, hub and check_lab derive the lab's capabilities from it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Callable, Optional, Tuple
 import rospy
 
 from vb_core import names
-from vb_core.lab_offer import ConnectedRobot, Connections, Offer, offer
+from vb_core.capabilities import Capabilities, ConnectedRobot, Connections, derive_capabilities
 from vb_msgs.msg import RobotStatus, RobotStatusArray
 
 _SILENCE = 4.0  # [s] ROS time; robot_monitor publishes every second
@@ -34,8 +34,8 @@ def connections_from_message(message: RobotStatusArray) -> Connections:
     return Connections(tuple(map(robot_from_status, message.robots)), bool(message.cameras), message.interaction)
 
 
-class OfferListener:
-    """Keeps the offer made from robot_monitor's newest message, until robot_monitor falls silent.
+class CapabilitiesListener:
+    """Keeps the capabilities derived from robot_monitor's newest message, until robot_monitor falls silent.
 
     Args:
         on_message: called from rospy's thread after each message.
@@ -43,16 +43,16 @@ class OfferListener:
 
     def __init__(self, on_message: Callable[[], None] = lambda: None) -> None:
         self._on_message = on_message
-        self._newest: Optional[Tuple[float, RobotStatusArray, Offer]] = None  # with the time [s] when it came
+        self._newest: Optional[Tuple[float, RobotStatusArray, Capabilities]] = None  # with the time [s] when it came
         rospy.Subscriber(names.ROBOTS, RobotStatusArray, self._on_robots, queue_size=1, tcp_nodelay=True)
 
-    def current(self) -> Optional[Tuple[RobotStatusArray, Offer]]:
-        """Returns the newest message and the offer made from it, or None if it is too old, or there was none."""
+    def current(self) -> Optional[Tuple[RobotStatusArray, Capabilities]]:
+        """Returns the newest message and the capabilities derived from it, or None if it is too old, or there was none."""
         newest = self._newest
         if newest is None or not 0.0 <= rospy.get_time() - newest[0] <= _SILENCE:
             return None
         return newest[1:]
 
     def _on_robots(self, message: RobotStatusArray) -> None:
-        self._newest = (rospy.get_time(), message, offer(connections_from_message(message)))
+        self._newest = (rospy.get_time(), message, derive_capabilities(connections_from_message(message)))
         self._on_message()

@@ -13,7 +13,7 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass, replace
-from typing import Dict, Hashable, List, Mapping, Optional, Tuple
+from typing import Dict, Hashable, List, Mapping, NamedTuple, Optional, Tuple
 
 from vb_core.geometry import Pose, pose_distance
 from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
@@ -24,15 +24,18 @@ LOST_INTERVAL = 0.5  # [s] between two goals while no camera sees the spot; UNFI
 RETRY_AFTER = 0.5  # [s] pause after a failure, times the number of failures so far
 UNFIT_TIMEOUT = 0.6  # [s] for which the present goal must have been unfit before it is replaced
 MIN_GAIN, MIN_TURN = 0.25, math.radians(20.0)  # [m, rad] minimum difference between a new goal and the present one
-FAILED_RADIUS, FAILED_MEMORY = 0.5, 20.0  # [m, s] no goal is tried so near to a failed position, for so long
-# [s] within which the robot must make progress; move_base itself gives up only after 40 s
-PROGRESS_TIMEOUTS = {"sent": 4.0, "active": 15.0, "seen": 3.0}
-STUCK_DISTANCE = 0.10  # [m] shortest move that counts as progress
-BLIND_TRIES = 2  # positions that are tried for a lost spot, as the laser may be off
+FAILED_RADIUS = 0.5  # [m] around a failed position, in which no goal is tried
+FAILED_MEMORY = 20.0  # [s] after which it may be tried again
+# [s] for which a robot may stand still while its goal is in this state; move_base itself gives up only after 40 s
+STUCK_TIMEOUTS = {"sent": 4.0, "active": 15.0}
+HIDDEN_TIMEOUT = 3.0  # [s] after which something must hide the spot from a position where the robot should see it
+STUCK_DISTANCE = 0.10  # [m] a shorter move still counts as standing still
+HIDDEN_TRIES = 2  # positions that are tried for a lost spot, as the laser may be off
 PREEMPTION_PAUSE = 15.0  # [s] after another node sent the robot elsewhere
 SWITCH_GAIN = 1.0  # [m] by which another robot's bid must be cheaper for it to take over
 
 Circle = Tuple[float, float, float]  # (x, y, radius) [m]
+Planners = Mapping[str, Optional[ViewpointPlanner]]  # by robot's name; None until a planner can be made
 
 
 class SentGoalState(enum.Enum):
@@ -68,6 +71,47 @@ class DispatchStatus:
     busy: bool = False
 
 
+class Assessment(enum.Enum):
+    """An assessment of the serving robot's position: its goal's if it is on its way, else its own."""
+
+    FIT = "fit"
+    UNKNOWN = "unknown"  # its viewpoint planner is not known yet
+    UNFIT = "unfit"  # it does not see the target from there, or has no room
+    HIDDEN = "hidden"  # it should see the spot from where it stands, but no camera does
+    FAILED = "failed"  # navigation gave up, or the robot makes no progress
+    PREEMPTED = "preempted"  # another node sent the robot elsewhere
+
+
+class Wait(NamedTuple):
+    """A robot's wait for an event, "" for none, since a time [s], at a pose; None if it has not begun yet."""
+
+    event: str = ""
+    since: float = 0.0
+    pose: Optional[Pose] = None
+
+    def continued(self, event: str, now: float, pose: Pose) -> Wait:
+        """Returns this wait or, if the robot has moved or waits for another event, one that begins now."""
+        stays = self.pose is not None and pose_distance(self.pose, pose) < STUCK_DISTANCE
+        return self if event == self.event and stays else Wait(event, now, pose)
+
+
+class Failure(NamedTuple):
+    """A position at which a robot failed: its name, the time [s], and the circle that it avoids for a while."""
+
+    robot: str
+    time: float
+    circle: Circle
+
+
+class Rank(NamedTuple):
+    """The rank of a bid. The smallest is the best, field by field; `cost` is in metres of path."""
+
+    misses_spot: bool
+    failures: int
+    is_busy: bool
+    cost: float
+
+
 class DispatchPolicy:
     """Decides which robot serves, and where it goes.
 
@@ -78,26 +122,25 @@ class DispatchPolicy:
 
     def __init__(self, robots) -> None:
         self._names = tuple(robots)
-        self._previous_step: Tuple[float, Hashable] = (-math.inf, None)  # time [s] and key
-        self._forget()
+        self._previous_time = -math.inf  # [s]
+        self._previous_key: Hashable = None
+        self._forget_goal()
+        self._forget_failures()
 
-    def _forget(self) -> None:
-        """Resets what belongs to one interaction and state."""
-        self._failed: List[Tuple[str, float, Circle]] = []  # robot, time [s], and position
-        self._rests_until: Dict[str, float] = {}  # [s] by robot's name
+    def _forget_goal(self) -> None:
         self.serving: Optional[str] = None
         self.goal: Optional[Viewpoint] = None
-        self._sent = -math.inf
-        self._unfit_since: Optional[float] = None
-        self._awaited: Tuple[str, float, Optional[Pose]] = ("", 0.0, None)  # event, start [s] and pose of the wait
-        self._blind: List[Circle] = []  # positions from which no camera saw the lost spot
+        self._sent_at = -math.inf  # [s]
+        self._wait = Wait()
+
+    def _forget_failures(self) -> None:
+        self._failures: List[Failure] = []
+        self._hidden: List[Circle] = []  # around positions from which no camera saw the lost spot
+        self._rests_until: Dict[str, float] = {}  # [s] by robot's name
+        self._unfit_since: Optional[float] = None  # [s]; None while the goal is fit
 
     def step(
-        self,
-        now: float,
-        key: Hashable,
-        unseen: float,
-        robots: Mapping[str, Tuple[DispatchStatus, Optional[ViewpointPlanner]]],
+        self, now: float, key: Hashable, unseen: float, robots: Mapping[str, DispatchStatus], planners: Planners
     ) -> Dict[str, Optional[Viewpoint]]:
         """Decides the goal of each robot, which it may have reached already; None if it has no goal.
 
@@ -107,107 +150,115 @@ class DispatchPolicy:
             now: [s]
             key: identifies interaction and state; None if no robot is wanted.
             unseen: [s] since a camera saw the spot.
-            robots: each robot's status and its viewpoint planner, which is None until it can be made.
         """
-        (previous_time, previous_key), self._previous_step = self._previous_step, (now, key)
-        self._failed = [failure for failure in self._failed if now - failure[1] < FAILED_MEMORY]
-        self._blind = self._blind if unseen > LOST_TIMEOUT else []
-        if key is None or now < previous_time - 1.0:
-            self._forget()  # also when time has jumped back, as the record then belongs to another run
-        elif key != previous_key:
-            present = self.serving, self.goal, self._sent, self._awaited
-            running = self.serving is not None and self.goal is not None and robots[self.serving][0].goal.under_way
-            self._forget()
-            if running:  # a robot that is on its way goes on
-                self.serving, self.goal, self._sent, self._awaited = present
-        able = {
-            name: (status, planner)
-            for name, (status, planner) in robots.items()
-            if key is not None and status.server and status.pose is not None
-        }
+        is_over = key is None or now < self._previous_time - 1.0  # if time has jumped back, this is another run
+        if is_over or key != self._previous_key:
+            if is_over or self.goal is None or not robots[self.serving].goal.under_way:
+                self._forget_goal()  # else a robot that is on its way goes on
+            self._forget_failures()
+        self._previous_time, self._previous_key = now, key
+        self._failures = [failure for failure in self._failures if now - failure.time < FAILED_MEMORY]
+        self._hidden = self._hidden if unseen > LOST_TIMEOUT else []
+        wanted = robots if key is not None else {}
+        able = {name: status for name, status in wanted.items() if status.server and status.pose is not None}
         if self.serving not in able:
             self.serving = self.goal = None
-        if self.serving is None or self._must_move(now, unseen, *able[self.serving]):
-            self._choose(now, {name: entry for name, entry in able.items() if entry[1] is not None})
+        if self.serving is not None:
+            assessment = self._assess(now, unseen, robots[self.serving], planners[self.serving])
+            self._record(now, assessment, robots[self.serving])
+        if self.serving is None or self._must_choose(now, unseen, assessment):
+            self._choose(now, able, planners)
         return {name: self.goal if name == self.serving else None for name in self._names}
 
-    def _must_move(
+    def _assess(
         self, now: float, unseen: float, status: DispatchStatus, planner: Optional[ViewpointPlanner]
-    ) -> bool:
-        """Records whether the serving robot's position has failed; returns whether to choose another one, or robot."""
-        pose = status.pose
-        if self.goal is not None:
-            progress = status.goal.value
-            is_stuck = status.goal.under_way and self._waiting_time(now, progress, pose) > PROGRESS_TIMEOUTS[progress]
-            if status.goal is SentGoalState.FAILED or is_stuck:
-                self._failed.append((self.serving, now, (*self.goal.pose[:2], FAILED_RADIUS)))
-                self._rests_until[self.serving] = now + RETRY_AFTER * len(self._failures_of(self.serving))
-                self.goal = None
-                return True
-            if status.goal is SentGoalState.PREEMPTED:
-                self._rests_until[self.serving] = now + PREEMPTION_PAUSE
-                self.goal = None
-                return True
+    ) -> Assessment:
+        """Assesses the position of the serving robot, and changes nothing."""
+        goal = self.goal
+        on_way = goal is not None and status.goal.under_way
+        if goal is not None and status.goal in (SentGoalState.FAILED, SentGoalState.PREEMPTED):
+            return Assessment(status.goal.value)
+        if on_way:
+            wait = self._wait.continued(status.goal.value, now, status.pose)
+            if now - wait.since > STUCK_TIMEOUTS[wait.event]:
+                return Assessment.FAILED
         if planner is None:
-            return False
-        under_way = self.goal if status.goal.under_way else None
-        wanted = under_way.pose if under_way is not None else pose
-        avoided = [*self._blind, *self._failures_of(self.serving)]
-        fits = planner.shows_target(wanted) and (under_way is None or planner.has_room_at(wanted))
-        fits = fits and all(math.dist(wanted[:2], (x, y)) >= radius for x, y, radius in avoided)
-        # a robot that is leaving the seed's side goes on: the border would lock it in
-        if fits or (under_way is not None and not under_way.sees_spot):
-            self._unfit_since = None
-            waited = 0.0 if under_way is not None else min(unseen, self._waiting_time(now, "seen", pose))
-            if waited < PROGRESS_TIMEOUTS["seen"] or len(self._blind) >= BLIND_TRIES:
-                return False
-            self._blind.append((pose[0], pose[1], FAILED_RADIUS))  # something hides the spot from this position
+            return Assessment.UNKNOWN
+        pose = goal.pose if on_way else status.pose
+        avoided = [*self._hidden, *self._circles_of(self.serving)]
+        fits = planner.shows_target(pose) and (not on_way or planner.has_room_at(pose))
+        fits = fits and all(math.dist(pose[:2], (x, y)) >= radius for x, y, radius in avoided)
+        if on_way:
+            # a robot that is leaving the seed's side goes on: the border would lock it in
+            return Assessment.FIT if fits or not goal.sees_spot else Assessment.UNFIT
+        if not fits:
+            return Assessment.UNFIT
+        waited = now - self._wait.continued("seen", now, status.pose).since
+        is_hidden = min(unseen, waited) >= HIDDEN_TIMEOUT and len(self._hidden) < HIDDEN_TRIES
+        return Assessment.HIDDEN if is_hidden else Assessment.FIT
+
+    def _record(self, now: float, assessment: Assessment, status: DispatchStatus) -> None:
+        """Records the assessment of the serving robot's position, and drops a goal that led nowhere."""
+        if assessment is Assessment.FAILED:
+            self._failures.append(Failure(self.serving, now, (*self.goal.pose[:2], FAILED_RADIUS)))
+            self._rests_until[self.serving] = now + RETRY_AFTER * len(self._circles_of(self.serving))
+        elif assessment is Assessment.PREEMPTED:
+            self._rests_until[self.serving] = now + PREEMPTION_PAUSE
+        elif assessment is Assessment.HIDDEN:
+            self._hidden.append((*status.pose[:2], FAILED_RADIUS))
+        elif self.goal is not None and status.goal.under_way:
+            self._wait = self._wait.continued(status.goal.value, now, status.pose)
+        elif assessment is not Assessment.UNKNOWN:
+            # only a wait where the robot should see the spot may show that something hides it
+            self._wait = self._wait.continued("seen" if assessment is Assessment.FIT else "", now, status.pose)
+        if assessment in (Assessment.FAILED, Assessment.PREEMPTED, Assessment.HIDDEN):
             self.goal = None
-        if under_way is None:
-            self._waiting_time(now, "", pose)  # restarts the wait, which counts only where it should see the spot
+            self._wait = Wait()
+        if assessment in (Assessment.FIT, Assessment.HIDDEN):
+            self._unfit_since = None
+        elif assessment is Assessment.UNFIT and self.goal is not None and self._unfit_since is None:
+            self._unfit_since = now
+
+    def _must_choose(self, now: float, unseen: float, assessment: Assessment) -> bool:
+        """Returns whether to choose another position, or robot: with patience while the present goal may fit again."""
+        if assessment in (Assessment.FIT, Assessment.UNKNOWN):
+            return False
         if self.goal is None:
             return True
-        self._unfit_since = now if self._unfit_since is None else self._unfit_since
         if unseen > LOST_TIMEOUT:
-            return now >= self._sent + LOST_INTERVAL
-        return now >= self._sent + MIN_INTERVAL and now >= self._unfit_since + UNFIT_TIMEOUT
+            return now >= self._sent_at + LOST_INTERVAL
+        return now >= self._sent_at + MIN_INTERVAL and now >= self._unfit_since + UNFIT_TIMEOUT
 
-    def _failures_of(self, name: str) -> List[Circle]:
-        return [position for robot, _, position in self._failed if robot == name]
+    def _circles_of(self, robot: str) -> List[Circle]:
+        """Returns the circles around the positions at which a robot failed."""
+        return [failure.circle for failure in self._failures if failure.robot == robot]
 
-    def _waiting_time(self, now: float, event: str, pose: Pose) -> float:
-        """Returns for how long [s] the robot has waited for an event where it is; another event or move restarts it."""
-        awaited, _, start = self._awaited
-        if event != awaited or start is None or pose_distance(start, pose) >= STUCK_DISTANCE:
-            self._awaited = (event, now, pose)
-        return now - self._awaited[1]
-
-    def _choose(self, now: float, able: Mapping[str, Tuple[DispatchStatus, ViewpointPlanner]]) -> None:
-        """Accepts the best bid; changes nothing if there is none."""
-        bids: Dict[str, Tuple[tuple, Optional[Viewpoint]]] = {}
-        for name, (status, planner) in able.items():
-            failures, serves = self._failures_of(name), name == self.serving
-            if now < self._rests_until.get(name, -math.inf):
+    def _choose(self, now: float, able: Mapping[str, DispatchStatus], planners: Planners) -> None:
+        """Accepts the best bid. Changes nothing if there is none."""
+        bids: Dict[str, Tuple[Rank, Optional[Viewpoint]]] = {}
+        for name, status in able.items():
+            planner, circles, serves = planners[name], self._circles_of(name), name == self.serving
+            if planner is None or now < self._rests_until.get(name, -math.inf):
                 continue
             if not serves and not status.busy and planner.shows_target(status.pose):
-                bids[name] = (False, len(failures), False, 0.0), None
+                bids[name] = Rank(misses_spot=False, failures=len(circles), is_busy=False, cost=0.0), None
                 continue
-            viewpoint = planner.best_viewpoint(status.pose, [*self._blind, *failures])
+            viewpoint = planner.best_viewpoint(status.pose, [*self._hidden, *circles])
             if viewpoint is None:
                 self._rests_until[name] = now + MIN_INTERVAL  # the same search would fail again now
                 continue
             cost = viewpoint.cost - (SWITCH_GAIN if serves else 0.0)
-            bids[name] = (not viewpoint.sees_spot, len(failures), status.busy and not serves, cost), viewpoint
+            bids[name] = Rank(not viewpoint.sees_spot, len(circles), status.busy and not serves, cost), viewpoint
         if not bids:
             return
         best = min(bids, key=lambda name: bids[name][0])
-        chosen, status = bids[best][1], able[best][0]
+        chosen, status = bids[best][1], able[best]
         if best == self.serving and self._is_near_goal(chosen, status):
             self._unfit_since = now
             return
         # copied, because the caller compares goals by identity: the same position again is another goal
         self.serving, self.goal = best, chosen and replace(chosen)
-        self._sent, self._unfit_since, self._awaited = now, None, ("", now, None)
+        self._sent_at, self._unfit_since, self._wait = now, None, Wait()
 
     def _is_near_goal(self, chosen: Optional[Viewpoint], status: DispatchStatus) -> bool:
         """Returns whether a viewpoint is close to where the robot already is or is going."""

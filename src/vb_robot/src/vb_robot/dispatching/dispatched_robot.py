@@ -29,7 +29,7 @@ OUTCOMES = {
 }
 
 
-def follow(state: SentGoalState, status: Optional[int]) -> SentGoalState:
+def next_goal_state(state: SentGoalState, status: Optional[int]) -> SentGoalState:
     """Returns a goal's new state, from its status in navigation, which is None if navigation does not know the goal."""
     if not state.under_way:
         return state
@@ -84,10 +84,10 @@ class DispatchedRobot:
 
     def status(self, wanted: bool) -> DispatchStatus:
         """Returns the robot's status, with its pose only if a robot is wanted. Call it regularly."""
-        goals = self._robot.goals
-        self._state = follow(self._state, goals.get(self._id))
+        statuses = self._robot.goal_statuses
+        self._state = next_goal_state(self._state, statuses.get(self._id))
         running = GoalStatus.PENDING, GoalStatus.ACTIVE
-        others = {goal for goal, status in goals.items() if status in running} - self._ids
+        others = {goal for goal, status in statuses.items() if status in running} - self._ids
         for goal in others:
             if goal.startswith(rospy.get_name() + MARK):
                 # repeated, because a message may be lost while publishers are being connected

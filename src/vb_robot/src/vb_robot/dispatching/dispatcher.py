@@ -68,11 +68,12 @@ class Dispatcher:
         self.notice: Optional[Notice] = None
         self._policy = DispatchPolicy(self.maps)
         self._unserved_since = math.inf  # [s] time since which no camera sees the spot and no robot comes
-        self._drawn: Tuple[str, DrawingState] = ("", DrawingState())  # interaction, and its drawing
+        self._drawn_in = ""  # the interaction of the newest drawing
+        self._newest_drawing = DrawingState()
 
     def set_progress(self, interaction: str, drawn: DrawingState, cameras: Iterable[str]) -> None:
         """Stores what has been drawn so far in an interaction, and which cameras contributed."""
-        self._drawn = interaction, drawn
+        self._drawn_in, self._newest_drawing = interaction, drawn
         # also before any robot is wanted, because it depends on these cameras whether one is
         self.sightings.add_contributors(interaction, cameras)
 
@@ -84,20 +85,18 @@ class Dispatcher:
         time_since_seen = sightings.time_since_seen(now)
         if sightings.newest() is None and drawing is not None and not drawing.seeding:
             time_since_seen = 2.0 * LOST_TIMEOUT  # this program was restarted in the middle of a drawing
-        candidates = {}
+        planners: Dict[str, Optional[ViewpointPlanner]] = {}
         for name, status in robots.items():
             others = [s.pose[:2] for other, s in robots.items() if other != name and s.pose is not None]
-            planner = self.maps[name].make_planner(drawing, status, others) if drawing is not None else None
-            candidates[name] = (status, planner)
-        goals = self._policy.step(now, sightings.key if robot_wanted else None, time_since_seen, candidates)
+            planners[name] = self.maps[name].make_planner(drawing, status, others) if drawing is not None else None
+        goals = self._policy.step(now, sightings.key if robot_wanted else None, time_since_seen, robots, planners)
         self._update_notice(now, lost=drawing is not None and time_since_seen > LOST_TIMEOUT)
         return goals
 
     def _drawing(self, now: float) -> Optional[DrawingState]:
         """Returns the drawing with its spot at time `now` [s]; None while the spot's position is not known."""
-        sightings, (interaction, drawing) = self.sightings, self._drawn
-        if interaction != sightings.key[0]:
-            drawing = DrawingState()
+        sightings = self.sightings
+        drawing = self._newest_drawing if self._drawn_in == sightings.key[0] else DrawingState()
         if sightings.state == SEED and drawing.seed is not None:
             target = drawing.seed  # because a moving camera sees other bright things once the pointer is off
         elif sightings.newest() is not None:
@@ -121,9 +120,9 @@ class Dispatcher:
         """Updates the notice, which says whether a robot comes while no camera sees the spot."""
         is_coming = self._policy.goal is not None
         self._unserved_since = min(self._unserved_since, now) if lost and not is_coming else math.inf
-        self.notice = None
+        notice = None
         if lost and is_coming:
-            robot = self._policy.serving or ""
-            self.notice = Notice.of_robot(robot, "spot_not_seen_robot_looks", Severity.INFO)
+            notice = Notice.of_robot(self._policy.serving or "", "spot_not_seen_robot_looks", Severity.INFO)
         elif now - self._unserved_since >= UNSERVED_TIME:
-            self.notice = Notice("spot_not_seen_no_robot", Severity.WARNING)
+            notice = Notice("spot_not_seen_no_robot", Severity.WARNING)
+        self.notice = notice  # at once, because another thread reads it

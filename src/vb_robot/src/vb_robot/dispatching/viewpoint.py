@@ -35,7 +35,8 @@ TURN_COST, DISTANCE_COST, UNSEEN_COST, LOCKED_COST = 0.4, 0.5, 0.5, 5.0
 STEP = 0.05  # [m] between points of an extrapolated line
 # A quick hand has moved on when the robot arrives, so the robot looks at the middle of the distance that the hand may
 # have covered until then, as long as it sees the spot too.
-MIN_LOOKAHEAD, REACTION, MAX_LOOKAHEAD = 0.3, 1.2, 0.6  # [m] minimum, [s] of the hand's motion, [m] maximum
+REACTION = 1.2  # [s] of the hand's motion until then
+MIN_LOOKAHEAD, MAX_LOOKAHEAD = 0.3, 0.6  # [m] to that point
 LINE_AHEAD = 0.8  # [m] length of the extrapolated line, which a robot should see too, and keeps off
 MIN_LINE = 0.3  # [m] a shorter line encloses nothing yet
 NO_POINTS = np.zeros((0, 2))

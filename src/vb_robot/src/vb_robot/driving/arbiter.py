@@ -18,9 +18,10 @@ from vb_core.robot_profile import RobotProfile
 from vb_core.stop_latch import HeldStops
 from vb_core.vocabulary import DEFAULT, State
 from vb_robot.driving.escape import Escape
-from vb_robot.driving.gate import ESCAPE, FOLLOW, INPUT_TIMEOUT, NAVIGATION, NONE, STOP, TELEOP, Gate
+from vb_robot.driving.gate import ESCAPE, FOLLOW, INPUT_TIMEOUT, NAVIGATION, NONE, STOP, TELEOP, CommandGate
 from vb_robot.driving.rotation_shim import RotationShim
-from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
+from vb_robot.driving.spot_follower import SpotFollower
+from vb_robot.driving.velocity import VelocityRequest
 from vb_robot.spot_sightings import Sighting, Sightings
 
 # [s] for which a new subscriber is sent zero commands, as a base may still execute the last one of a crashed driver
@@ -72,7 +73,7 @@ class Arbiter:
         mobile_cameras: Iterable[str] = (),
         stops: Optional[HeldStops] = None,
     ) -> None:
-        self.gate = Gate(profile)
+        self.gate = CommandGate(profile)
         self._lock = threading.Lock()
         self._camera = camera
         self.follower, self._escape = SpotFollower(), Escape(profile.radius)
@@ -132,7 +133,7 @@ class Arbiter:
             return self._last
 
     def step(self, now: float, listeners: int = 1) -> DriveCommand:
-        """Computes the command for time `now` [s], RATE times a second; `listeners`: number of its subscribers."""
+        """Computes the command for time `now` [s] and this number of subscribers. Call it RATE times a second."""
         with self._lock:
             if listeners > self._listeners:
                 self._zeros_until = now + START_ZEROS
@@ -154,7 +155,7 @@ class Arbiter:
             return self._last
 
     def _choose(self, now: float, goal: bool) -> Tuple[str, VelocityRequest]:
-        """Chooses the source that drives; returns it and its request."""
+        """Chooses the source that drives. Returns it and its request."""
         if self.stops.stopped:
             return STOP, VelocityRequest(code="stopped")
         teleop = self._command(TELEOP, now)
@@ -172,9 +173,9 @@ class Arbiter:
         return NONE, VelocityRequest(code="idle")
 
     def _command(self, source: str, now: float) -> Optional[VelocityRequest]:
-        return (
-            self._commands[source] if -0.1 <= now - self.gate.stamps.get(source, -math.inf) <= INPUT_TIMEOUT else None
-        )
+        """Returns the newest command of navigation or teleoperation; None if it is too old."""
+        age = now - self.gate.stamps.get(source, -math.inf)
+        return self._commands[source] if -0.1 <= age <= INPUT_TIMEOUT else None
 
     def _compute_escape(self, now: float, goal: bool) -> Optional[VelocityRequest]:
         pose, workspace = self.gate.pose(now), self.gate.workspace

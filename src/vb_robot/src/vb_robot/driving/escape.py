@@ -15,7 +15,7 @@ import numpy as np
 from vb_core import geometry
 from vb_core.navigation_parameters import PATH_MARGIN
 from vb_core.geometry import Pose
-from vb_robot.driving.spot_follower import MAX_SPEED, VelocityRequest, steer
+from vb_robot.driving.velocity import MAX_SPEED, VelocityRequest, steer
 from vb_robot.driving.workspace import Workspace
 
 NEAR, FREE = PATH_MARGIN + 0.02, PATH_MARGIN + 0.04  # [m] beyond the radius: start and end (cells flicker)

@@ -10,10 +10,10 @@ and send the result of `limit` to the base.
 
 >>> import numpy as np
 >>> from vb_core.grid_map import GridMap
->>> gate, profile = Gate(RobotProfile()), RobotProfile()
+>>> gate, profile = CommandGate(RobotProfile()), RobotProfile()
 >>> request = VelocityRequest(0.3, 0.0, "driving")                            # [m/s], [rad/s]
 >>> gate.limit(10.0, NAVIGATION, request)                                     # nothing is known yet
-(0.0, 0.0, 'no_map')
+VelocityRequest(v=0.0, w=0.0, code='no_map')
 >>> floor = GridMap(np.zeros((100, 100), np.int8), resolution=0.05)           # 5 m x 5 m ...
 >>> borders = floor.with_data(np.tile(np.int8([0] * 60 + [100] * 40), (100, 1)))    # ... restricted from x = 3 m on
 >>> gate.workspace = Workspace(borders, floor, profile.radius)
@@ -22,7 +22,7 @@ and send the result of `limit` to the base.
 >>> gate.record_input("state", 10.0)
 >>> gate.set_pose((2.0, 2.5, 0.0), stamp=10.0)
 >>> gate.limit(10.0, NAVIGATION, request), gate.limit(10.6, NAVIGATION, request)    # at once, and 0.6 s later
-((0.3, 0.0, 'driving'), (0.0, 0.0, 'scan_lost'))
+(VelocityRequest(v=0.3, w=0.0, code='driving'), VelocityRequest(v=0.0, w=0.0, code='scan_lost'))
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from vb_core.geometry import Pose
 from vb_core.robot_profile import RobotProfile
 from vb_robot.driving.safety import MAX_POSE_JUMP, Clearance, Fix, Scan, limit_around, pose_jump, safe_speed
 from vb_robot.driving.safety import stop_distance
-from vb_robot.driving.spot_follower import MAX_SPEED, VelocityRequest
+from vb_robot.driving.velocity import MAX_SPEED, VelocityRequest
 from vb_robot.driving.workspace import Workspace
 
 RATE = 20.0  # [1/s] how often commands are limited, and late messages noticed
@@ -61,7 +61,7 @@ CLEARANCES = {
 }
 
 
-class Gate:
+class CommandGate:
     """Limits one robot's commands by the space ahead and the age of its inputs. The input methods are thread safe.
 
     Attributes:
@@ -88,7 +88,8 @@ class Gate:
         self._recent_fixes: Deque[Fix] = deque(maxlen=64)
         self._pose_known = False  # whether the newest fix is still valid
         self._periods: Dict[str, Deque[float]] = {}  # [s] between an input's newest messages
-        self._correction = 0.0, -math.inf  # [s] stamp of the newest correction, and when it arrived
+        self._corrected_stamp = 0.0  # [s] stamp of the localisation's newest correction
+        self._corrected_at = -math.inf  # [s] when it arrived
         self._jump_hold_until = -math.inf
         self._other_publishers: Dict[str, float] = {}  # [s] time of the last command, by other node
         self._last_limited = -math.inf  # [s] time of the last call of `limit`
@@ -111,9 +112,9 @@ class Gate:
                 post-dates its corrections, so a correction's age counts from the change of this stamp.
         """
         with self._lock:
-            if correction != self._correction[0]:
-                self._correction = correction, stamp
-            stamp = min(stamp, self._correction[1]) if correction else stamp
+            if correction != self._corrected_stamp:
+                self._corrected_stamp, self._corrected_at = correction, stamp
+            stamp = min(stamp, self._corrected_at) if correction else stamp
             was_located, self._pose_known = self._pose_known, pose is not None
             if pose is None:
                 self.stamps.pop("pose", None)
@@ -131,7 +132,7 @@ class Gate:
             recent_fixes.append(fix)
 
     def record_input(self, name: str, stamp: float) -> None:
-        """Records the stamp [s] of an input's newest message; a stamp slightly in the future counts as now."""
+        """Records the stamp [s] of an input's newest message. A stamp slightly in the future counts as now."""
         with self._lock:
             if self._last_limited < stamp < self._last_limited + MAX_FUTURE_STAMP:
                 stamp = self._last_limited
@@ -166,19 +167,19 @@ class Gate:
         return None if unknown or self._age(now, "pose") > INPUT_TIMEOUT else self._recent_fixes[-1].pose
 
     # ------------------------------------------------------------- commands
-    def limit(self, now: float, source: str, request: VelocityRequest) -> Tuple[float, float, str]:
-        """Limits a source's request at time `now` [s] to what is safe; returns (v [m/s], w [rad/s], code)."""
+    def limit(self, now: float, source: str, request: VelocityRequest) -> VelocityRequest:
+        """Returns a source's request at time `now` [s] limited to what is safe, with the code of what limits it."""
         with self._lock:
             self._last_limited = now
             # two nodes must not drive one base, in any state, even if no source requests motion
             if self.other_publishers(now):
-                return 0.0, 0.0, OTHER_PUBLISHER
+                return VelocityRequest(0.0, 0.0, OTHER_PUBLISHER)
             if source in (NONE, STOP):
-                return 0.0, 0.0, request.code
+                return VelocityRequest(0.0, 0.0, request.code)
             if not (math.isfinite(request.v) and math.isfinite(request.w)):
-                return 0.0, 0.0, "bad_command"
+                return VelocityRequest(0.0, 0.0, "bad_command")
             if "all" in self.contacts.values():
-                return 0.0, 0.0, "contact"
+                return VelocityRequest(0.0, 0.0, "contact")
             limits = self.profile.limits
             v, w, code = request.v, min(max(request.w, -limits.max_turn_rate), limits.max_turn_rate), request.code
             max_speed, reason = self._speed_limit(now, source, v, w) if v != 0.0 else (math.inf, "")
@@ -187,7 +188,9 @@ class Gate:
                 scale = max_speed / abs(v)
                 v, w, code = (scale * v, scale * w, reason) if max_speed >= 0.02 else (0.0, w, reason)
             scale, missing_code = self._age_factor(now, source, v, w)
-            return (0.0, 0.0, missing_code) if missing_code else (scale * v, scale * w, code)
+            if missing_code:
+                return VelocityRequest(0.0, 0.0, missing_code)
+            return VelocityRequest(scale * v, scale * w, code)
 
     def _age_factor(self, now: float, source: str, v: float, w: float) -> Tuple[float, str]:
         """Returns the fraction of a command from which the robot can stop before the oldest input is too old.

@@ -16,7 +16,7 @@ from typing import Optional
 import numpy as np
 
 from vb_core.geometry import Pose, look_ahead
-from vb_robot.driving.spot_follower import VelocityRequest
+from vb_robot.driving.velocity import VelocityRequest
 
 AHEAD = 0.3  # [m] along the path to the point that gives its direction
 NEAR = 0.5  # [m] of remaining path below which the shim does not act: twice the usual tolerance

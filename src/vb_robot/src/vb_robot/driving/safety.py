@@ -142,7 +142,7 @@ class Fix:
 
 
 def pose_jump(earlier: Fix, later: Fix) -> float:
-    """Measures by how much [m] the change of the pose exceeds the odometry's; a turn of 1 rad counts as 0.5 m.
+    """Measures by how much [m] the change of the pose exceeds the odometry's. A turn of 1 rad counts as 0.5 m.
 
     Without odometry, the excess is that over the motion of any robot in that time (1 m/s, 3 rad/s).
     """

@@ -9,37 +9,20 @@ robot moves; the gate checks its age, and whether the localisation has jumped.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Optional, Tuple
 
 import numpy as np
 
 from vb_core.geometry import Pose, to_base
+from vb_robot.driving.velocity import MAX_SPEED, VelocityRequest, steer
 
-MAX_SPEED = 0.2  # [m/s] the paper's limit for a guided robot; also backwards, where it equals a spot's usual speed
-MAX_TURN = 0.8  # [rad/s] a spot 1 m away that moves sideways at 0.5 m/s needs 0.5
 # [m] from the base to the spot. With a usual mount, the image ends at 0.45 m, so a spot that is drawn towards the robot
 # from NEAR_DISTANCE soon leaves it.
 GOOD_DISTANCE, FAR_DISTANCE = 1.0, 1.3  # beyond FAR, the robot drives nearer, to GOOD
 NEAR_DISTANCE, BACK_TO_DISTANCE = 0.75, 0.9  # below NEAR, it backs off, to BACK_TO
 # bearings of the spot: beyond INNER, half of a usual camera's view, the robot turns until the spot is within SETTLED
 INNER_ZONE, SETTLED_ZONE = math.radians(14.0), math.radians(4.0)
-DRIVE_CONE = math.radians(25.0)  # if the spot is farther off the axis, the robot only turns
-DISTANCE_GAIN, TURN_GAIN = 0.8, 1.8  # [1/s]
-
-
-@dataclass(frozen=True)
-class VelocityRequest:
-    """A source's request: forward speed [m/s], turn rate [rad/s], and the reason as a code."""
-
-    v: float = 0.0
-    w: float = 0.0
-    code: str = "driving"
-
-
-def steer(bearing: float, speed: float) -> Tuple[float, float]:
-    """Computes (v, w) [m/s, rad/s] that turn the robot to a bearing [rad]; the smaller the bearing, the larger v."""
-    return speed * max(0.0, 1.0 - abs(bearing) / DRIVE_CONE), min(max(TURN_GAIN * bearing, -MAX_TURN), MAX_TURN)
+DISTANCE_GAIN = 0.8  # [1/s]
 
 
 class SpotFollower:

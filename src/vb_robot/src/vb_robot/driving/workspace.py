@@ -42,7 +42,7 @@ class PoseUncertainty:
         self._last: Deque[float] = deque(maxlen=UNCERTAINTY_UPDATES)
 
     def add(self, covariance: np.ndarray) -> bool:
-        """Adds the covariance (3, 3) [m, m, rad] of one update's x, y and yaw; returns whether `meters` has changed."""
+        """Adds the covariance (3, 3) [m, m, rad] of one update's x, y and yaw. Returns whether `meters` has changed."""
         finite = bool(np.isfinite(covariance).all())
         largest_variance = float(np.linalg.eigvalsh(covariance[:2, :2])[-1]) if finite else math.inf
         self.lost = largest_variance > MAX_STD**2 or not 0.0 <= float(covariance[2, 2]) <= MAX_YAW_STD**2

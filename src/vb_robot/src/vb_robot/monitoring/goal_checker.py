@@ -73,7 +73,7 @@ class GoalChecker:
     """
 
     def __init__(self, borders: GridMap, physical: GridMap, radius: float, known: Sequence[KnownBorder]) -> None:
-        self.borders, self.physical, self._known = borders, physical, known
+        self.borders, self.physical, self.known = borders, physical, known
         self._barred = forbidden(borders, physical)
         # a cell smaller, because navigation may round differently, and a goal is refused only for certain reasons
         self._radius = max(radius - borders.resolution, 0.5 * borders.resolution)
@@ -81,7 +81,7 @@ class GoalChecker:
 
     def name_at(self, point) -> str:
         """Returns the name of the border that contains a point (2,) [m], or that leaves no room at it."""
-        return name_of(self._known, nearest_cell(self.borders, self._barred, point, 2.0 * self._radius + NEAR)[1])
+        return name_of(self.known, nearest_cell(self.borders, self._barred, point, 2.0 * self._radius + NEAR)[1])
 
     def check(self, start, goal) -> Optional[Tuple[str, str]]:
         """Returns why navigation will refuse a goal (2,) [m] from a start (2,) [m]: a code, and the border's name.
@@ -107,7 +107,7 @@ class GoalChecker:
         return None
 
     def _connected(self, grid: GridMap) -> np.ndarray:
-        """Labels the connected parts of the floor (H, W) with room for the robot; 0 is no room. Unknown may be free."""
+        """Labels the connected parts of the floor (H, W) with room for the robot. 0 is no room. Unknown may be free."""
         room = clearance_grid(grid.data >= LETHAL_THRESHOLD, grid.resolution) >= self._radius
         return cv2.connectedComponents(room.astype(np.uint8), connectivity=4)[1]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
@@ -72,16 +73,16 @@ def observe(graph: Any, robot: str, parameters: Mapping[str, Any]) -> Wiring:
     is_serving = bool(graph.publishers.get(within(robot, "move_base/status")))
     planner = next((name for name in PLANNERS if f"{node}/{name}/set_parameters" in graph.services), "")
     return Wiring(
-        node,
-        maps,
+        move_base=node,
+        maps=maps,
         # its action server starts once it has all maps, so a running one waits for none
-        tuple(topic for topic in maps if not (is_serving or graph.publishers.get(topic))),
-        tuple(topic for topic in graph.publications(node, VELOCITIES) if not graph.subscribers.get(topic)),
-        _plans_round_borders(robot, maps, parameters),
+        missing_maps=tuple(topic for topic in maps if not (is_serving or graph.publishers.get(topic))),
+        unheard=tuple(topic for topic in graph.publications(node, VELOCITIES) if not graph.subscribers.get(topic)),
+        plans_round_borders=_plans_round_borders(robot, maps, parameters),
         # the global planner's path; local planners call theirs global_plan and local_plan
-        next((topic for topic in sorted(graph.publications(node, PATHS)) if topic.endswith("/plan")), ""),
-        planner,
-        _radius(parameters),
+        path=next((topic for topic in sorted(graph.publications(node, PATHS)) if topic.endswith("/plan")), ""),
+        planner=planner,
+        radius=_radius(parameters),
     )
 
 
@@ -103,10 +104,8 @@ def _radius(parameters: Mapping[str, Any]) -> Optional[float]:
     costmap = parameters.get("global_costmap") or {}
     footprint: Any = costmap.get("footprint")
     if isinstance(footprint, str):
-        try:
+        with contextlib.suppress(yaml.YAMLError):
             footprint = yaml.safe_load(footprint)
-        except yaml.YAMLError:
-            footprint = None
     corners: List[Any] = footprint if isinstance(footprint, list) else []
     try:
         if len(corners) >= 3:

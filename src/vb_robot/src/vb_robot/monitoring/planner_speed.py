@@ -72,7 +72,7 @@ class PlannerSpeed:
             self._set = None
 
     def apply(self, limit: float) -> None:
-        """Sets the limit [m/s], inf for none; does nothing if it is already in force.
+        """Sets the limit [m/s], inf for none. Does nothing if it is already in force.
 
         Raises:
             CodedError: "no_service", "no_response", or "planner_refused" if its speed remains higher.

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from dataclasses import dataclass
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 import rospy
@@ -37,70 +38,83 @@ PATH_POINTS = 100  # approximate number of a path's points that are published
 DEFAULT_RADIUS = 0.18  # [m] of a robot whose radius neither costmap nor profile gives
 
 
+@dataclass
+class MapLayers:
+    """The newest maps for one robot; None for each that has not arrived."""
+
+    physical: Optional[GridMap] = None  # without borders
+    borders: Optional[GridMap] = None  # with all robots' borders
+    own: Optional[GridMap] = None  # with only this robot's borders; a robot without a name has none
+    keep_out: Optional[GridMap] = None  # its driver's, with a margin around borders; its navigation may plan on it
+
+
 class WatchedRobot:
     """Collects what is connected to one robot, and sends it to goals through its navigation.
 
     Args:
         name: the robot's namespace; "" for the only robot.
         frame: its base frame.
-        on_goal: called with this robot when its goal must be checked.
+        request_check: called with this robot when its goal must be checked.
 
     Attributes:
-        goals: the statuses of its navigation's goals, by id, from the newest message.
+        goal: (x, y) [m] where it was last sent, map frame; None before.
+        goal_statuses: the statuses of its navigation's goals, by id, from the newest message.
         refusal: the notice that says why its present goal is refused; None if it is not.
+        speed: the speed limit of its local planner; None if that cannot be limited.
     """
 
-    def __init__(self, name: str, frame: str, transforms: TransformLookup, on_goal: Any) -> None:
+    def __init__(
+        self, name: str, frame: str, transforms: TransformLookup, request_check: Callable[[WatchedRobot], None]
+    ) -> None:
         self.name, self.frame = name, frame
         self.wiring = Wiring()
         self.pose: Optional[Pose] = None
-        self.goals: Dict[str, int] = {}
-        self._status_at = -math.inf
         self.goal: Optional[Tuple[float, float]] = None
-        self.speed: Optional[PlannerSpeed] = None
-        self._driver_heard, self._in_control = -math.inf, False
-        self._path = np.zeros((0, 2))
-        self._maps: dict = {}
-        self._known: Sequence[KnownBorder] = ()
-        self._goal_checker: Optional[GoalChecker] = None
-        self._checker_inputs: tuple = (None,) * 4  # maps, radius and borders from which it was made
+        self.goal_statuses: Dict[str, int] = {}
         self.refusal: Optional[Notice] = None
-        self._goal_at = -math.inf
-        self._transforms, self._on_goal = transforms, on_goal
+        self.speed: Optional[PlannerSpeed] = None
+        self._goal_at = self._status_at = self._driver_heard_at = -math.inf
+        self._in_control = False
+        self._path = np.zeros((0, 2))
+        self._maps = MapLayers()
+        self._borders: Sequence[KnownBorder] = ()
+        self._goal_checker: Optional[GoalChecker] = None
+        self._checked_radius: Optional[float] = None  # [m] for which the checker was made
+        self._transforms, self._request_check = transforms, request_check
         self._ids = itertools.count()
         self._goals = rospy.Publisher(within(name, "move_base/goal"), MoveBaseActionGoal, queue_size=2)
         self._cancel = rospy.Publisher(within(name, "move_base/cancel"), GoalID, queue_size=2)
         self._path_subscriber: Optional[rospy.Subscriber] = None
-        rospy.Subscriber(within(name, "move_base/goal"), MoveBaseActionGoal, self._take_goal, queue_size=5)
-        rospy.Subscriber(within(name, "move_base/status"), GoalStatusArray, self._take_status, queue_size=1)
+        rospy.Subscriber(within(name, "move_base/goal"), MoveBaseActionGoal, self._on_goal, queue_size=5)
+        rospy.Subscriber(within(name, "move_base/status"), GoalStatusArray, self._on_status, queue_size=1)
 
     # ------------------------------------------------------------- inputs
     def hear_driver(self, message: DriverState, now: float) -> None:
         """Stores the driver's report, which arrived at time `now` [s]."""
-        self._driver_heard, self._in_control = now, message.code != OTHER_PUBLISHER
+        self._driver_heard_at, self._in_control = now, message.code != OTHER_PUBLISHER
 
-    def set_map(self, which: str, grid: GridMap) -> None:
-        """Stores a map: "physical", "borders", "own" (with only this robot's borders), or "keep_out" of its driver."""
-        self._maps[which] = grid
-        self._request_check()
+    def set_map(self, layer: str, grid: GridMap) -> None:
+        """Stores a map. The layer is a field of MapLayers."""
+        setattr(self._maps, layer, grid)
+        self._request_another_check()
 
     def set_borders(self, borders: Sequence[KnownBorder]) -> None:
         """Stores the borders that are in force for this robot, which give the names."""
-        self._known = borders
-        self._request_check()
+        self._borders = borders
+        self._request_another_check()
 
-    def _request_check(self) -> None:
+    def _request_another_check(self) -> None:
         """Requests another check of the present goal, because a border may now be in its way."""
         if self.goal is not None and self._is_reported(rospy.get_time()):
-            self._on_goal(self)
+            self._request_check(self)
 
     def _has_goal(self) -> bool:
-        return any(status in RUNNING for status in self.goals.values())
+        return any(status in RUNNING for status in self.goal_statuses.values())
 
     def _is_reported(self, now: float) -> bool:
         return self._has_goal() or now - self._goal_at < MIN_REPORTED
 
-    def look(self, graph: Any) -> None:
+    def update_wiring(self, graph: Any) -> None:
         """Updates the wiring from the ROS graph and the parameters of the robot's navigation."""
         node = navigation_wiring.find_move_base(graph, self.name)
         parameters = rospy.get_param(node, {}) if node else {}
@@ -113,7 +127,7 @@ class WatchedRobot:
         if wiring.path != self.wiring.path:
             if self._path_subscriber is not None:
                 self._path_subscriber.unregister()
-            self._path_subscriber = rospy.Subscriber(wiring.path, Path, self._take_path) if wiring.path else None
+            self._path_subscriber = rospy.Subscriber(wiring.path, Path, self._on_path) if wiring.path else None
         self.wiring = wiring
 
     def locate(self) -> None:
@@ -125,9 +139,9 @@ class WatchedRobot:
         return self._has_driver() and self._in_control
 
     def _has_driver(self) -> bool:
-        return 0.0 <= rospy.get_time() - self._driver_heard < DRIVER_SILENCE
+        return 0.0 <= rospy.get_time() - self._driver_heard_at < DRIVER_SILENCE
 
-    def _take_goal(self, message: MoveBaseActionGoal) -> None:
+    def _on_goal(self, message: MoveBaseActionGoal) -> None:
         goal = message.goal.target_pose
         x, y, _ = pose2d_from_message(goal.pose)
         try:
@@ -137,10 +151,10 @@ class WatchedRobot:
             return  # navigation cannot transform it either
         self.goal, self._path, self.refusal = (float(position[0]), float(position[1])), np.zeros((0, 2)), None
         self._goal_at = rospy.get_time()
-        self._on_goal(self)
+        self._request_check(self)
 
-    def _take_status(self, message: GoalStatusArray) -> None:
-        self.goals = {entry.goal_id.id: entry.status for entry in message.status_list}
+    def _on_status(self, message: GoalStatusArray) -> None:
+        self.goal_statuses = {entry.goal_id.id: entry.status for entry in message.status_list}
         self._status_at = rospy.get_time()
 
     def is_navigating(self) -> bool:
@@ -148,7 +162,7 @@ class WatchedRobot:
         is_recent = 0.0 <= rospy.get_time() - self._status_at < NAVIGATION_SILENCE
         return is_recent and self._goals.get_num_connections() > 1  # one of them is the monitor itself
 
-    def _take_path(self, message: Path) -> None:
+    def _on_path(self, message: Path) -> None:
         if message.header.frame_id.lstrip("/") == names.MAP_FRAME:
             points = array_from_points([entry.pose.position for entry in message.poses]).reshape(-1, 2)
             self._path = points[:: max(1, len(points) // PATH_POINTS)]
@@ -178,30 +192,40 @@ class WatchedRobot:
         )
 
     def driving_maps(self) -> Tuple[Optional[GridMap], Optional[GridMap]]:
-        """Returns the map with the borders for this robot, and the map without borders; None for one not known yet."""
-        return self._maps.get("own" if self.name else "borders"), self._maps.get("physical")
+        """Returns the map with the borders for this robot, and the map without borders; None for one not known yet.
 
-    def _with_borders(self) -> Optional[GridMap]:
-        return self._maps.get("own", self._maps.get("borders"))
+        A robot with a name waits for its own map, because the common one also has the borders of other robots.
+        """
+        return self._maps.own if self.name else self._maps.borders, self._maps.physical
+
+    def _checked_map(self) -> Optional[GridMap]:
+        """Returns the map on which goals and poses are checked: its own, or the common one if nobody publishes that."""
+        return self._maps.borders if self._maps.own is None else self._maps.own
 
     def goal_checker(self) -> Optional[GoalChecker]:
         """Returns the checker of this robot's goals on the newest maps; None until matching maps arrive."""
-        grid, physical = self._with_borders(), self._maps.get("physical")
-        if grid is not None and any(topic.endswith(names.MAP_WITH_MARGIN) for topic in self.wiring.maps):
-            grid = self._maps.get("keep_out", grid)  # navigation then plans with the driver's margin
+        grid, physical, radius = self._checked_map(), self._maps.physical, self.wiring.radius
+        plans_on_margin = any(topic.endswith(names.MAP_WITH_MARGIN) for topic in self.wiring.maps)
+        if grid is not None and plans_on_margin and self._maps.keep_out is not None:
+            grid = self._maps.keep_out
         if grid is None or physical is None or not physical.same_geometry(grid):
             return None
-        inputs = (grid, physical, self.wiring.radius, self._known)
-        if any(new is not old for new, old in zip(inputs, self._checker_inputs)):
-            radius = inputs[2] or robot_profile.read_radius(self.name, DEFAULT_RADIUS)
-            self._goal_checker, self._checker_inputs = GoalChecker(grid, physical, radius, inputs[3]), inputs
+        checker = self._goal_checker
+        is_current = checker is not None and radius == self._checked_radius and checker.known is self._borders
+        if not is_current or checker.borders is not grid or checker.physical is not physical:
+            inscribed_radius = radius or robot_profile.read_radius(self.name, DEFAULT_RADIUS)
+            self._goal_checker = GoalChecker(grid, physical, inscribed_radius, self._borders)
+            self._checked_radius = radius
         return self._goal_checker
 
     def check_goal(self, goal) -> Optional[Notice]:
         """Returns a notice that says why a goal (2,) [m] will be refused; None if nothing is known against it."""
         checker = self.goal_checker()
         refusal = checker.check(self.pose[:2] if self.pose else None, np.asarray(goal)) if checker else None
-        return self.notice(refusal[0], Severity.WARNING, border=quoted(refusal[1])) if refusal else None
+        if refusal is None:
+            return None
+        code, border = refusal
+        return self.notice(code, Severity.WARNING, border=quoted(border))
 
     def notices(self, now: float) -> List[Notice]:
         """Returns the notices about the robot's goal and position at time `now` [s]."""
@@ -211,7 +235,7 @@ class WatchedRobot:
         checker, pose = self.goal_checker(), self.pose
         if checker is not None and pose is not None and (self.wiring.move_base or self._has_driver()):
             # not on the map on which it plans, whose borders may have a margin
-            if is_inside(self._with_borders(), self._maps["physical"], pose[:2]):
+            if is_inside(self._checked_map(), self._maps.physical, pose[:2]):
                 border = quoted(checker.name_at(pose[:2]))
                 notices.append(self.notice("robot_caught_in_border", Severity.WARNING, border=border))
         return notices
@@ -227,7 +251,7 @@ class WatchedRobot:
         self.send((x, y, math.atan2(y - self.pose[1], x - self.pose[0]) if self.pose else 0.0))
 
     def send(self, pose: Pose, mark: str = "-") -> str:
-        """Sends the robot to a pose; returns the goal's id, which contains the mark."""
+        """Sends the robot to a pose. Returns the goal's id, which contains the mark."""
         now = rospy.Time.now()
         identity = f"{rospy.get_name()}{mark}{next(self._ids)}-{now.to_nsec()}"
         message = MoveBaseActionGoal(goal_id=GoalID(now, identity))

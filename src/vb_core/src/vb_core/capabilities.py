@@ -1,12 +1,12 @@
-"""Derives which commands and zones a lab can offer from what is connected to it. No ROS.
+"""Derives a lab's capabilities from what is connected to it: the commands that have an effect, the zones that are kept.
 
 Which buttons may the page show? That depends on whether the lab has cameras, and on whether a robot plans on the map
-with borders, is driven by this stack's driver, and is localised. One pure function, `offer`, derives which commands
-have an effect, which zones each robot keeps, and the sentences that say so. Page, display, check_lab and notices all
-use it, so that none of them offers a Stop that stops nothing, or claims a zone that no robot keeps.
+with borders, is driven by this stack's driver, and is localised. One pure function, `derive_capabilities`, answers it,
+with the sentences that say so. Page, display, check_lab and notices all use it, so that none of them offers a Stop that
+stops nothing, or claims a zone that no robot keeps. No ROS.
 
 >>> mine = ConnectedRobot("", navigation=True, plans_round_borders=True, localized=True)
->>> offer(Connections((mine,))).commands
+>>> derive_capabilities(Connections((mine,))).commands
 ('go',)
 """
 
@@ -42,7 +42,7 @@ class ConnectedRobot:
     unheard: Tuple[str, ...] = ()
 
     @property
-    def is_there(self) -> bool:
+    def is_connected(self) -> bool:
         """Whether navigation or a driver is connected that could drive it."""
         return self.navigation or self.driver
 
@@ -71,8 +71,8 @@ class Connections:
 
 
 @dataclass(frozen=True)
-class Offer:
-    """What is offered, and what holds for each robot.
+class Capabilities:
+    """What a lab can do for people, and what holds for each of its robots.
 
     Attributes:
         state: READY, NO_ROBOT, or UNREADY if a connected robot does not keep out of borders.
@@ -95,9 +95,9 @@ class Offer:
         return [line for line in self.lines if line.severity >= Severity.WARNING]
 
 
-def offer(connections: Connections) -> Offer:
-    """Derives what is offered from what is connected."""
-    connected = [robot for robot in connections.robots if robot.is_there]
+def derive_capabilities(connections: Connections) -> Capabilities:
+    """Derives what a lab can do from what is connected to it."""
+    connected = [robot for robot in connections.robots if robot.is_connected]
     ignored = {zone: tuple(robot.name for robot in connected if not robot.keeps(zone)) for zone in ZONES}
     goes = tuple(robot.name for robot in connected if robot.plans and robot.keeps(KEEP_OUT.name))
     pointing = connections.interaction and connections.cameras
@@ -108,7 +108,7 @@ def offer(connections: Connections) -> Offer:
     }
     commands = [name for name, command in COMMANDS.items() if has.get(command.needs)] + ["go"] * bool(goes)
     state = NO_ROBOT if not connected else UNREADY if ignored[KEEP_OUT.name] else READY
-    return Offer(
+    return Capabilities(
         state=state,
         commands=tuple(commands),
         zones=tuple(zone for zone in ZONES if len(ignored[zone]) < len(connected)),
@@ -118,21 +118,21 @@ def offer(connections: Connections) -> Offer:
     )
 
 
-def effective(offered: Offer, commands: Sequence[str]) -> Tuple[str, ...]:
+def effective_commands(capabilities: Capabilities, commands: Sequence[str]) -> Tuple[str, ...]:
     """Returns those of an interaction's available commands that have an effect in this lab."""
     judged = {name for name, command in COMMANDS.items() if command.needs}
-    return tuple(name for name in commands if name in offered.commands or name not in judged)
+    return tuple(name for name in commands if name in capabilities.commands or name not in judged)
 
 
-def find_unkept(offered: Offer, zone: str, robots: Sequence[str]) -> Optional[Tuple[str, Dict[str, str]]]:
+def find_unkept(capabilities: Capabilities, zone: str, robots: Sequence[str]) -> Optional[Tuple[str, Dict[str, str]]]:
     """Returns code and values of the sentence that says who does not keep a border, or None if all keep it.
 
     Args:
         zone: name of the border's zone.
         robots: names of the robots that the border is for; empty: all.
     """
-    ignoring = [name for name in offered.ignored_by[zone] if not robots or name in robots]
-    if offered.state == NO_ROBOT:
+    ignoring = [name for name in capabilities.ignored_by[zone] if not robots or name in robots]
+    if capabilities.state == NO_ROBOT:
         return "border_without_robot", {}
     if not ignoring:
         return None
@@ -146,7 +146,7 @@ def _lines(robot: ConnectedRobot) -> List[Notice]:
     def line(severity: Severity, code: str, **more_values: str) -> Notice:
         return Notice(code, severity, robot.name, values={**values, **more_values})
 
-    if not robot.is_there:
+    if not robot.is_connected:
         return [line(Severity.INFO, "robot_not_connected")]
     lines = []
     if robot.missing_maps:

@@ -1,32 +1,34 @@
-"""What is offered to people, by what is connected to the lab."""
+"""What a lab can do for people, by what is connected to it."""
 
 import itertools
+from collections import namedtuple
 from dataclasses import replace
 
 import pytest
 
 from vb_core import sentences
+from vb_core.capabilities import NO_ROBOT, READY, UNREADY, ConnectedRobot, Connections
+from vb_core.capabilities import derive_capabilities, effective_commands, find_unkept
 from vb_core.notices import Severity
-from vb_core.lab_offer import NO_ROBOT, READY, UNREADY, ConnectedRobot, Connections, effective, find_unkept, offer
 from vb_core.zones import ZONES
 
 PLANS = dict(plans_round_borders=True)
 STOP, STOP_AND_SPEED = dict(obeys_stop=True), dict(obeys_stop=True, obeys_speed=True)  # by robot_monitor
 DRIVER = dict(driver=True)
-# what is connected; the zones that the robot keeps, whether it goes to a place, whether it stops, what people are told
-ROBOTS = [
-    ({}, [], False, False, ["robot_ignores_borders", "robot_obeys_borders_only"]),
-    (STOP, [], False, True, ["robot_ignores_borders", "robot_obeys_stop_only"]),
-    (STOP_AND_SPEED, ["slow"], False, True, ["robot_ignores_borders", "robot_obeys_by_navigation"]),
-    (DRIVER, ["keep_out", "slow"], False, True, ["robot_plans_through_borders", "robot_has_driver"]),
-    (PLANS, ["keep_out", "avoid"], True, False, ["robot_plans_round_borders", "robot_obeys_borders_only"]),
-    ({**PLANS, **STOP}, ["keep_out", "avoid"], True, True, ["robot_plans_round_borders", "robot_obeys_stop_only"]),
-    ({**PLANS, **STOP_AND_SPEED}, [*ZONES], True, True, ["robot_plans_round_borders", "robot_obeys_by_navigation"]),
-    ({**PLANS, **DRIVER}, [*ZONES], True, True, ["robot_plans_round_borders", "robot_has_driver"]),
+# a robot's connections; what people are told of how it plans, and of what it obeys; which zones it keeps, whether it stops
+Case = namedtuple("Case", "connected plans obeys keeps stops", defaults=[(), False])
+PLANNED, ALL = ("keep_out", "avoid"), tuple(ZONES)
+CASES = [
+    Case({}, "robot_ignores_borders", "robot_obeys_borders_only"),
+    Case(STOP, "robot_ignores_borders", "robot_obeys_stop_only", stops=True),
+    Case(STOP_AND_SPEED, "robot_ignores_borders", "robot_obeys_by_navigation", ("slow",), stops=True),
+    Case(DRIVER, "robot_plans_through_borders", "robot_has_driver", ("keep_out", "slow"), stops=True),
+    Case(PLANS, "robot_plans_round_borders", "robot_obeys_borders_only", PLANNED),
+    Case({**PLANS, **STOP}, "robot_plans_round_borders", "robot_obeys_stop_only", PLANNED, stops=True),
+    Case({**PLANS, **STOP_AND_SPEED}, "robot_plans_round_borders", "robot_obeys_by_navigation", ALL, stops=True),
+    Case({**PLANS, **DRIVER}, "robot_plans_round_borders", "robot_has_driver", ALL, stops=True),
 ]
-for_each_robot = pytest.mark.parametrize(
-    "connected, zones, goes, stops, codes", ROBOTS, ids=[" ".join(flags) or "navigation" for flags, *_ in ROBOTS]
-)
+for_each_robot = pytest.mark.parametrize("case", CASES, ids=lambda case: " ".join(case.connected) or "navigation")
 
 
 def robot(connected, name="ada", localized=True):
@@ -35,57 +37,58 @@ def robot(connected, name="ada", localized=True):
 
 def offered_to(*robots, cameras=False):
     """Returns what a lab with these robots offers."""
-    return offer(Connections(robots, cameras, interaction=cameras))
+    return derive_capabilities(Connections(robots, cameras, interaction=cameras))
 
 
 @for_each_robot
-def test_a_robot_keeps_the_zones_that_planner_monitor_or_driver_enforce(connected, zones, goes, stops, codes):
-    offered = offered_to(robot(connected))
-    assert list(offered.zones) == zones
-    assert offered.ignored_by == {zone: () if zone in zones else ("ada",) for zone in ZONES}
+def test_a_robot_keeps_the_zones_that_planner_monitor_or_driver_enforce(case):
+    offered = offered_to(robot(case.connected))
+    assert offered.zones == case.keeps
+    assert offered.ignored_by == {zone: () if zone in case.keeps else ("ada",) for zone in ZONES}
 
 
 @for_each_robot
-def test_a_lab_is_ready_if_its_robot_keeps_out_of_borders(connected, zones, goes, stops, codes):
-    assert offered_to(robot(connected)).state == (READY if "keep_out" in zones else UNREADY)
+def test_a_lab_is_ready_if_its_robot_keeps_out_of_borders(case):
+    assert offered_to(robot(case.connected)).state == (READY if "keep_out" in case.keeps else UNREADY)
 
 
 @for_each_robot
-def test_only_a_robot_that_plans_round_borders_is_sent_anywhere(connected, zones, goes, stops, codes):
-    offered = offered_to(robot(connected))
-    assert (offered.goes, "go" in offered.commands) == (("ada",) * goes, goes)
+def test_only_a_robot_that_plans_round_borders_is_sent_anywhere(case):
+    offered = offered_to(robot(case.connected))
+    is_sent = case.plans == "robot_plans_round_borders"
+    assert (offered.goes, "go" in offered.commands) == (("ada",) if is_sent else (), is_sent)
 
 
 @for_each_robot
-def test_stop_is_offered_only_if_it_stops_a_robot(connected, zones, goes, stops, codes):
+def test_stop_is_offered_only_if_it_stops_a_robot(case):
     for localized in (True, False):
-        commands = offered_to(robot(connected, localized=localized)).commands
-        assert ("stop" in commands, "resume" in commands) == (stops, stops)
+        commands = offered_to(robot(case.connected, localized=localized)).commands
+        assert ("stop" in commands, "resume" in commands) == (case.stops, case.stops)
 
 
 @for_each_robot
-def test_people_are_told_what_a_robot_obeys(connected, zones, goes, stops, codes):
-    assert [line.code for line in offered_to(robot(connected)).lines] == codes
+def test_people_are_told_what_a_robot_obeys(case):
+    assert [line.code for line in offered_to(robot(case.connected)).lines] == [case.plans, case.obeys]
 
 
 @for_each_robot
-def test_a_lost_robot_keeps_no_zone_and_is_sent_nowhere(connected, zones, goes, stops, codes):
-    offered = offered_to(robot(connected, localized=False))
+def test_a_lost_robot_keeps_no_zone_and_is_sent_nowhere(case):
+    offered = offered_to(robot(case.connected, localized=False))
     assert (offered.zones, offered.goes, offered.state) == ((), (), UNREADY)
-    assert [line.code for line in offered.lines] == [codes[0], "robot_not_localized", codes[1]]
+    assert [line.code for line in offered.lines] == [case.plans, "robot_not_localized", case.obeys]
 
 
 @pytest.mark.parametrize("cameras", [True, False])
 @for_each_robot
-def test_commands_for_the_laser_need_cameras_and_guiding_a_driver(connected, zones, goes, stops, codes, cameras):
-    commands = offered_to(robot(connected), cameras=cameras).commands
+def test_commands_for_the_laser_need_cameras_and_guiding_a_driver(case, cameras):
+    commands = offered_to(robot(case.connected), cameras=cameras).commands
     assert all((name in commands) == cameras for name in ("define_border", "define_seed", "save", "cancel"))
-    assert ("guide_robot" in commands) == (cameras and "driver" in connected)
+    assert ("guide_robot" in commands) == (cameras and "driver" in case.connected)
 
 
 def test_two_robots_are_offered_what_each_of_them_is_alone():
     """Whatever the two are: each zone and command of either is offered, and nothing more."""
-    every = [(connected, localized) for connected, *_ in ROBOTS for localized in (True, False)]
+    every = [(connected, localized) for connected, *_ in CASES for localized in (True, False)]
     for (of_ada, ada_known), (of_bob, bob_known) in itertools.product(every, every):
         pair = robot(of_ada, "ada", ada_known), robot(of_bob, "bob", bob_known)
         ada, bob, both = (offered_to(*robots, cameras=True) for robots in (pair[:1], pair[1:], pair))
@@ -97,7 +100,7 @@ def test_two_robots_are_offered_what_each_of_them_is_alone():
 
 @pytest.mark.parametrize("language", sentences.languages())
 def test_each_line_is_a_sentence_in_every_language(language):
-    for connected, localized, name in itertools.product([row[0] for row in ROBOTS], (True, False), ("", "ada")):
+    for connected, localized, name in itertools.product([case.connected for case in CASES], (True, False), ("", "ada")):
         for line in offered_to(robot(connected, name, localized)).lines:
             assert sentences.catalog(language)[line.code].format_map(line.values)
 
@@ -109,8 +112,8 @@ def test_a_lab_without_a_robot_has_no_warnings():
 
 
 def test_commands_without_an_effect_are_not_offered():
-    offered = offer(Connections((robot(DRIVER),), interaction=True))
-    assert effective(offered, ("define_border", "guide_robot", "stop", "undo")) == ("stop", "undo")
+    offered = derive_capabilities(Connections((robot(DRIVER),), interaction=True))
+    assert effective_commands(offered, ("define_border", "guide_robot", "stop", "undo")) == ("stop", "undo")
 
 
 @pytest.mark.parametrize(
