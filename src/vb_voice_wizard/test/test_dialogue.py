@@ -15,7 +15,7 @@ from vb_msgs.msg import VirtualBorder
 from vb_voice_wizard.dialogue.command_answers import Answer, AnswerCache
 from vb_voice_wizard.dialogue.preview_scheduler import MAX_TIME_SHARE, PERIOD, DrawingWarnings, PreviewInputs
 from vb_voice_wizard.dialogue.preview_scheduler import PreviewScheduler, to_key
-from vb_voice_wizard.interaction_manager_node import _what_changed
+from vb_voice_wizard.interaction_manager_node import _describe_change
 
 
 # ------------------------------------------------------------------ repeated commands
@@ -198,5 +198,5 @@ IDLE = VirtualBorder(id="b2", name="Bed", enabled=True, reason="inactive_on_this
     ],
 )
 def test_what_was_undone_is_named(command, before, after, code, border):
-    answer = _what_changed(command, *({one.id: one for one in borders} for borders in (before, after)))
+    answer = _describe_change(command, *({one.id: one for one in borders} for borders in (before, after)))
     assert (answer.code, answer.values.get("borders")) == (code, border)

@@ -215,7 +215,6 @@ def test_a_failed_save_tells_whether_the_border_may_be_in_the_map(
     saving.unanswered_save = unanswered_before
     if sent:
         saving.mark_save_sent()
-        assert saving.unanswered_save, "while it is under way"
     answer = saving.finish(Answer(False, code, {"who": "$map_integrator"}), 6.0)
     assert (answer.code, answer.success, saving.unanswered_save) == (told, False, may_be_in_the_map)
     assert (saving.state, saving.pending) == (SEED, "")
@@ -306,7 +305,7 @@ def test_silence_ends_no_paused_interaction_but_one_that_goes_on(before):
 @in_all_pauses
 def test_no_robot_acts_and_no_spot_is_awaited_in_a_pause(before):
     paused = pause(interaction_after(before))
-    assert not paused.state.robots_act and not paused.unseen
+    assert not paused.state.robots_act and not paused.is_spot_missing
 
 
 @in_all_pauses
@@ -347,7 +346,7 @@ def test_silence_ends_nothing_that_was_not_begun():
 
 
 @pytest.mark.parametrize(
-    "spots, next_command, waited, unseen",
+    "spots, next_command, waited, missing",
     [
         ((0, 0, 0), "", UNSEEN_AFTER - 0.1, False),
         ((0, 0, 0), "", UNSEEN_AFTER, True),
@@ -356,13 +355,13 @@ def test_silence_ends_nothing_that_was_not_begun():
         ((7, 0, 0), GUIDE_ROBOT, 60.0, False),  # nothing is drawn
     ],
 )
-def test_a_laser_that_no_camera_sees_is_noticed_after_a_while(spots, next_command, waited, unseen):
+def test_a_laser_that_no_camera_sees_is_noticed_after_a_while(spots, next_command, waited, missing):
     interaction = border_begun_at(100.0)
     interaction.set_spot_counts(*spots, 100.0)
     if next_command:
         interaction.command(next_command, "test", 100.0)
     interaction.advance(100.0 + waited)
-    assert interaction.unseen is unseen
+    assert interaction.is_spot_missing is missing
 
 
 @pytest.mark.parametrize("spots, code", [((0, 0, 0), "missing_spots"), ((7, 0, 0), "missing_seed")])
