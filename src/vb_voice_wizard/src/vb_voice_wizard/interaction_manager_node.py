@@ -34,12 +34,7 @@ from vb_voice_wizard.interaction import Interaction, InteractionParams
 _PUBLISH_PERIOD = 0.1
 _STORE_PERIOD = 2.0  # [s] between attempts to store the stop: a full disk may have room again
 # answers to undo and redo by what they did to borders; any other change is reported as undone or redone
-_CHANGE_CODES = {
-    REMOVED: "border_removed",
-    ADDED: "border_restored",
-    ENABLED: "border_enabled",
-    DISABLED: "border_disabled",
-}
+_CODES = {REMOVED: "border_removed", ADDED: "border_restored", ENABLED: "border_enabled", DISABLED: "border_disabled"}
 
 
 @dataclass(frozen=True)
@@ -318,7 +313,7 @@ def _describe_change(command: str, before: Mapping[str, VirtualBorder], after: M
     """
     other = "change_undone" if command == UNDO else "change_redone"
     changes = border_changes(before, after)
-    codes = {_CHANGE_CODES.get(kind, other) for kind, _ in changes}
+    codes = {_CODES.get(kind, other) for kind, _ in changes}
     if len(codes) != 1:
         return Answer(True, "borders_changed")
     return Answer(True, codes.pop(), {"borders": ", ".join(border.name or border.id for _, border in changes)})
