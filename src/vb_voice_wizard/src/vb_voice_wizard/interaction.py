@@ -76,28 +76,17 @@ class Record:
     sources: Tuple[str, ...]
 
     def to_json(self, method: str, cameras: Sequence[str]) -> str:
-        """Returns the record as one line of JSON, without a newline. Times are rounded to milliseconds.
-
-        Args:
-            method: name of the study's condition, such as "nrs".
-            cameras: names of the cameras that contributed spots.
-        """
+        """Returns the record as one line of JSON, with the study's method and the cameras that contributed spots."""
         fields = {name: round(value, 3) if isinstance(value, float) else value for name, value in asdict(self).items()}
         return json.dumps({**fields, "method": method, "cameras": list(cameras)})
 
 
 class Question(NamedTuple):
-    """The open question, whether a person meant a command.
-
-    Attributes:
-        command: the command in question, or "" if no question is open.
-        source: who gave the command, and alone can answer.
-        asked_at: [s].
-    """
+    """The open question, whether a person meant a command. Its command is "" if no question is open."""
 
     command: str = ""
-    source: str = ""
-    asked_at: float = 0.0
+    source: str = ""  # who gave the command, and alone can answer
+    asked_at: float = 0.0  # [s]
 
 
 class Interaction:
@@ -175,9 +164,8 @@ class Interaction:
             if self.state != DEFAULT:
                 self._add_source(source)
             # before any question: nobody should have to confirm a command that is refused anyway
-            answer = self._refuse_now(name, seen_stop) or self._ask_if_meant(
-                name, source, uncertain, doubtful_border, confirms
-            )
+            answer = self._refuse_now(name, seen_stop)
+            answer = answer or self._ask_if_meant(name, source, uncertain, doubtful_border, confirms)
             if answer is None or answer.code not in QUESTIONS:
                 self.question = Question()
         return self._record_answer(name, source, answer or self._apply(name, source, seen_stop))

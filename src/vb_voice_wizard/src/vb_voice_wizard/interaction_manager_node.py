@@ -129,9 +129,8 @@ class InteractionManagerNode:
             self._contributing_cameras = {message.interaction_id: list(message.cameras)}
             if message.interaction_id == self._interaction.interaction_id:
                 # in Guide the fusion ignores all spots, but they show that a person holds the laser
-                self._interaction.set_spot_counts(
-                    message.border_spots, message.seed_spots, message.ignored_spots, rospy.get_time()
-                )
+                counts = (message.border_spots, message.seed_spots, message.ignored_spots)
+                self._interaction.set_spot_counts(*counts, rospy.get_time())
         self._previewer.on_progress(message)
 
     def _on_spot(self, message: LaserSpot) -> None:
@@ -170,9 +169,8 @@ class InteractionManagerNode:
         else:
             answer = self._answer_cache.answer_once(request.id, lambda: self._run_command(command, phrase, request))
         rospy.loginfo("%s says %s: %s [%s]", request.source or "somebody", phrase, answer.message, answer.code)
-        return CommandResponse(
-            success=answer.success, code=answer.code, message=answer.message, values=values_from_mapping(answer.values)
-        )
+        values = values_from_mapping(answer.values)
+        return CommandResponse(success=answer.success, code=answer.code, message=answer.message, values=values)
 
     def _stop_robots(self, identity: str, source: str) -> Answer:
         identity = identity or new_id()
@@ -192,15 +190,12 @@ class InteractionManagerNode:
                 # only the person who gave it is told
                 answer = Answer(False, "expired", {"command": spelled_out(phrase)})
             else:
-                answer = interaction.command(
-                    command,
-                    request.source,
-                    now,
-                    uncertain=request.uncertain,
-                    doubtful_border=self._previewer.is_doubtful(interaction.interaction_id),
-                    confirms=phrase in ANSWERS,
-                    seen_stop=request.seen_stop,
-                )
+                doubts = {
+                    "uncertain": request.uncertain,
+                    "doubtful_border": self._previewer.is_doubtful(interaction.interaction_id),
+                    "confirms": phrase in ANSWERS,
+                }
+                answer = interaction.command(command, request.source, now, seen_stop=request.seen_stop, **doubts)
             pending = interaction.pending if answer.success and COMMANDS[command].carried_out_elsewhere else ""
             interaction_id = interaction.interaction_id
             if pending == SAVE:

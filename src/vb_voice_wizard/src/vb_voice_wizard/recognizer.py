@@ -136,10 +136,7 @@ class CommandRecognizer:
     def _find_best_phrase(
         self, pcm: np.ndarray, phrases: np.ndarray, variants: Sequence[_Variant]
     ) -> Tuple[int, float]:
-        """Returns the number of the phrase, among (M,) numbers, that fits best, and its evidence.
-
-        The evidence is a log likelihood ratio. Those of the variants are averaged as ratios.
-        """
+        """Returns the number of the best of some phrases, and its log likelihood ratio, averaged over the variants."""
         first = self._model.log_likelihood_ratios(_make_variant(pcm, variants[0]), phrases)
         closest = np.argsort(-first)[:_CLOSEST]
         ratios = [first[closest]] + [

@@ -175,14 +175,10 @@ class VoiceCommandsNode:
             code=answer.code,
         )
         message.header.stamp = rospy.Time.now()
-        rospy.loginfo(
-            "heard %s (%s, confidence %.2f, answered after %.2f s) %s",
-            result.best or "something",
-            result.reason,
-            result.confidence,
-            time.monotonic() - heard.end,
-            answer.message,
+        details = (
+            f"{result.reason}, confidence {result.confidence:.2f}, answered after {time.monotonic() - heard.end:.2f} s"
         )
+        rospy.loginfo("heard %s (%s) %s", result.best or "something", details, answer.message)
         self._heard_publisher.publish(message)
 
 

@@ -71,9 +71,8 @@ class ConsoleContent:
             # before everything else
             text.append(f" {self.words('console_stopped')} ", "bold white on red")
             text.append_text(printable(f" {state.stopped_by} ", "bold red"))
-        text.append(
-            f" {self.words('state_' + state.name).upper()} ", f"reverse {STATES.get(state.name, DEFAULT).color}"
-        )
+        color = STATES.get(state.name, DEFAULT).color
+        text.append(f" {self.words('state_' + state.name).upper()} ", f"reverse {color}")
         if state.interaction_id:
             text.append(f"  {_clock(state.guide_s + state.border_s + state.seed_s)}")
         if state.interaction_id and state.interaction_id == progress.interaction_id:

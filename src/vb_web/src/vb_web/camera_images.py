@@ -62,9 +62,8 @@ class CameraImages:
         if detector is None:
             return None
         try:
-            return page_images.encode_jpeg(
-                to_bgr(rospy.wait_for_message(f"{detector}/debug_image", Image, timeout=_IMAGE_TIMEOUT))
-            )
+            message = rospy.wait_for_message(f"{detector}/debug_image", Image, timeout=_IMAGE_TIMEOUT)
+            return page_images.encode_jpeg(to_bgr(message))
         except rospy.ROSException:
             return None
 

@@ -155,14 +155,13 @@ def draw_floor(grid: GridMap, views: Sequence[CeilingImage]) -> EncodedImage:
     """
     cells = floor_cells(grid)
     rows, columns = (int(np.ceil(size / cells)) for size in grid.shape)
-    centers = (
-        np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), axis=-1).reshape(-1, 2) * cells - 0.5
-    )
-    places = np.column_stack([grid.grid_to_world(centers), np.zeros(len(centers))])
+    centers = np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), axis=-1).reshape(-1, 2)
+    positions = grid.grid_to_world(centers * cells - 0.5)
+    floor_points = np.column_stack([positions, np.zeros(len(positions))])
     total = np.zeros((rows, columns, 3), np.float32)
     weights = np.zeros((rows, columns), np.float32)
     for view in views:
-        points = apply(view.pose, places)
+        points = apply(view.pose, floor_points)
         in_front = points[:, 2] > 0.05
         points[~in_front] = (0.0, 0.0, 1.0)
         pixels = view.camera.project(points).astype(np.float32)

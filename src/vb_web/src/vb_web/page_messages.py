@@ -86,9 +86,8 @@ def region_uri(region: Any) -> str:
     cells = np.asarray(region.data, np.int8)
     if not cells.size or cells.size != info.width * info.height:
         return ""
-    image = page_images.draw_region(
-        cells.reshape(info.height, info.width), info.resolution, page_images.PLANNED, page_images.PREVIEW_SIDE
-    )
+    cells = cells.reshape(info.height, info.width)
+    image = page_images.draw_region(cells, info.resolution, page_images.PLANNED, page_images.PREVIEW_SIDE)
     return "data:image/png;base64," + base64.b64encode(image.data).decode("ascii")
 
 
@@ -124,9 +123,9 @@ def border_section(border: VirtualBorder) -> Dict[str, Any]:
 
 def _with_unkept(section: Dict[str, Any], offer: Optional[Offer]) -> Dict[str, Any]:
     """Adds to a border's section, in `unkept`, which robots do not keep it, if that is known."""
-    unkept = (
-        find_unkept(offer, section["zone"], section["robots"]) if offer is not None and section["in_force"] else None
-    )
+    unkept = None
+    if offer is not None and section["in_force"]:
+        unkept = find_unkept(offer, section["zone"], section["robots"])
     return {**section, "unkept": {"code": unkept[0], "values": unkept[1]} if unkept else None}
 
 

@@ -40,9 +40,8 @@ class ProjectorCalibration:
     def __post_init__(self) -> None:
         matrix = np.asarray(self.matrix, dtype=float)
         if not (16 <= self.width <= 16384 and 16 <= self.height <= 16384):
-            raise CodedError(
-                "bad_calibration", f"the picture's size must be 16 to 16384 px, got {self.width} x {self.height}"
-            )
+            size = f"{self.width} x {self.height}"
+            raise CodedError("bad_calibration", f"the picture's size must be 16 to 16384 px, got {size}")
         if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-12:
             raise CodedError("bad_calibration", "the homography must be an invertible matrix of 3 x 3 numbers")
         inverse = np.linalg.inv(matrix)
@@ -85,9 +84,8 @@ def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> 
         raise CodedError("bad_click", reason="$clicks_out_of_order")
     # the homography is relative to the points' centroid, because large coordinates would reduce its precision
     centroid = points.mean(axis=0)
-    matrix = cv2.getPerspectiveTransform(
-        (points - centroid).astype(np.float32), markers(width, height).astype(np.float32)
-    )
+    relative_points = (points - centroid).astype(np.float32)
+    matrix = cv2.getPerspectiveTransform(relative_points, markers(width, height).astype(np.float32))
     matrix = matrix @ np.array([[1, 0, -centroid[0]], [0, 1, -centroid[1]], [0, 0, 1.0]])
     return ProjectorCalibration(width, height, matrix / np.abs(matrix).max())
 

@@ -87,7 +87,6 @@ class Previewer:
             missing=missing,
         )
 
-    # ------------------------------------------------------------------ queries
     def is_doubtful(self, interaction_id: str) -> bool:
         """Returns whether a save should be confirmed, as the preview has issues or the drawing has warnings."""
         with self._condition:

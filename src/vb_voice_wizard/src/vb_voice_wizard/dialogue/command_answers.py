@@ -52,12 +52,7 @@ class AnswerCache:
         self._answers: "collections.OrderedDict[str, Future]" = collections.OrderedDict()
 
     def answer_once(self, identity: str, do: Callable[[], Answer]) -> Answer:
-        """Carries out a command, unless one with this id already was, and returns its answer.
-
-        Args:
-            identity: id of the command, or "" to carry it out in any case.
-            do: carries the command out.
-        """
+        """Carries out a command unless one with this id was, and returns its answer. Without an id ("") it always does."""
         if not identity:
             return do()
         with self._lock:
