@@ -75,10 +75,10 @@ class DisplayMarkersNode:
         }
         self._lock = threading.Lock()
         self._wake = node.WakeTimer(_REFRESH_PERIOD)
-        self._newcomers: List[Any] = []
+        self._newcomers: List[Any] = []  # functions that publish to one new subscriber each
         self._grids: Dict[str, GridMap] = {}  # by topic
         # used by the worker only
-        self._shown: Dict[Tuple[str, int], scene.Shape] = {}
+        self._shown: Dict[scene.Key, scene.Shape] = {}
         self._cached_parts: Dict[str, Tuple[Any, List[scene.Shape]]] = {}  # by name: inputs and shapes
         self._overlay_inputs: Tuple[Any, ...] = (None, None, None)
         self._layout: Layout = fit_view(Box(0.0, 0.0, 8.0, 5.0), params.screen_aspect)
@@ -87,25 +87,20 @@ class DisplayMarkersNode:
         self._robots = OfferListener(self._wake.set)
 
         self._restricted = rospy.Publisher(RESTRICTED, OccupancyGridArray, queue_size=1, latch=True)
-        self._markers = rospy.Publisher(names.MARKERS, MarkerArray, self._on_subscriber(), queue_size=20)
+        listener = rospy.SubscribeListener()
+        listener.peer_subscribe = self._on_subscriber
+        self._markers = rospy.Publisher(names.MARKERS, MarkerArray, listener, queue_size=20)
         self._refreshed = 0.0
         node.Worker(self._wake, lambda _woken: self._redraw())
         for topic in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS):
             rospy.Subscriber(topic, OccupancyGridArray, self._on_grid, topic, queue_size=1)
 
     # ------------------------------------------------------------------ inputs
-    def _on_subscriber(self) -> rospy.SubscribeListener:
-        owner = self
-
-        class Listener(rospy.SubscribeListener):
-            """Records new subscribers, so that the worker sends them everything."""
-
-            def peer_subscribe(self, _topic: str, _publish: Any, peer_publish: Any) -> None:
-                with owner._lock:
-                    owner._newcomers.append(peer_publish)
-                owner._wake.set()
-
-        return Listener()
+    def _on_subscriber(self, _topic: str, _publish: Any, publish_to_peer: Any) -> None:
+        """Records a new subscriber, so that the worker sends it everything."""
+        with self._lock:
+            self._newcomers.append(publish_to_peer)
+        self._wake.set()
 
     def _on_grid(self, message: OccupancyGrid, topic: str) -> None:
         try:
@@ -195,11 +190,10 @@ class DisplayMarkersNode:
         notices = display_messages.select_notices(self._notices.current(), language)
         notices += display_messages.preview_notices(inputs.preview, language)
         content = display_messages.panel_from_state(inputs.state, cameras, notices, has_map, language)
-        robots = self._robots.current()
-        if robots is None:
+        newest = self._robots.current()
+        if newest is None:
             return content
-        _, offer = robots
-        return replace(content, commands=effective(offer, content.commands))
+        return replace(content, commands=effective(newest[1], content.commands))
 
     def _border_shapes(self, layout: Layout, messages: Sequence[VirtualBorder]) -> List[scene.Shape]:
         language = self._params.language

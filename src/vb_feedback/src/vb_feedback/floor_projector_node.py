@@ -107,11 +107,8 @@ class FloorProjectorNode:
     def _ask_for_click(self) -> None:
         number = len(self._clicked)
         self._project(draw_calibration_image(self._params.width, self._params.height, number))
-        rospy.loginfo(
-            "floor_projector: click in RViz ('Publish Point') where marker %d of %d shines brightly on the floor",
-            number + 1,
-            MARKERS,
-        )
+        marker = f"marker {number + 1} of {MARKERS}"
+        rospy.loginfo("floor_projector: click in RViz ('Publish Point') where %s shines brightly on the floor", marker)
 
     def _on_click(self, message: PointStamped) -> None:
         """Takes a click. Called only in rospy's one thread of this topic."""

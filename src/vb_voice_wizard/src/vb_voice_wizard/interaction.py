@@ -213,12 +213,13 @@ class Interaction:
             return None
         if confirms:
             return Answer(False, "nothing_asked", {"command": spelled_out(name)})
+        is_pointing = abs(self._now - self._laser_seen_at) <= LASER_ON
         has_consequences = {
             ALWAYS: True,
             NEVER: False,
             WHILE_DRAWN: len(self.missing()) < 2,
             WHILE_STOPPED: self.latch.stopped,
-            WHILE_POINTING: self.laser_is_on(self._now) and self._target(name) != self.state,
+            WHILE_POINTING: is_pointing and self._target(name) != self.state,
         }
         may_be_misheard = uncertain and has_consequences[COMMANDS[name].consequences]
         if not may_be_misheard and not (name == SAVE and doubtful_border):
@@ -315,12 +316,8 @@ class Interaction:
             self.question = Question()
 
     def see_laser(self, now: float) -> None:
-        """Records that a camera saw a spot at a time [s], in any state."""
+        """Records that a camera saw a spot at a time [s], in any state: somebody is pointing with the laser."""
         self._laser_seen_at = now
-
-    def laser_is_on(self, now: float) -> bool:
-        """Returns whether somebody is pointing with the laser."""
-        return abs(now - self._laser_seen_at) <= LASER_ON
 
     def set_spot_counts(self, border: int, seed: int, others: int, now: float) -> None:
         """Stores how many spots this interaction has had so far: for the border, for the seed, and for neither."""

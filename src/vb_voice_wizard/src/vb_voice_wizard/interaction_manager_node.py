@@ -190,11 +190,8 @@ class InteractionManagerNode:
                 # only the person who gave it is told
                 answer = Answer(False, "expired", {"command": spelled_out(phrase)})
             else:
-                doubts = {
-                    "uncertain": request.uncertain,
-                    "doubtful_border": self._previewer.is_doubtful(interaction.interaction_id),
-                    "confirms": phrase in ANSWERS,
-                }
+                is_doubtful = self._previewer.is_doubtful(interaction.interaction_id)
+                doubts = {"uncertain": request.uncertain, "doubtful_border": is_doubtful, "confirms": phrase in ANSWERS}
                 answer = interaction.command(command, request.source, now, seen_stop=request.seen_stop, **doubts)
             pending = interaction.pending if answer.success and COMMANDS[command].carried_out_elsewhere else ""
             interaction_id = interaction.interaction_id

@@ -182,8 +182,7 @@ class ConnectionSlots:
     """
 
     def __init__(self, size: int, yields: bool) -> None:
-        self._size = size
-        self._yields = yields
+        self._size, self._yields = size, yields
         self._holders: Dict[Any, Tuple[str, ...]] = {}  # by connection, the longest unused first
 
     def leave(self, connection: Any) -> None:

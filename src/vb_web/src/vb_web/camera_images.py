@@ -49,12 +49,10 @@ class CameraImages:
         find_map: Callable[[], Optional[GridMap]],
         transforms: TransformLookup,
     ) -> None:
-        self._find_detector = find_detector
-        self._cameras = cameras
+        self._find_detector, self._find_map = find_detector, find_map
+        self._cameras, self._transforms = cameras, transforms
         compressed = transport == "compressed"
         self._topic, self._kind = ("image_raw/compressed", CompressedImage) if compressed else ("image_raw", Image)
-        self._find_map = find_map
-        self._transforms = transforms
         self._floor_lock = threading.Lock()
         self._floor: Optional[bytes] = None
         self._floor_at = -1e9

@@ -132,7 +132,8 @@ class PageNode:
         self._codes = None if local else load_codes(codes)
         sessions = None if self._codes is None else Sessions(self._codes, codes.with_name(_SESSIONS), _warn)
         parts = (self._view, self._images, self._actions, self._camera_images, self._find_bounds)
-        self._server = PageServer(params, sessions, *parts, on_fault=_shut_down)
+        fault = CodedError("internal_error")
+        self._server = PageServer(params, sessions, *parts, on_fault=lambda _error: node.shut_down_with_error(fault))
         self._server.start()
         self._addresses = addresses(params, self._server.port, _own_addresses())
         hint = "" if local else f"; its codes are in {codes}"
@@ -317,10 +318,6 @@ def _by_id(message: Optional[VirtualBorderArray]) -> Dict[str, VirtualBorder]:
 
 def _warn(error: CodedError) -> None:
     rospy.logwarn("%s: %s", rospy.get_name(), error)
-
-
-def _shut_down(_error: BaseException) -> None:
-    node.shut_down_with_error(CodedError("internal_error"))
 
 
 def _own_addresses() -> List[str]:

@@ -175,8 +175,7 @@ class _SessionHandler(_Handler):
 
     async def delete(self) -> None:
         if self.session and self.page.sessions is not None:
-            end = self.page.sessions.end
-            await asyncio.get_event_loop().run_in_executor(self.page.pool, end, self.session)
+            await asyncio.get_event_loop().run_in_executor(self.page.pool, self.page.sessions.end, self.session)
             for browser in [browser for browser in self.page.browsers if browser.session == self.session]:
                 browser.close(1008)
         self.clear_cookie(access_control.COOKIE)

@@ -169,8 +169,7 @@ class PageServer:
 
     async def _serve(self) -> None:
         self._loop = asyncio.get_event_loop()
-        self._closing = asyncio.Event()
-        self.view_changed = asyncio.Event()
+        self._closing, self.view_changed = asyncio.Event(), asyncio.Event()
         context = None
         certificate = self.params.certificate
         if certificate is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import zip_longest
-from typing import List, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence
 
 import rospy
 from geometry_msgs.msg import Point
@@ -83,18 +83,14 @@ def panel_from_state(
     )
 
 
-def _pairs(points: Sequence[Point]) -> Tuple[Tuple[float, float], ...]:
-    return tuple(map(tuple, array_from_points(points).tolist()))
-
-
 def drawing_from_progress(progress: BorderProgress) -> scene.Drawing:
     """Converts a progress message to plain values. Points of an unknown camera get the name ""."""
     camera_names = dict(enumerate(progress.cameras))
     indices = bytes(progress.point_cameras)[: len(progress.points)]
     return scene.Drawing(
-        points=_pairs(progress.points),
+        points=scene.as_pairs(array_from_points(progress.points)),
         point_cameras=tuple(camera_names.get(index, "") for _, index in zip_longest(progress.points, indices)),
-        chain=_pairs(progress.chain),
+        chain=scene.as_pairs(array_from_points(progress.chain)),
         closed=progress.closed,
         seed=(progress.seed.x, progress.seed.y) if progress.has_seed else None,
     )
@@ -104,14 +100,14 @@ def border_from_message(border: VirtualBorder, language: str = sentences.ENGLISH
     """Converts a border message to plain values."""
     return scene.Border(
         name=sentences.border_name(border.name, language) or border.id,
-        points=_pairs(border.points),
+        points=scene.as_pairs(array_from_points(border.points)),
         closed=border.kind == VirtualBorder.POLYGON,
         seed=(border.seed.x, border.seed.y),
         occupancy=border.occupancy,
         enabled=border.enabled,
         area_m2=border.area_m2,
-        before=_pairs(border.before),
-        after=_pairs(border.after),
+        before=scene.as_pairs(array_from_points(border.before)),
+        after=scene.as_pairs(array_from_points(border.after)),
     )
 
 

@@ -20,6 +20,7 @@ POINTS = "points"
 DISC = "disc"
 PLATE = "plate"
 TEXT = "text"
+Key = Tuple[str, int]  # a shape's namespace and number
 
 # [m] heights in the scene: seen from above, higher shapes hide lower ones. Labels are below outlines, and names below
 # the drawing in progress.
@@ -53,14 +54,12 @@ class Shape:
     lifetime: float = 0.0
 
     @property
-    def key(self) -> Tuple[str, int]:
+    def key(self) -> Key:
         """The identity of the shape."""
         return self.namespace, self.number
 
 
-def find_changes(
-    shown: Dict[Tuple[str, int], Shape], shapes: Sequence[Shape]
-) -> Tuple[List[Shape], List[Tuple[str, int]]]:
+def find_changes(shown: Dict[Key, Shape], shapes: Sequence[Shape]) -> Tuple[List[Shape], List[Key]]:
     """Compares shapes with those shown, by their keys. Returns the new and changed ones, and the keys of removed ones.
 
     A shape with a lifetime always counts as new, because it would expire otherwise.
@@ -70,7 +69,8 @@ def find_changes(
     return changed, [key for key in shown if key not in keys]
 
 
-def _pairs(points: np.ndarray) -> Tuple[Tuple[float, float], ...]:
+def as_pairs(points: np.ndarray) -> Tuple[Tuple[float, float], ...]:
+    """Converts points (N, 2) to a tuple of (x, y), which can be compared and hashed."""
     return tuple(map(tuple, points.reshape(-1, 2).tolist()))
 
 
@@ -88,7 +88,7 @@ def segments(points: Sequence[Sequence[float]], closed: bool, width: float) -> T
     directions = np.diff(chain, axis=0)
     lengths = np.hypot(*directions.T)[:, None]
     extensions = directions / np.maximum(lengths, 1e-6) * width / 2.0
-    return _pairs(np.hstack([chain[:-1] - extensions, chain[1:] + extensions])[lengths[:, 0] > 1e-6])
+    return as_pairs(np.hstack([chain[:-1] - extensions, chain[1:] + extensions])[lengths[:, 0] > 1e-6])
 
 
 def dashes(outline: Sequence[Sequence[float]], width: float) -> Tuple[Tuple[float, float], ...]:
@@ -99,7 +99,7 @@ def dashes(outline: Sequence[Sequence[float]], width: float) -> Tuple[Tuple[floa
     points = np.vstack([points, points[:1]])
     arc_lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     positions = np.linspace(0.0, arc_lengths[-1], 2 * max(2, int(arc_lengths[-1] / (8.0 * width))) + 1)[:-1]
-    return _pairs(np.column_stack([np.interp(positions, arc_lengths, points[:, axis]) for axis in (0, 1)]))
+    return as_pairs(np.column_stack([np.interp(positions, arc_lengths, points[:, axis]) for axis in (0, 1)]))
 
 
 def text_shapes(
@@ -192,8 +192,7 @@ def drawing_shapes(layout: Layout, drawing: Drawing) -> List[Shape]:
     unit = layout.unit
     shapes: List[Shape] = []
     if drawing.points:
-        cameras = drawing.point_cameras
-        tints = tuple(colors.blend(colors.camera_color(camera), colors.WHITE, 0.25) for camera in cameras)
+        tints = tuple(colors.blend(colors.camera_color(name), colors.WHITE, 0.25) for name in drawing.point_cameras)
         size = (0.009 * unit,)
         shapes.append(Shape("drawing/points", 0, POINTS, drawing.points, Z_POINTS, size, tints or (colors.GRAY,)))
     if len(drawing.chain) > 1:

@@ -47,9 +47,8 @@ class ProjectorCalibration:
         inverse = np.linalg.inv(matrix)
         scales = _corners(self.width, self.height) @ inverse[2, :2] + inverse[2, 2]
         if scales.min() * scales.max() <= 0:
-            raise CodedError(
-                "bad_calibration", "a part of the picture would lie beyond the horizon: was a point mistaken?"
-            )
+            reason = "a part of the picture would lie beyond the horizon: was a point mistaken?"
+            raise CodedError("bad_calibration", reason)
         object.__setattr__(self, "matrix", matrix)
 
     def footprint(self) -> np.ndarray:

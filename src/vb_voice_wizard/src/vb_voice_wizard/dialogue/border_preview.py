@@ -124,11 +124,9 @@ class Previewer:
             self._condition.notify()
 
     def _publish_preview(self, inputs: PreviewInputs) -> None:
-        started = time.monotonic()
-        answered = True
-        if not inputs.complete:
-            preview = _empty_preview(inputs, inputs.missing)
-        else:
+        started, answered = time.monotonic(), True
+        preview = _empty_preview(inputs, inputs.missing)
+        if inputs.complete:
             try:
                 preview = self._make_preview(inputs)
             except CodedError as error:

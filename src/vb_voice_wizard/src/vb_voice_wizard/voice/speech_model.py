@@ -48,7 +48,6 @@ class SpeechModel:
         tokens = _read_tokens(folder / "tokenizer.bin")
         rows = [_tokenise(text, tokens) for text in texts]
         self._lengths = np.array([len(row) for row in rows])
-        # (number of texts, longest + 1), padded with ends
         padding = [[_END_TOKENS[0]] * (self._lengths.max() - len(row)) for row in rows]
         self._tokens = np.array([[_START, *row, *ends] for row, ends in zip(rows, padding)], np.int64)
         self._rarity = _RARITY * self._log_probabilities(np.zeros(16000, np.int16), np.arange(len(rows)))
