@@ -264,9 +264,6 @@ def test_every_shape_is_there_with_a_key_of_its_own():
     assert {shape.namespace for shape in drawing_shapes} == names
     shapes += drawing_shapes
     assert len({shape.key for shape in shapes}) == len(shapes)
-
-
-def test_nothing_drawn_has_no_shapes():
     assert scene.drawing_shapes(LAYOUT, scene.Drawing()) == []
 
 

@@ -30,9 +30,8 @@ OTHER_COMMANDS = [
 REFUSALS = {"nothing_to_save", "missing_seed", "missing_border", "missing_border_and_seed", "nothing_to_pause"}
 REFUSALS |= {"not_paused", "not_while_drawing"}
 
-for_all_commands_in_all_situations = pytest.mark.parametrize(
-    "before, command", list(itertools.product(ALL_SITUATIONS, COMMANDS))
-)
+EVERY_CASE = list(itertools.product(ALL_SITUATIONS, COMMANDS))
+for_all_commands_in_all_situations = pytest.mark.parametrize("before, command", EVERY_CASE)
 
 
 def answer_and_state(before: str, command: str):
@@ -197,7 +196,7 @@ def test_a_save_ends_the_interaction_and_is_recorded_once(saving):
 
 
 @pytest.mark.parametrize(
-    "sent, unanswered_before, code, may_be_in_the_map, told",
+    "sent, unanswered_before, code, unanswered, answer_code",
     [
         (True, False, "no_response", True, "save_unanswered"),
         (True, False, "no_service", False, "no_service"),
@@ -209,14 +208,12 @@ def test_a_save_ends_the_interaction_and_is_recorded_once(saving):
         (False, False, "no_response", False, "no_response"),
     ],
 )
-def test_a_failed_save_tells_whether_the_border_may_be_in_the_map(
-    saving, sent, unanswered_before, code, may_be_in_the_map, told
-):
+def test_a_failed_save_says_if_it_may_have_arrived(saving, sent, unanswered_before, code, unanswered, answer_code):
     saving.unanswered_save = unanswered_before
     if sent:
         saving.mark_save_sent()
     answer = saving.finish(Answer(False, code, {"who": "$map_integrator"}), 6.0)
-    assert (answer.code, answer.success, saving.unanswered_save) == (told, False, may_be_in_the_map)
+    assert (answer.code, answer.success, saving.unanswered_save) == (answer_code, False, unanswered)
     assert (saving.state, saving.pending) == (SEED, "")
 
 

@@ -154,9 +154,7 @@ def test_another_command_counts_unless_it_lies_within_a_sound_of_ours(recognizer
         assert utterance.result.best == "cancel"
 
 
-@pytest.mark.parametrize(
-    "certain, end, uncertain", [(True, 1000.0, False), (False, 1000.0, True), (True, -1000.0, True)]
-)
+@pytest.mark.parametrize("certain, end, uncertain", [(True, 1e3, False), (False, 1e3, True), (True, -1e3, True)])
 def test_a_command_understood_late_is_uncertain(certain, end, uncertain):
     """Speech does not expire under load: a late command with consequences is asked about. `end`: [s] from now."""
     given, now = [], time.monotonic()

@@ -292,12 +292,10 @@ def test_a_request_that_is_sent_again_is_carried_out_once(local):
 
 def test_refusals_come_as_codes(local):
     async def work(connection):
-        return [
-            await answer_to(connection, do="remove", border="b", revision=1),
-            await answer_to(connection, do="reboot"),
-        ]
+        requests = ({"do": "remove", "border": "b", "revision": 1}, {"do": "reboot"})
+        return [(await answer_to(connection, **request))["code"] for request in requests]
 
-    assert [answer["code"] for answer in local.link(work)] == ["page_no_border", "page_bad_request"]
+    assert local.link(work) == ["page_no_border", "page_bad_request"]
 
 
 def test_stop_does_not_wait_for_what_takes_long(local):
