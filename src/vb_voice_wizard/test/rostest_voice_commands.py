@@ -93,9 +93,8 @@ class VoiceCommandsTest(unittest.TestCase):
 
         self.give("cancel", lambda: ("cancel", "muted") in [(said.command, said.reason) for said in self.heard.all])
         del self.requests[:]  # of commands before the node heard of the sound
-        self.give(
-            "stop", lambda: any(said.command == "stop" and said.accepted and said.success for said in self.heard.all)
-        )
+        obeyed = ("stop", True, True)
+        self.give("stop", lambda: obeyed in [(said.command, said.accepted, said.success) for said in self.heard.all])
         self.assertEqual({request.command for request in self.requests}, {"stop"})
 
     def test_silence_is_reported(self):

@@ -72,11 +72,9 @@ SILENT = Notice("camera_silent", Severity.ERROR, camera="south", values={"camera
 @pytest.mark.parametrize("drawing_first", [True, False])
 def test_camera_error_is_remembered_until_the_next_drawing(drawing_first):
     warnings = DrawingWarnings()
-    if drawing_first:
-        warnings.start()
-    warnings.update([SILENT])
-    if not drawing_first:
-        warnings.start()
+    steps = [warnings.start, lambda: warnings.update([SILENT])]
+    for step in steps if drawing_first else reversed(steps):
+        step()
     for _ in range(2):
         assert warnings.all == (SILENT,)
         warnings.update([])

@@ -54,8 +54,8 @@ class StopTest(PageTest):
             (box,) = self.browser.boxes("#resume")
             self.assertEqual(box, place, shown)
             centre = (box["left"] + box["width"] / 2, box["top"] + box["height"] / 2)
-            on_top = self.browser.run("return document.elementFromPoint(...arguments).id", *centre)
-            self.assertEqual(on_top, "resume", shown)
+            topmost = self.browser.run("return document.elementFromPoint(...arguments).id", *centre)
+            self.assertEqual(topmost, "resume", shown)
             others = self.browser.boxes("#line button, #stop")
             self.assertEqual([other for other in others if overlap(box, other)], [], shown)
 
@@ -123,13 +123,9 @@ class StopTest(PageTest):
             wait_until(lambda: names.STOP in self.heard, "stop on its topic")
         finally:
             os.kill(manager, signal.SIGKILL)
-
-        def told():
-            robot.publish(robot="ada", stops=[self.heard[names.STOP].id])
-            return self.heard[names.STATE].stopped
-
         # roslaunch restarts the manager, and the robot that heard the stop reports it
-        wait_until(told, "the manager to know of the stop")
+        report = DriverState(robot="ada", stops=[self.heard[names.STOP].id])
+        wait_until(lambda: robot.publish(report) or self.heard[names.STATE].stopped, "the manager to know of the stop")
         self.browser.wait_text("#banners", "All robots are stopped")
         # what is pressed before the stop is answered waits for that, and may expire meanwhile
         self.browser.wait("said.some((code) => code.startsWith('stop'))", what="the answer to the stop")
