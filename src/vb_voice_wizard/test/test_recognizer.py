@@ -12,15 +12,10 @@ from refusals import refused
 from speech import RATE, command_in, examine, room_noise, say, tone, utterances
 from vb_core.sentences import spelled_out
 from vb_core.sounds import SOUNDS, Note, Tones
-from vb_voice_wizard.recognizer import (
-    THRESHOLD,
-    CommandListener,
-    CommandRecognizer,
-    RecognitionResult,
-    RecognizedUtterance,
-)
 from vb_voice_wizard.voice.audio_sources import PIECE, Microphone, has_sound
 from vb_voice_wizard.voice.endpointing import CHUNK, MAX_UTTERANCE, Endpointer, SpeechDetector
+from vb_voice_wizard.voice.recognizer import THRESHOLD, CommandListener, CommandRecognizer
+from vb_voice_wizard.voice.recognizer import RecognitionResult, RecognizedUtterance
 from vb_voice_wizard.voice.speech_model import FOLDER, SpeechModel
 from vb_voice_wizard.voice_commands_node import VoiceCommandsNode
 

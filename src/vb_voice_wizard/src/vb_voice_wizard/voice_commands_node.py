@@ -18,7 +18,7 @@ from vb_msgs.msg import Audio, SpeechCommand, Sound
 from vb_msgs.srv import CommandRequest, CommandResponse
 
 from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE, Microphone, arecord, has_sound
-from vb_voice_wizard.recognizer import CommandListener, CommandRecognizer, RecognizedUtterance
+from vb_voice_wizard.voice.recognizer import CommandListener, CommandRecognizer, RecognizedUtterance
 
 AUDIO = "/virtual_borders/voice/audio"
 
