@@ -146,32 +146,37 @@ class SeenTest(PageTest):
             what="the second request",
         )
         self.browser.run("window.virtualBorders.map.showPicture('floor', '')")
-        # the floor is switched on by itself, but not again after it was switched off and the link was lost
-        on = self.browser.run(
+
+    def test_the_floor_is_not_switched_on_again_after_somebody_has_switched_it_off(self):
+        pressed = self.browser.run(
             """const { view } = window.virtualBorders, button = document.getElementById("floor-button");
             return import("/state.js").then(({ hello, page: { link } }) => {
-                const section = { map: { ...view.map, floor: 4 } }, on = [];
+                const section = { map: { ...view.map, floor: 4 } }, pressed = [];
                 for (const next of [() => {}, () => button.click(), () => link.onHello({ ...hello })]) {
                     next();
                     link.onView(section);
-                    on.push(button.getAttribute("aria-pressed"));
+                    pressed.push(button.getAttribute("aria-pressed"));
                 }
-                return on;
+                return pressed;
             });"""
         )
-        self.assertEqual(on, ["true", "false", "false"])
-        # a map with another origin is shown in its place
+        self.assertEqual(pressed, ["true", "false", "false"])
+        self.browser.driver.refresh()
+
+    def test_a_map_with_another_origin_is_shown_in_its_place(self):
         moved = "const { map } = virtualBorders; map.setMap({ ...map.info, origin: [50, 0, 0] }); return map.view.x"
         self.assertGreater(self.browser.run(moved), 50)
         self.browser.driver.refresh()
 
-    def test_a_spot_is_seen_and_text_stays_text(self):
+    def test_a_spot_is_seen(self):
         spot = LaserSpot(camera="red")
         spot.header.frame_id, spot.header.stamp = "map", rospy.Time.now()
         spot.position.x, spot.position.y = 4.0, 2.5
         wait_until(lambda: self.spots.get_num_connections(), "the page to listen")
         self.spots.publish(spot)
         self.browser.wait("document.querySelector('.spot')", what="the spot")
+
+    def test_text_stays_text(self):
         evil = "<img src=x onerror=window.evil=1>"
         self.store_carpet(evil, evil)
         self.browser.wait("document.getElementById('events').textContent.includes(arguments[0])", evil, what="event")
