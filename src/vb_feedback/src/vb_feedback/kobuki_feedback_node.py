@@ -53,7 +53,7 @@ class KobukiFeedbackNode:
 
 
 def build() -> KobukiFeedbackNode:
-    """Constructs the node; raises CodedError "no_kobuki" if kobuki_msgs is not installed."""
+    """Constructs the node. Raises CodedError "no_kobuki" if kobuki_msgs is not installed."""
     try:
         # imported by name: the package is not a dependency, because only robots with this base have it
         messages = importlib.import_module("kobuki_msgs.msg")

@@ -244,7 +244,7 @@ class Interaction:
         return self._enter(name, source)
 
     def _target(self, name: str) -> State:
-        """Returns the state after a command; `continue` goes back to where the person was."""
+        """Returns the state after a command. `continue` goes back to where the person was."""
         return self._visited[-1] if name == CONTINUE else STATES.get(COMMANDS[name].enters, self.state)
 
     def _enter(self, name: str, source: str) -> Answer:
@@ -298,7 +298,7 @@ class Interaction:
 
     # ------------------------------------------------------------------ the clock and what is seen
     def durations(self, now: float) -> Dict[State, float]:
-        """Returns the time [s] per active state up to now; in Default, for the interaction that ended last."""
+        """Returns the time [s] per active state up to now, or in Default those of the interaction that ended last."""
         result = dict(self._durations)
         if self.state in self._durations and now > self._now:
             result[self.state] += now - self._now
@@ -338,7 +338,7 @@ class Interaction:
 
     @property
     def ends_at(self) -> float:
-        """[s] when the interaction ends by itself; 0 if not soon, or while it is paused or saving, or in Default."""
+        """[s] when the interaction ends by itself, or 0 if not soon, while it is paused or saving, and in Default."""
         if not self.state.robots_act or self.pending:
             return 0.0
         timeout = self._params.idle_timeout
@@ -356,7 +356,7 @@ class Interaction:
         return True
 
     def take_record(self) -> Optional[Record]:
-        """Returns the record of an interaction that has just ended, once; None if there is none."""
+        """Returns the record of an interaction that has just ended, only once, or None if there is none."""
         record, self._record = self._record, None
         return record
 
@@ -366,7 +366,7 @@ class Interaction:
 
     # ------------------------------------------------------------------ queries
     def suggested_commands(self) -> List[str]:
-        """Lists the commands that make sense now, most likely first; among them `stop` or, once stopped, `resume`."""
+        """Lists the commands that make sense now, most likely first. Among them is `stop` or, once stopped, `resume`."""
         last = [RESUME] if self.latch.stopped else [STOP]
         guide = [GUIDE_ROBOT] if self._params.robot else []
         if self.pending:

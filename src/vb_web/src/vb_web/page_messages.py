@@ -81,7 +81,7 @@ def progress_section(message: BorderProgress) -> Dict[str, Any]:
 
 
 def region_uri(region: Any) -> str:
-    """Draws a region (OccupancyGrid) as an image in a data URI; "" if its cells are invalid."""
+    """Draws a region (OccupancyGrid) as an image in a data URI. Returns "" if its cells are invalid."""
     info = region.info
     cells = np.asarray(region.data, np.int8)
     if not cells.size or cells.size != info.width * info.height:
@@ -163,7 +163,7 @@ def drives_section(message: RobotStatusArray) -> Dict[str, Any]:
 
 
 def spot_entry(message: LaserSpot) -> Optional[List[Any]]:
-    """Converts a spot to [x, y, track], x and y in cm; None if it is not finite."""
+    """Converts a spot to [x, y, track], x and y in cm. Returns None if it is not finite."""
     place = centimeters([message.position])
     return [*place, int(message.track)] if place else None
 

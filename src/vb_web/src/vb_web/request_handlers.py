@@ -103,7 +103,7 @@ class _Handler(_GuardedHandler):
             raise web.HTTPError(413)
 
     def send(self, data: bytes, kind: str, keep: str = "no-store") -> None:
-        """Answers with bytes; Tornado adds an ETag, by which the browser can ask whether they have changed."""
+        """Answers with bytes. Tornado adds an ETag, by which the browser can ask whether they have changed."""
         self.set_header("Content-Type", kind)
         self.set_header("Cache-Control", keep)
         self.finish(data)

@@ -65,7 +65,7 @@ class PageParams(Parameters):
 
     @property
     def certificate(self) -> Optional[Tuple[Path, Path]]:
-        """The files page.crt and page.key beside the codes, for https in a network; None if there are none.
+        """The files page.crt and page.key beside the codes, for https in a network, or None if there are none.
 
         Raises:
             ParameterError: if only one exists, as the person who created it does not want http.

@@ -24,7 +24,7 @@ MAX_CAMERAS = 3
 
 @dataclass(frozen=True)
 class PanelNotice:
-    """A sentence beside the last answer; a warning is highlighted."""
+    """A sentence beside the last answer. A warning is highlighted."""
 
     text: str
     warning: bool = False

@@ -90,7 +90,7 @@ def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> 
 
 
 def save(calibration: ProjectorCalibration, path: Path) -> None:
-    """Writes a calibration's YAML file; inverse of `load`.
+    """Writes a calibration's YAML file. Inverse of `load`.
 
     Raises:
         CodedError: "cannot_write".
