@@ -30,7 +30,7 @@ REFUSED = CodedError("bad_rectangle").message
 MISSED = (0.8, -0.6), (-0.7, 0.5), (0.4, 0.9), (-0.9, -0.4)  # [px] of the screen, by which a hand misses the corners
 # whether the spot that the page shows has gone from near the seed, or from elsewhere
 GONE = """Object.values(virtualBorders.map.spots || {}).some((spot) => spot.style.opacity === "0" &&
-    Math.hypot(spot.at[0] - arguments[0], spot.at[1] - arguments[1]) %s 0.2)"""
+    Math.hypot(spot.position[0] - arguments[0], spot.position[1] - arguments[1]) %s 0.2)"""
 MOMENTS = {  # what somebody who watches the film sees before giving a command
     "define_border": GONE % "<",
     "define_seed": "virtualBorders.view.progress?.closed && " + GONE % ">",

@@ -24,7 +24,7 @@ from bench.harness import HALVES, Table, arguments, share
 from bench.voice.room_recordings import RATE, Clip, Room, load, read_people, trimmed
 from vb_core.sounds import SOUNDS, TICK
 from vb_core.vocabulary import ANSWERS
-from vb_voice_wizard.recognizer import CommandRecognizer, RecognitionResult
+from vb_voice_wizard.voice.recognizer import CommandRecognizer, RecognitionResult
 
 
 class Tally:

@@ -14,7 +14,7 @@ import soxr
 from bench.harness import HALVES
 from vb_feedback.sound.sound_output import RATE as TONE_RATE, synthesize
 from vb_core.vocabulary import STOP
-from vb_voice_wizard.recognizer import CommandListener, CommandRecognizer, RecognitionResult
+from vb_voice_wizard.voice.recognizer import CommandListener, CommandRecognizer, RecognitionResult
 
 RATE = 16000
 PIECE = RATE // 20  # samples that a microphone delivers at a time

@@ -82,12 +82,12 @@ class Browser:
     def wait_arrived(self):
         """Waits until elements that have just appeared, or were below a dialog that has just closed, can be pressed."""
         self.wait(
-            "[...document.querySelectorAll('main, #line, #panel, #dialog')].every((one) => getComputedStyle(one).pointerEvents !== 'none')"
+            "[...document.querySelectorAll('main, #line, #panel, #dialog')].every((e) => getComputedStyle(e).pointerEvents !== 'none')"
             " && document.querySelector('main').inert === document.getElementById('dialog').open"
         )
 
     def field(self, selector):
-        """Returns a field to type into, with the caret at its end. It has the focus, so the page keeps it."""
+        """Returns a field to type into, with the focus, so that the page keeps it, and with the caret at its end."""
         self.wait_arrived()
         script = """const field = document.querySelector(arguments[0]);
             field.focus();
@@ -109,6 +109,11 @@ class Browser:
             const p = window.virtualBorders.map.toScreen(arguments[0]); return [Math.round(b.left + p[0]), Math.round(b.top + p[1])]""",
             point,
         )
+
+    def boxes(self, selector):
+        """Returns the bounding box [px] of each shown element of a selector, a dictionary with left, top, right, bottom."""
+        script = "return [...document.querySelectorAll(arguments[0])].map((e) => e.getBoundingClientRect().toJSON())"
+        return [box for box in self.run(script, selector) if box["width"]]
 
     def stroke(self, points):
         """Moves a finger over points of the floor [m] by touch events: it may also scroll, and a tap clicks."""

@@ -58,4 +58,4 @@ def examine(recognizer, pcm: np.ndarray) -> list:
 
 def command_in(recognizer, pcm: np.ndarray):
     """Returns the first command in a recording, or None."""
-    return next((issue.command for issue in examine(recognizer, pcm) if issue.command), None)
+    return next((result.command for result in examine(recognizer, pcm) if result.command), None)

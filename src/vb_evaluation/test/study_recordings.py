@@ -107,6 +107,6 @@ class RecordedLab:
             machine.finish(Answer(True, "saved"), self.time, border.id)
         else:
             machine.command("cancel", "wizard", self.time)
-        append_line(self.folder / "interactions.jsonl", machine.take_record().line(method, ["green"]))
+        append_line(self.folder / "interactions.jsonl", machine.take_record().to_json(method, ["green"]))
         self.time += 5.0
         return self

@@ -59,8 +59,8 @@ class Screen:
         self.markers = markers
 
     def text_of(self, namespace):
-        found = sorted((key[1], marker.text) for key, marker in self.markers.items() if key[0] == namespace)
-        return " ".join(text for _, text in found)
+        words = sorted((number, marker.text) for (ns, number), marker in self.markers.items() if ns == namespace)
+        return " ".join(word for _, word in words)
 
     def has(self, namespace):
         return [marker for key, marker in self.markers.items() if key[0] == namespace]
@@ -107,8 +107,8 @@ class DisplayTest(unittest.TestCase):
         self.publish_state()
         wait_until(lambda: self.screen.text_of("words/state") == "Ready", "the default state's title")
         refused = {"last_message": "The map integrator does not answer; say save again.", "last_success": False}
-        said = ["save", "cancel"]
-        self.publish_state(name="seed", interaction_id="i", available_commands=said, border_s=70.0, **refused)
+        available = {"available_commands": ["save", "cancel"]}
+        self.publish_state(name="seed", interaction_id="i", border_s=70.0, **available, **refused)
         wait_until(lambda: self.screen.text_of("words/state") == "Seed", "the seed state's title")
         self.assertEqual([self.screen.text_of(f"words/say/{number}") for number in range(3)], ["save", "cancel", ""])
         self.assertEqual(self.screen.text_of("words/elapsed"), "1:10")
@@ -167,15 +167,12 @@ class DisplayTest(unittest.TestCase):
         self.assertEqual(self.screen.text_of("words/notice/2"), "Note: it parts the room")
         # a code that is in no catalogue: the notice's own sentence is shown, whatever its words
         inside = Notice("robot_where_it_should_not_be", Severity.WARNING, message="A robot: Carpet!")
-
-        def is_shown():
-            self.notices.publish(source="/monitor", notices=[message_from_notice(inside)])
-            return self.screen.text_of("words/notice/1") == "A robot: Carpet!"
-
-        wait_until(is_shown, "the robot's standing")
+        warning = NoticeArray(source="/monitor", notices=[message_from_notice(inside)])
+        first = "words/notice/1"
+        wait_until(lambda: self.notices.publish(warning) or self.screen.text_of(first) == inside.message, "the warning")
         self.assertTrue(self.screen.has("words/notice/1/plate"))
         self.notices.publish(source="/monitor", notices=[])
-        wait_until(lambda: self.screen.text_of("words/notice/1").startswith("Saving would"), "the robot to leave")
+        wait_until(lambda: self.screen.text_of(first).startswith("Saving would"), "the robot to leave")
         self.publish_state(last_message="Saved.", last_outcome="saved")
         wait_until(lambda: not len(orange()[0]) and not self.screen.has("words/notice/2"), "the end of the preview")
 
@@ -276,11 +273,11 @@ class DisplayTest(unittest.TestCase):
             click(*floor_of(*places[number]))
         wait_until(lambda: file.exists() and not self.shown().any(), "a dark picture")
         node.process.terminate()
-        said, _ = node.process.communicate()
-        self.assertIn("not in the frame map", said)
-        self.assertIn("order of the markers", said)
-        found = projector_calibration.load(file)
-        np.testing.assert_allclose(found.footprint()[0], floor_of(0, 0), atol=1e-3)
+        log, _ = node.process.communicate()
+        self.assertIn("not in the frame map", log)
+        self.assertIn("order of the markers", log)
+        footprint = projector_calibration.load(file).footprint()
+        np.testing.assert_allclose(footprint[0], floor_of(0, 0), atol=1e-3)
 
     def test_the_projector_shows_borders_drawing_and_preview(self):
         file, clicks = Path(self.folder.name) / "projector.yaml", [floor_of(*place) for place in markers(*SIZE)]
@@ -306,13 +303,8 @@ class DisplayTest(unittest.TestCase):
 
         wait_until(dark, "the dark place about the spot")
         count = len(self.pictures)
-
-        def fades():
-            self.progress.publish(drawing)  # an unchanged drawing causes no new picture
-            return self.at(3.0, 2.4) > 100
-
-        wait_until(fades, "the spot's end")
-        self.assertLess(len(self.pictures) - count, 4)
+        wait_until(lambda: self.progress.publish(drawing) or self.at(3.0, 2.4) > 100, "the spot's end")
+        self.assertLess(len(self.pictures) - count, 4, "an unchanged drawing causes no new picture")
         cells = np.zeros((60, 80), np.int8)
         cells[30:50, 40:60] = 100
         region = message_from_grid(GridMap(cells, 0.05), rospy.Time.now())

@@ -20,8 +20,8 @@ class SoundTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("rostest_sound")
-        cls.said = []
-        cls.log = rospy.Subscriber("/rosout", Log, lambda log: cls.said.append((log.name, log.level, log.msg)))
+        cls.logs = []
+        cls.log_subscriber = rospy.Subscriber("/rosout", Log, cls.logs.append)
         cls.sounds = rospy.Publisher("/virtual_borders/sound", Sound, queue_size=20)
         cls.folder = tempfile.TemporaryDirectory()
         folder = Path(cls.folder.name)
@@ -52,15 +52,11 @@ class SoundTest(unittest.TestCase):
         wait_until(lambda: self.written("pcm").endswith(wanted), "the samples of both sounds")
 
     def test_without_a_device_it_says_so_once(self):
-        def try_again():
-            self.sounds.publish(name="seed")
-            return self.written("tried").count(b"tried") >= 2
-
-        wait_until(try_again, "the device to be tried twice")
+        seed = Sound(name="seed")
+        wait_until(lambda: self.sounds.publish(seed) or self.written("tried").count(b"tried") > 1, "two tries")
         # rospy logs warnings of its own under the node's name, for instance of a broken connection
-        said = [text for name, level, text in self.said if name == "/deaf" and level >= Log.WARN]
-        said = [text for text in said if "there is no sound:" in text]
-        self.assertEqual(len(said), 1, said)
+        warnings = [log.msg for log in self.logs if log.name == "/deaf" and log.level >= Log.WARN]
+        self.assertEqual(len([text for text in warnings if "there is no sound:" in text]), 1, warnings)
         self.assertIsNone(self.nodes[1].process.poll())
 
     def test_a_state_has_its_light_and_sound_and_a_spot_ticks(self):

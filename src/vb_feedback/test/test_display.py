@@ -15,7 +15,7 @@ from vb_feedback.display.layout import is_drawn, text_width, transliterate, wrap
 from vb_feedback.display.restriction_overlay import CLEAR, PREVIEW, STRIPE, draw_restrictions
 from vb_feedback.display.rviz_config import overlay_fonts
 from vb_feedback.display.scene import PLATE, TEXT
-from vb_feedback.display.text_panel import PanelContent, PanelNotice, words
+from vb_feedback.display.text_panel import PanelContent, PanelNotice, text_panel_shapes
 
 
 COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
@@ -130,10 +130,10 @@ def test_rviz_is_asked_for_the_letters(tmp_path):
     (fonts / "f.ttf").write_text("letters")
     (fonts / "f.fontdef").write_text('font "F"\n{\n  type truetype\n  source f.ttf\n}\n')
     for _ in range(2):
-        found = overlay_fonts(tmp_path / "rviz", tmp_path / "over") / "rviz"
-        assert (found / "package.xml").read_text() == "<package/>" and (found / "ogre_media" / "models").is_dir()
-        assert (found / "ogre_media" / "fonts" / "f.ttf").read_text() == "letters"
-        lines = (found / "ogre_media" / "fonts" / "f.fontdef").read_text().splitlines()
+        overlay = overlay_fonts(tmp_path / "rviz", tmp_path / "over") / "rviz"
+        assert (overlay / "package.xml").read_text() == "<package/>" and (overlay / "ogre_media" / "models").is_dir()
+        assert (overlay / "ogre_media" / "fonts" / "f.ttf").read_text() == "letters"
+        lines = (overlay / "ogre_media" / "fonts" / "f.fontdef").read_text().splitlines()
         assert lines[-1] == "}" and lines[-2].startswith("  code_points 32-126 161-591")
     assert "code_points" not in (fonts / "f.fontdef").read_text()
 
@@ -177,8 +177,8 @@ def border(**changes):
 
 
 def test_borders_differ_by_kind():
-    def outline(one):
-        return [shape for shape in scene.borders(LAYOUT, [one]) if shape.namespace == "borders/outline"][0]
+    def outline(stored):
+        return [shape for shape in scene.border_shapes(LAYOUT, [stored]) if shape.namespace == "borders/outline"][0]
 
     hard, soft, off = outline(border()), outline(border(occupancy=0.4)), outline(border(enabled=False))
     assert sum(soft.colors[0]) > sum(hard.colors[0])
@@ -189,7 +189,7 @@ def test_borders_differ_by_kind():
 
 def test_a_border_that_waits_for_a_person_is_shown_before_and_after():
     old, new = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]), [(4, 0), (6, 0), (6, 2), (4, 2)]
-    shapes = {shape.namespace: shape for shape in scene.borders(LAYOUT, [border(before=old, after=new)])}
+    shapes = {shape.namespace: shape for shape in scene.border_shapes(LAYOUT, [border(before=old, after=new)])}
     before, after = shapes["borders/before"], shapes["borders/after"]
     assert before.colors != after.colors == shapes["borders/outline"].colors
     ends = np.array(before.points).reshape(-1, 2, 2)
@@ -197,7 +197,9 @@ def test_a_border_that_waits_for_a_person_is_shown_before_and_after():
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     assert 1.5 < lengths.sum() < 2.5  # dashes cover about half of the outline
     assert len(after.points) == 8
-    assert not {"borders/before", "borders/after"} & {shape.namespace for shape in scene.borders(LAYOUT, [border()])}
+    assert not {"borders/before", "borders/after"} & {
+        shape.namespace for shape in scene.border_shapes(LAYOUT, [border()])
+    }
 
 
 LONG_NAMES = ("Carpet in front of the fireplace and behind the sofa where the dog sleeps at night", "X" * 200, "")
@@ -209,7 +211,7 @@ LONG_NAMES = ("Carpet in front of the fireplace and behind the sofa where the do
     + [[border(name=name, seed=(7.9, 0.1))] for name in LONG_NAMES],
 )
 def test_labels_stay_on_the_map_and_do_not_overlap(stored):
-    shapes = scene.borders(LAYOUT, stored)
+    shapes = scene.border_shapes(LAYOUT, stored)
     plates, texts = (text_boxes([part for part in shapes if part.kind == kind]) for kind in (scene.PLATE, scene.TEXT))
     assert len(plates) == len(stored) and any(shape.text for shape in shapes)
     assert not any(plate.overlaps(other) for plate, other in itertools.combinations(plates, 2))
@@ -226,40 +228,41 @@ def test_segments_join_at_corners():
 
 
 def test_spots_fade_and_go():
-    seen = [
-        scene.TrailPoint("red", 1.0, 1.0, 10.0),
-        scene.TrailPoint("red", 1.1, 1.0, 11.0),
-        scene.TrailPoint("blue", 2.0, 2.0, 10.9),
+    spots = [
+        scene.TrailPoint("red", 1.0, 1.0, stamp=10.0),
+        scene.TrailPoint("red", 1.1, 1.0, stamp=11.0),
+        scene.TrailPoint("blue", 2.0, 2.0, stamp=10.9),
     ]
-    shapes = {shape.key: shape for shape in scene.live_spots(LAYOUT, seen, 11.0)}
+    shapes = {shape.key: shape for shape in scene.spot_shapes(LAYOUT, spots, now=11.0)}
     trail = shapes[("spots/red/trail", 0)]
     assert trail.points == ((1.0, 1.0), (1.1, 1.0)) and sum(trail.colors[0]) > sum(trail.colors[1])
     assert trail.colors[1] == colors.camera_color("red") != colors.camera_color("blue")
     assert shapes[("spots/red", 1)].points == ((1.1, 1.0),) and ("spots/blue", 1) in shapes
     # spots that are long past, or in the future because time jumped back, are left out
     for now in (20.0, 0.0):
-        assert scene.live_spots(LAYOUT, seen, now) == []
+        assert scene.spot_shapes(LAYOUT, spots, now) == []
 
 
 def test_only_changes_are_sent():
-    first = words(LAYOUT, PanelContent("border", 1, COMMANDS[:2], True, "Draw."))
+    first = text_panel_shapes(LAYOUT, PanelContent("border", 1, COMMANDS[:2], True, "Draw."))
     shown = {shape.key: shape for shape in first}
     assert len(shown) == len(first)
-    assert scene.compare(shown, first) == ([], [])
-    later = words(LAYOUT, PanelContent("border", 2, COMMANDS[:1], True, "Draw."))
-    changed, gone = scene.compare(shown, later)
+    assert scene.find_changes(shown, first) == ([], [])
+    later = text_panel_shapes(LAYOUT, PanelContent("border", 2, COMMANDS[:1], True, "Draw."))
+    changed, removed = scene.find_changes(shown, later)
     assert [shape.namespace for shape in changed] == ["words/elapsed"]
-    assert {namespace for namespace, _ in gone} == {"words/say/1"}
+    assert {namespace for namespace, _ in removed} == {"words/say/1"}
 
 
 def test_every_shape_is_there_with_a_key_of_its_own():
-    shapes = words(LAYOUT, PanelContent("border", 1, COMMANDS[:4], True, LONG, ("red", "blue", "green")))
-    shapes += scene.borders(LAYOUT, [border(), border(name="Room two")]) + scene.robot("base_link", 0, 0.18)
-    drawn = scene.drawing(LAYOUT, scene.Drawing(((1, 1), (2, 2)), ("", "red"), ((1, 1), (2, 2)), False, (3, 3)))
+    shapes = text_panel_shapes(LAYOUT, PanelContent("border", 1, COMMANDS[:4], True, LONG, ("red", "blue", "green")))
+    shapes += scene.border_shapes(LAYOUT, [border(), border(name="Room two")]) + scene.robot_shapes("base_link", 0, 0.2)
+    drawing = scene.Drawing(((1, 1), (2, 2)), ("", "red"), ((1, 1), (2, 2)), False, (3, 3))
+    drawn = scene.drawing_shapes(LAYOUT, drawing)
+    assert {shape.namespace.split("/")[1] for shape in drawn} == {"points", "rim", "chain", "seed"}
     shapes += drawn
-    kinds = {"drawing/points", "drawing/rim", "drawing/chain", "drawing/seed"}
-    assert {shape.namespace for shape in drawn} == kinds and scene.drawing(LAYOUT, scene.Drawing()) == []
     assert len({shape.key for shape in shapes}) == len(shapes)
+    assert scene.drawing_shapes(LAYOUT, scene.Drawing()) == []
 
 
 # ----------------------------------------------------------------- restricted areas
@@ -270,26 +273,27 @@ def test_overlay_marks_only_what_borders_changed():
     map_with_borders = physical.copy()
     map_with_borders[10:30, 10:30] = 100
     map_with_borders[32:38, 5:45] = 40
-    found = draw_restrictions(physical, map_with_borders, 4)
-    assert set(np.unique(found)) == {CLEAR, STRIPE}
-    assert not found[(physical == map_with_borders)].any()
-    hard, soft = found[11:29, 11:29] == STRIPE, found[33:37, 6:44] == STRIPE
+    overlay = draw_restrictions(physical, map_with_borders, 4)
+    assert set(np.unique(overlay)) == {CLEAR, STRIPE}
+    assert not overlay[(physical == map_with_borders)].any()
+    hard, soft = overlay[11:29, 11:29] == STRIPE, overlay[33:37, 6:44] == STRIPE
     assert 0.4 < hard.mean() < 0.6 and 0 < soft.mean() < hard.mean()
-    assert (found[10, 10:30] == STRIPE).all() and (found[10:30, 29] == STRIPE).all()
+    assert (overlay[10, 10:30] == STRIPE).all() and (overlay[10:30, 29] == STRIPE).all()
     assert not draw_restrictions(physical, physical, 4).any()
 
 
 def test_what_save_would_restrict_is_told_from_what_is_saved():
     physical = np.zeros((40, 60), np.int8)
-    map_with_borders, wanted = physical.copy(), np.zeros((40, 60), np.int8)
+    map_with_borders, planned = physical.copy(), np.zeros((40, 60), np.int8)
     map_with_borders[5:20, 5:20] = 100
-    wanted[22:38, 30:55] = 100
-    found = draw_restrictions(physical, map_with_borders, 4, wanted)
-    assert set(np.unique(found[wanted > 0])) == {CLEAR, PREVIEW} and (found[wanted == 0] != PREVIEW).all()
-    assert 0.4 < (found[23:37, 31:54] == PREVIEW).mean() < 0.6
+    planned[22:38, 30:55] = 100
+    overlay = draw_restrictions(physical, map_with_borders, 4, planned)
+    assert set(np.unique(overlay[planned > 0])) == {CLEAR, PREVIEW}
+    assert (overlay[planned == 0] != PREVIEW).all()
+    assert 0.4 < (overlay[23:37, 31:54] == PREVIEW).mean() < 0.6
     # preview stripes run down to the right, those of saved areas up to the right
-    assert np.array_equal(found[8:14, 8:14], found[9:15, 7:13])
-    assert np.array_equal(found[24:30, 32:38], found[25:31, 33:39])
+    assert np.array_equal(overlay[8:14, 8:14], overlay[9:15, 7:13])
+    assert np.array_equal(overlay[24:30, 32:38], overlay[25:31, 33:39])
 
 
 # ------------------------------------------------------------------ words
@@ -304,8 +308,8 @@ def test_words_overlap_neither_map_nor_each_other(extent, aspect, state):
     layout = fit_view(extent, aspect)
     many = ("red", "green", "blue", "a_camera_with_a_long_name", "hall", "robot", "one too many")
     commands = (), COMMANDS[:4], (*COMMANDS, "stop")
-    for said, message, cameras, notices in itertools.product(commands, ("Ok.", LONG), ((), many), ((), NOTICES)):
-        shapes = words(layout, PanelContent(state, 3599, said, False, message, cameras, notices))
+    for shown, message, cameras, notices in itertools.product(commands, ("Ok.", LONG), ((), many), ((), NOTICES)):
+        shapes = text_panel_shapes(layout, PanelContent(state, 3599, shown, False, message, cameras, notices))
         for kind in (TEXT, PLATE):
             boxes = text_boxes([shape for shape in shapes if shape.kind == kind])
             for box, other in itertools.combinations(boxes, 2):
@@ -333,10 +337,9 @@ def arc_minutes(size, layout):
 )
 def test_letters_can_be_read_from_three_metres(extent, message, notices, least):
     layout = fit_view(extent, 16 / 9)
-    angle = {}
-    for shape in words(layout, PanelContent("border", 10, COMMANDS[:4], True, message, ("red", "robot"), notices)):
-        if shape.kind == TEXT:
-            angle[shape.namespace] = arc_minutes(shape.size[0], layout)
+    content = PanelContent("border", 10, COMMANDS[:4], True, message, ("red", "robot"), notices)
+    texts = [shape for shape in text_panel_shapes(layout, content) if shape.kind == TEXT]
+    angle = {shape.namespace: arc_minutes(shape.size[0], layout) for shape in texts}
     assert angle["words/state"] > 22.0
     assert min(angle[f"words/say/{number}"] for number in range(4)) > 16.0
     assert angle["words/answer"] >= least
@@ -344,31 +347,34 @@ def test_letters_can_be_read_from_three_metres(extent, message, notices, least):
 
 
 def texts_of(shapes):
-    found = {}
+    """Returns the texts by their namespaces, each as one string."""
+    words = {}
     for shape in shapes:
         if shape.kind == TEXT:
-            found.setdefault(shape.namespace, []).append(shape.text)
-    return {name: " ".join(parts) for name, parts in found.items()}
+            words.setdefault(shape.namespace, []).append(shape.text)
+    return {name: " ".join(parts) for name, parts in words.items()}
 
 
 @pytest.mark.parametrize("commands", [COMMANDS, (*COMMANDS, "stop")])
 def test_every_command_that_can_be_said_is_shown(commands):
-    found = texts_of(words(LAYOUT, PanelContent("seed", 65, commands, True, "Yes.")))
-    said = ", ".join(text for name, text in found.items() if name.startswith("words/say/")).split(", ")
-    assert said == [command.replace("_", " ") for command in commands]
+    texts = texts_of(text_panel_shapes(LAYOUT, PanelContent("seed", 65, commands, True, "Yes.")))
+    shown = ", ".join(text for name, text in texts.items() if name.startswith("words/say/")).split(", ")
+    assert shown == [command.replace("_", " ") for command in commands]
 
 
 def test_an_answer_that_stands_as_a_notice_is_said_once():
     stopped, more = PanelNotice("Stopped: no robot drives.", True), PanelNotice("The spot is seen.")
-    found = texts_of(words(LAYOUT, PanelContent("seed", 1, (), True, stopped.text, (), (stopped, more))))
-    assert [found[name] for name in found if "answer" in name or "notice" in name] == [stopped.text, more.text]
+    content = PanelContent("seed", 1, (), True, stopped.text, (), (stopped, more))
+    texts = texts_of(text_panel_shapes(LAYOUT, content))
+    assert [texts[name] for name in texts if "answer" in name or "notice" in name] == [stopped.text, more.text]
 
 
 def test_a_refusal_stands_out_for_every_eye():
-    good, bad = (words(LAYOUT, PanelContent("seed", 1, (), success, "Why not.")) for success in (True, False))
-    assert not [shape for shape in good if shape.kind == PLATE]
-    plate = [shape for shape in bad if shape.kind == PLATE][0]
-    answer = [shape for shape in bad if shape.namespace == "words/answer"]
+    success = text_panel_shapes(LAYOUT, PanelContent("seed", 1, (), True, "Why not."))
+    refusal = text_panel_shapes(LAYOUT, PanelContent("seed", 1, (), False, "Why not."))
+    assert not [shape for shape in success if shape.kind == PLATE]
+    plate = [shape for shape in refusal if shape.kind == PLATE][0]
+    answer = [shape for shape in refusal if shape.namespace == "words/answer"]
     assert plate.colors == (colors.YELLOW,) and all(shape.colors == (colors.BLACK,) for shape in answer)
     box = text_boxes([plate])[0]
     assert all(contains(box, text) for text in text_boxes(answer))

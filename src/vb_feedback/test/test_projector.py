@@ -23,8 +23,8 @@ from vb_feedback.display.scene import Border, Drawing
 SIZE = (640, 400)
 
 
-def seen(pitch=0.3, yaw=0.4, height=2.5, x=0.0, y=0.0, mirrored=False):
-    """Returns (4, 2) [m], where the rays of the markers of a pinhole projector above (x, y) meet the floor."""
+def marker_positions(pitch=0.3, yaw=0.4, height=2.5, x=0.0, y=0.0, mirrored=False):
+    """Returns (4, 2) [m], where a pinhole projector above (x, y) shows its markers on the floor."""
     focal = 600.0
     c, s = np.cos(pitch), np.sin(pitch)
     tilt = np.array([[1, 0, 0], [0, c, -s], [0, s, c]]) @ np.diag([1.0, -1.0, -1.0])
@@ -44,18 +44,18 @@ def projected(matrix, points):
 @settings(max_examples=60, deadline=None)
 @given(st.floats(-0.6, 0.6), st.floats(-3.1, 3.1), st.floats(1.5, 6.0), st.floats(-200, 200), st.booleans())
 def test_a_pinhole_projector_is_found_again(pitch, yaw, height, x, mirrored):
-    floor = seen(pitch, yaw, height, x, -x / 3, mirrored)
-    found = calibrate(*SIZE, floor)
-    np.testing.assert_allclose(projected(found.matrix, floor), markers(*SIZE), atol=0.05)
+    floor = marker_positions(pitch, yaw, height, x, -x / 3, mirrored)
+    calibration = calibrate(*SIZE, floor)
+    np.testing.assert_allclose(projected(calibration.matrix, floor), markers(*SIZE), atol=0.05)
     corners = [(0, 0), (SIZE[0] - 1, 0), (SIZE[0] - 1, SIZE[1] - 1), (0, SIZE[1] - 1)]
-    np.testing.assert_allclose(projected(found.matrix, found.footprint()), corners, atol=0.01)
+    np.testing.assert_allclose(projected(calibration.matrix, calibration.footprint()), corners, atol=0.01)
 
 
 def test_a_calibration_is_read_as_it_was_written(tmp_path):
-    path, found = tmp_path / "new" / "projector.yaml", calibrate(*SIZE, seen())
-    save(found, path)
-    again = load(path)
-    assert (again.width, again.height) == SIZE and np.array_equal(again.matrix, found.matrix)
+    path, written = tmp_path / "new" / "projector.yaml", calibrate(*SIZE, marker_positions())
+    save(written, path)
+    read = load(path)
+    assert (read.width, read.height) == SIZE and np.array_equal(read.matrix, written.matrix)
 
 
 GOOD = [(0.0, 2.0), (3.0, 2.0), (3.0, 0.0), (0.0, 0.0)]
@@ -80,11 +80,11 @@ def test_degenerate_clicks_are_refused(floor, code):
 @given(st.lists(st.tuples(st.floats(-5, 5), st.floats(-5, 5)), min_size=4, max_size=4))
 def test_any_four_clicks_give_a_calibration_that_fits_or_a_reason(floor):
     try:
-        found = calibrate(*SIZE, floor)
+        calibration = calibrate(*SIZE, floor)
     except CodedError as error:
         assert error.code in ("bad_click", "bad_calibration")
         return
-    np.testing.assert_allclose(projected(found.matrix, floor), markers(*SIZE), atol=0.5)
+    np.testing.assert_allclose(projected(calibration.matrix, floor), markers(*SIZE), atol=0.5)
 
 
 @pytest.mark.parametrize(
@@ -102,38 +102,43 @@ def test_files_that_are_no_calibration_are_refused(tmp_path, text):
 
 
 # ----------------------------------------------------------------- the picture
-CALIBRATION = calibrate(*SIZE, seen(0.2, 0.1, 2.5, 4.0, 2.0))
+CALIBRATION = calibrate(*SIZE, marker_positions(0.2, 0.1, 2.5, 4.0, 2.0))
 SQUARE = ((3.7, 1.9), (4.3, 1.9), (4.3, 2.3), (3.7, 2.3))
 
 
+def rendered(*borders, brightness=1.0):
+    return FloorImage(CALIBRATION, brightness).render(FloorContent("default", borders))
+
+
 def at(picture, x, y):
+    """Returns the picture's colour at a position on the floor [m]."""
     column, row = np.rint(projected(CALIBRATION.matrix, [(x, y)])[0]).astype(int)
     return picture[row, column].astype(int)
 
 
 def test_things_lie_where_the_calibration_says():
-    picture = FloorImage(CALIBRATION)
-    shown = picture.render(FloorContent("default", (Border("b", SQUARE, True, (4, 2.1)),)))
-    assert shown.shape == (400, 640, 3) and shown.dtype == np.uint8
-    assert all(at(shown, x, y).max() > 150 for x, y in SQUARE + ((4.0, 1.9), (3.7, 2.1)))
-    assert at(shown, 4.0, 2.1).max() == 0 and at(shown, 4.5, 2.1).max() == 0
-    soft = picture.render(FloorContent("default", (Border("b", SQUARE, True, (4, 2.1), 0.2),)))
-    assert 0 < at(soft, 4.0, 1.9).max() < at(shown, 4.0, 1.9).max()
-    assert not picture.render(FloorContent("default", (Border("b", SQUARE, True, (4, 2.1), enabled=False),))).any()
-    assert not picture.render(FloorContent()).any()
-    dim = FloorImage(CALIBRATION, 0.3).render(FloorContent("default", (Border("b", SQUARE, True, (4, 2.1)),)))
-    assert dim.max() == pytest.approx(0.3 * shown.max(), abs=3)
+    hard = rendered(Border("b", SQUARE, True, (4, 2.1)))
+    assert hard.shape == (400, 640, 3) and hard.dtype == np.uint8
+    assert all(at(hard, x, y).max() > 150 for x, y in SQUARE + ((4.0, 1.9), (3.7, 2.1)))
+    assert at(hard, 4.0, 2.1).max() == 0 and at(hard, 4.5, 2.1).max() == 0
+    soft = rendered(Border("b", SQUARE, True, (4, 2.1), occupancy=0.2))
+    assert 0 < at(soft, 4.0, 1.9).max() < at(hard, 4.0, 1.9).max()
+    assert not rendered(Border("b", SQUARE, True, (4, 2.1), enabled=False)).any()
+    assert not rendered().any()
+    dim = rendered(Border("b", SQUARE, True, (4, 2.1)), brightness=0.3)
+    assert dim.max() == pytest.approx(0.3 * hard.max(), abs=3)
 
 
 def test_the_drawing_keeps_off_the_spot_and_borders_do_not():
-    picture = FloorImage(CALIBRATION)
+    floor = FloorImage(CALIBRATION)
     drawing = Drawing(chain=((3.4, 2.1), (4.4, 2.1)), seed=(3.6, 1.8))
-    whole = picture.render(FloorContent("border", (), drawing))
-    part = picture.render(FloorContent("border", (), drawing, spot=(4.4, 2.1)))
-    assert at(whole, 4.3, 2.1).max() > 150 and at(part, 4.3, 2.1).max() == 0 and at(part, 3.6, 2.1).max() > 150
+    whole = floor.render(FloorContent("border", (), drawing))
+    part = floor.render(FloorContent("border", (), drawing, spot=(4.4, 2.1)))
+    assert at(whole, 4.3, 2.1).max() > 150
+    assert at(part, 4.3, 2.1).max() == 0 and at(part, 3.6, 2.1).max() > 150
     assert at(whole, 3.6, 1.8).max() == 0 and at(whole, 3.75, 1.8).max() > 150  # the seed is a ring
     border = Border("b", ((3.4, 2.1), (4.4, 2.1)), False, (4, 2.3))
-    assert at(picture.render(FloorContent("border", (border,), drawing, spot=(4.4, 2.1))), 4.3, 2.1).max() > 150
+    assert at(floor.render(FloorContent("border", (border,), drawing, spot=(4.4, 2.1))), 4.3, 2.1).max() > 150
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.5])

@@ -151,11 +151,11 @@ class InteractionManagerTest(unittest.TestCase):
         # a moved seed causes a new preview, and so do borders that others change
         refusal = PreviewBorderResponse(success=False, code="no_separation", message="It separates nothing.")
         refusal.issues = [BorderIssue(severity=BorderIssue.ERROR, code="no_separation", message=refusal.message)]
-        good, self.stub.preview = self.stub.preview, refusal
+        accepted, self.stub.preview = self.stub.preview, refusal
         self.draw(identity, dx=0.2)
         refused = self.preview.wait(lambda message: message.code == "no_separation", "the refusal")
         self.assertEqual((refused.available, refused.success, len(refused.issues)), (True, False, 1))
-        self.stub.preview = good
+        self.stub.preview = accepted
         self.borders.publish(revision=77)
         self.preview.wait(lambda message: message.success, "the preview in another map")
         # a missing neighbour is reported, and asked again
@@ -175,31 +175,25 @@ class InteractionManagerTest(unittest.TestCase):
         self.preview.wait(lambda message: not message.interaction_id and not message.available, "the cleared preview")
 
     def test_a_preview_without_an_answer_holds_nobody_up(self):
-        stuck, reached = threading.Event(), threading.Event()
-        original = self.stub.preview_answer
-
-        def hang(request):
-            reached.set()
-            stuck.wait(60)
-            return original(request)
-
-        self.stub.preview_answer = hang
+        reached, released = threading.Event(), threading.Event()
+        answer = self.stub.preview_answer
+        self.stub.preview_answer = lambda request: reached.set() or released.wait(60) and answer(request)
         try:
             self.draw(self.begin())
             self.assertTrue(reached.wait(60))
             self.assertTrue(self.command("guide_robot").success)
             self.save()
         finally:
-            stuck.set()
-            self.stub.preview_answer = original
+            released.set()
+            self.stub.preview_answer = answer
         self.preview.wait(lambda message: not message.interaction_id and not message.available, "the cleared preview")
 
     def test_refusals_of_neighbours_reach_the_person(self):
-        identity, good = self.begin(), self.stub.candidate
+        identity, drawn = self.begin(), self.stub.candidate
         self.stub.candidate = GetDrawnBorderResponse(success=False, code="too_few", message="Draw more.")
         answer = self.command("save")
         self.assertEqual((answer.success, answer.code, answer.message), (False, "too_few", "Draw more."))
-        self.stub.candidate = good
+        self.stub.candidate = drawn
         self.stub.add = AddBorderResponse(success=False, code="no_separation", message="It separates nothing.")
         answer = self.command("save")
         self.assertEqual((answer.code, answer.message), ("no_separation", sentences.translate("no_separation")))
@@ -376,15 +370,15 @@ class InteractionManagerTest(unittest.TestCase):
         terminal.press("b")
         drawing = self.state.wait(lambda message: message.name == "border", "the border state")
         self.assertEqual(drawing.last_source, "wizard")
-        seen = {"border_spots": 321, "cameras_seeing_spot": ["red"]}
-        self.progress.publish(interaction_id=drawing.interaction_id, code="ok", **seen)
+        spots = {"border_spots": 321, "cameras_seeing_spot": ["red"]}
+        self.progress.publish(interaction_id=drawing.interaction_id, code="ok", **spots)
         terminal.shows("321 border")
-        seen = len(terminal.text)  # the console waited at its start, too
+        length = len(terminal.text)  # the console waited at its start, too
         self.node.kill()
-        terminal.shows("waiting for the interaction manager", seen)
-        seen = len(terminal.text)
+        terminal.shows("waiting for the interaction manager", length)
+        length = len(terminal.text)
         self.node.start()
-        terminal.shows("READY", seen)
+        terminal.shows("READY", length)
         terminal.press("z")
         terminal.press("\x1b[a")
         terminal.press("u")

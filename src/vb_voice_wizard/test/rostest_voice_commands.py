@@ -57,9 +57,9 @@ class VoiceCommandsTest(unittest.TestCase):
     def give(self, text, understood=lambda: VoiceCommandsTest.requests):
         """Says a text, each time in new noise, until it is understood; the bench measures how often it is."""
         for seed in range(20):
-            told = self.heard.count
+            count = self.heard.count
             self.speak(text, seed)
-            wait_until(lambda: understood() or self.heard.count > told, "what was made of it")  # noqa: B023
+            wait_until(lambda: understood() or self.heard.count > count, "what was made of it")  # noqa: B023
             if understood():
                 return
         self.fail(f"{text} was not understood so: {self.heard.all}")
@@ -91,9 +91,10 @@ class VoiceCommandsTest(unittest.TestCase):
         timer = rospy.Timer(rospy.Duration(0.1), lambda _event: self.sound.publish(Sound(name="success")))
         self.addCleanup(timer.shutdown)
 
-        self.give("cancel", lambda: any(one.command == "cancel" and one.reason == "muted" for one in self.heard.all))
+        self.give("cancel", lambda: ("cancel", "muted") in [(said.command, said.reason) for said in self.heard.all])
         del self.requests[:]  # of commands before the node heard of the sound
-        self.give("stop", lambda: any(one.command == "stop" and one.accepted and one.success for one in self.heard.all))
+        obeyed = ("stop", True, True)
+        self.give("stop", lambda: obeyed in [(said.command, said.accepted, said.success) for said in self.heard.all])
         self.assertEqual({request.command for request in self.requests}, {"stop"})
 
     def test_silence_is_reported(self):

@@ -15,7 +15,7 @@ from vb_msgs.msg import VirtualBorder
 from vb_voice_wizard.dialogue.command_answers import Answer, AnswerCache
 from vb_voice_wizard.dialogue.preview_scheduler import MAX_TIME_SHARE, PERIOD, DrawingWarnings, PreviewInputs
 from vb_voice_wizard.dialogue.preview_scheduler import PreviewScheduler, to_key
-from vb_voice_wizard.interaction_manager_node import _what_changed
+from vb_voice_wizard.interaction_manager_node import _describe_change
 
 
 # ------------------------------------------------------------------ repeated commands
@@ -72,7 +72,8 @@ SILENT = Notice("camera_silent", Severity.ERROR, camera="south", values={"camera
 @pytest.mark.parametrize("drawing_first", [True, False])
 def test_camera_error_is_remembered_until_the_next_drawing(drawing_first):
     warnings = DrawingWarnings()
-    for step in (warnings.start, lambda: warnings.update([SILENT]))[:: 1 if drawing_first else -1]:
+    steps = [warnings.start, lambda: warnings.update([SILENT])]
+    for step in steps if drawing_first else reversed(steps):
         step()
     for _ in range(2):
         assert warnings.all == (SILENT,)
@@ -87,10 +88,9 @@ def test_camera_error_is_remembered_until_the_next_drawing(drawing_first):
 @pytest.mark.parametrize(
     "notice, doubtful",
     [
-        *(
-            (Notice(code, Severity.WARNING), True)
-            for code in ("strokes_left_out", "piece_unseen", "seed_held_elsewhere")
-        ),
+        (Notice("strokes_left_out", Severity.WARNING), True),
+        (Notice("piece_unseen", Severity.WARNING), True),
+        (Notice("seed_held_elsewhere", Severity.WARNING), True),
         (Notice("camera_silent", Severity.WARNING, camera="south"), False),
         (Notice("robot_lost", Severity.ERROR, robot="ada"), False),
     ],
@@ -113,14 +113,15 @@ def changed(**changes) -> PreviewInputs:
     return dataclasses.replace(DRAWN, **changes)
 
 
-def shown(situation=DRAWN, started=100.0, took=0.0, answered=True) -> PreviewScheduler:
-    pace = PreviewScheduler()
-    pace.record_preview(situation, started, started + took, answered)
-    return pace
+def shown(took=0.0, answered=True) -> PreviewScheduler:
+    """Returns a scheduler after a preview of DRAWN, which began at 100 s."""
+    scheduler = PreviewScheduler()
+    scheduler.record_preview(DRAWN, 100.0, 100.0 + took, answered)
+    return scheduler
 
 
 @pytest.mark.parametrize(
-    "pace, now, at, delay",
+    "scheduler, inputs, now, delay",
     [
         (PreviewScheduler(), PreviewInputs(), 0.0, 0.0),  # the first preview is due at once
         (PreviewScheduler(), DRAWN, 0.0, 0.0),
@@ -132,12 +133,12 @@ def shown(situation=DRAWN, started=100.0, took=0.0, answered=True) -> PreviewSch
         (shown(answered=False), DRAWN, 103.0, 0.0),
     ],
 )
-def test_a_preview_is_due_at_first_for_another_interaction_and_for_a_retry(pace, now, at, delay):
-    assert pace.delay(now, at) == (delay and pytest.approx(delay))
+def test_a_preview_is_due_at_first_for_another_interaction_and_for_a_retry(scheduler, inputs, now, delay):
+    assert scheduler.delay(inputs, now) == (delay and pytest.approx(delay))
 
 
 @pytest.mark.parametrize(
-    "now",
+    "inputs",
     [
         changed(chain=to_key(CHAIN + 0.03)),
         changed(chain=to_key(CHAIN[:2])),
@@ -148,14 +149,14 @@ def test_a_preview_is_due_at_first_for_another_interaction_and_for_a_retry(pace,
         changed(warnings=(Notice("cameras_disagree"),)),
     ],
 )
-def test_what_matters_is_looked_at_after_the_period(now):
-    assert shown().delay(now, 100.2) == pytest.approx(0.3)
-    assert shown().delay(now, 100.5) == 0.0
+def test_a_visible_change_is_previewed_after_the_period(inputs):
+    assert shown().delay(inputs, 100.2) == pytest.approx(0.3)
+    assert shown().delay(inputs, 100.5) == 0.0
 
 
 def test_slow_changes_add_up():
-    pace, drifting = shown(), [changed(seed=to_key(SEED + step * 0.008)) for step in (1, 2)]
-    assert [pace.delay(situation, 200.0) for situation in drifting] == [None, 0.0]
+    scheduler, drifting = shown(), [changed(seed=to_key(SEED + step * 0.008)) for step in (1, 2)]
+    assert [scheduler.delay(inputs, 200.0) for inputs in drifting] == [None, 0.0]
 
 
 @given(st.floats(0.0, 100.0))
@@ -180,7 +181,7 @@ IDLE = VirtualBorder(id="b2", name="Bed", enabled=True, reason="inactive_on_this
 
 
 @pytest.mark.parametrize(
-    "command, before, after, code, border",
+    "command, before, after, code, name",
     [
         ("undo", [RUG, BED], [RUG], "border_removed", "Bed"),
         ("undo", [RUG], [RUG, BED], "border_restored", "Bed"),
@@ -197,6 +198,7 @@ IDLE = VirtualBorder(id="b2", name="Bed", enabled=True, reason="inactive_on_this
         ("undo", [RUG, IDLE], [RUG, BED], "borders_changed", None),
     ],
 )
-def test_what_was_undone_is_named(command, before, after, code, border):
-    answer = _what_changed(command, *({one.id: one for one in borders} for borders in (before, after)))
-    assert (answer.code, answer.values.get("borders")) == (code, border)
+def test_what_was_undone_is_named(command, before, after, code, name):
+    by_id = [{border.id: border for border in borders} for borders in (before, after)]
+    answer = _describe_change(command, *by_id)
+    assert (answer.code, answer.values.get("borders")) == (code, name)

@@ -30,9 +30,8 @@ OTHER_COMMANDS = [
 REFUSALS = {"nothing_to_save", "missing_seed", "missing_border", "missing_border_and_seed", "nothing_to_pause"}
 REFUSALS |= {"not_paused", "not_while_drawing"}
 
-for_all_commands_in_all_situations = pytest.mark.parametrize(
-    "before, command", list(itertools.product(ALL_SITUATIONS, COMMANDS))
-)
+EVERY_CASE = list(itertools.product(ALL_SITUATIONS, COMMANDS))
+for_all_commands_in_all_situations = pytest.mark.parametrize("before, command", EVERY_CASE)
 
 
 def answer_and_state(before: str, command: str):
@@ -197,7 +196,7 @@ def test_a_save_ends_the_interaction_and_is_recorded_once(saving):
 
 
 @pytest.mark.parametrize(
-    "sent, unanswered_before, code, may_be_in_the_map, told",
+    "sent, unanswered_before, code, unanswered, answer_code",
     [
         (True, False, "no_response", True, "save_unanswered"),
         (True, False, "no_service", False, "no_service"),
@@ -209,15 +208,12 @@ def test_a_save_ends_the_interaction_and_is_recorded_once(saving):
         (False, False, "no_response", False, "no_response"),
     ],
 )
-def test_a_failed_save_tells_whether_the_border_may_be_in_the_map(
-    saving, sent, unanswered_before, code, may_be_in_the_map, told
-):
+def test_a_failed_save_says_if_it_may_have_arrived(saving, sent, unanswered_before, code, unanswered, answer_code):
     saving.unanswered_save = unanswered_before
     if sent:
         saving.mark_save_sent()
-        assert saving.unanswered_save, "while it is under way"
     answer = saving.finish(Answer(False, code, {"who": "$map_integrator"}), 6.0)
-    assert (answer.code, answer.success, saving.unanswered_save) == (told, False, may_be_in_the_map)
+    assert (answer.code, answer.success, saving.unanswered_save) == (answer_code, False, unanswered)
     assert (saving.state, saving.pending) == (SEED, "")
 
 
@@ -306,7 +302,7 @@ def test_silence_ends_no_paused_interaction_but_one_that_goes_on(before):
 @in_all_pauses
 def test_no_robot_acts_and_no_spot_is_awaited_in_a_pause(before):
     paused = pause(interaction_after(before))
-    assert not paused.state.robots_act and not paused.unseen
+    assert not paused.state.robots_act and not paused.is_spot_missing
 
 
 @in_all_pauses
@@ -347,7 +343,7 @@ def test_silence_ends_nothing_that_was_not_begun():
 
 
 @pytest.mark.parametrize(
-    "spots, next_command, waited, unseen",
+    "spots, next_command, waited, missing",
     [
         ((0, 0, 0), "", UNSEEN_AFTER - 0.1, False),
         ((0, 0, 0), "", UNSEEN_AFTER, True),
@@ -356,13 +352,13 @@ def test_silence_ends_nothing_that_was_not_begun():
         ((7, 0, 0), GUIDE_ROBOT, 60.0, False),  # nothing is drawn
     ],
 )
-def test_a_laser_that_no_camera_sees_is_noticed_after_a_while(spots, next_command, waited, unseen):
+def test_a_laser_that_no_camera_sees_is_noticed_after_a_while(spots, next_command, waited, missing):
     interaction = border_begun_at(100.0)
     interaction.set_spot_counts(*spots, 100.0)
     if next_command:
         interaction.command(next_command, "test", 100.0)
     interaction.advance(100.0 + waited)
-    assert interaction.unseen is unseen
+    assert interaction.is_spot_missing is missing
 
 
 @pytest.mark.parametrize("spots, code", [((0, 0, 0), "missing_spots"), ((7, 0, 0), "missing_seed")])

@@ -12,9 +12,10 @@ from refusals import refused
 from speech import RATE, command_in, examine, room_noise, say, tone, utterances
 from vb_core.sentences import spelled_out
 from vb_core.sounds import SOUNDS, Note, Tones
-from vb_voice_wizard.recognizer import THRESHOLD, CommandListener, CommandRecognizer, Heard, RecognitionResult
 from vb_voice_wizard.voice.audio_sources import PIECE, Microphone, has_sound
 from vb_voice_wizard.voice.endpointing import CHUNK, MAX_UTTERANCE, Endpointer, SpeechDetector
+from vb_voice_wizard.voice.recognizer import THRESHOLD, CommandListener, CommandRecognizer
+from vb_voice_wizard.voice.recognizer import RecognitionResult, RecognizedUtterance
 from vb_voice_wizard.voice.speech_model import FOLDER, SpeechModel
 from vb_voice_wizard.voice_commands_node import VoiceCommandsNode
 
@@ -30,20 +31,20 @@ def recognizer():
 
 def test_commands_are_recognised_most_of_the_time(recognizer):
     """One voice in one noise each: bench/voice/command_recognition.py measures how often they are."""
-    issues = {name: examine(recognizer, say(spelled_out(name), voice))[0] for name, voice in SPOKEN.items()}
-    assert all(issue.command in (None, command) for command, issue in issues.items()), issues
-    heard = [issue for command, issue in issues.items() if issue.command == command]
-    assert len(heard) >= 6, issues
-    assert all(issue.best == issue.command and issue.reason == "ok" for issue in heard)
-    assert all(issue.confidence >= THRESHOLD for issue in heard)
+    results = {command: examine(recognizer, say(spelled_out(command), voice))[0] for command, voice in SPOKEN.items()}
+    assert all(result.command in (None, command) for command, result in results.items()), results
+    recognised = [result for result in results.values() if result.command]
+    assert len(recognised) >= 6, results
+    assert all(result.best == result.command and result.reason == "ok" for result in recognised)
+    assert all(result.confidence >= THRESHOLD for result in recognised)
 
 
 def test_a_result_tells_the_best_guess_and_why_it_is_no_command(recognizer):
-    (issue,) = examine(recognizer, say("has anyone seen my glasses"))
-    assert issue.command is None and issue.best and issue.confidence < THRESHOLD
-    assert issue.reason == "unlike_a_command"
+    (result,) = examine(recognizer, say("has anyone seen my glasses"))
+    assert (result.command, result.reason) == (None, "unlike_a_command")
+    assert result.best and result.confidence < THRESHOLD
     long = say("this sentence goes on and on and on for much longer than any command could ever take")
-    assert [issue.reason for issue in examine(recognizer, long)] == ["too_long"]
+    assert [result.reason for result in examine(recognizer, long)] == ["too_long"]
 
 
 @pytest.mark.parametrize("text", ["what is for dinner tonight", "good afternoon", "the robot got stuck under the sofa"])
@@ -63,11 +64,11 @@ def test_noise_beeps_and_nothing_are_no_commands(recognizer):
 def test_the_speech_model_tells_what_was_said_not_how_loud():
     texts = ["define seed", "define seeds", "save", "undo", "and do"]
     model, pcm, every = SpeechModel(texts), say("define seed", snr_db=25.0), np.arange(len(texts))
-    told = model.log_likelihood_ratios(pcm, every)
-    assert told.shape == (5,) and texts[int(told.argmax())] == "define seed"
-    np.testing.assert_allclose(model.log_likelihood_ratios((pcm // 4).astype(np.int16), every), told, atol=1.5)
+    ratios = model.log_likelihood_ratios(pcm, every)
+    assert ratios.shape == (5,) and texts[int(ratios.argmax())] == "define seed"
+    np.testing.assert_allclose(model.log_likelihood_ratios((pcm // 4).astype(np.int16), every), ratios, atol=1.5)
     # the other texts do not matter
-    assert SpeechModel(["save"]).log_likelihood_ratios(pcm, every[:1])[0] == pytest.approx(told[2], abs=1.0)
+    assert SpeechModel(["save"]).log_likelihood_ratios(pcm, every[:1])[0] == pytest.approx(ratios[2], abs=1.0)
     assert np.isfinite(model.log_likelihood_ratios(np.zeros(RATE // 5, np.int16), every)).all()
 
 
@@ -91,38 +92,40 @@ def test_a_missing_or_damaged_file_of_the_model_is_named(tmp_path):
 def test_a_stop_at_the_end_of_talk_counts(recognizer, before):
     """One voice in one noise each: bench/voice/command_recognition.py measures how often it does."""
     voices = ("en-us", "en-gb", "en-us+f2")
-    heard = [command_in(recognizer, say(f"{before} stop", voice, snr_db=25.0)) for voice in voices]
-    assert set(heard) <= {"stop", None} and "stop" in heard
+    commands = [command_in(recognizer, say(f"{before} stop", voice, snr_db=25.0)) for voice in voices]
+    assert set(commands) <= {"stop", None} and "stop" in commands
 
 
 # ------------------------------------------------------------------ a stream
 PART = RATE // 20
-BEGAN = 1000.0  # [s] of the clock when the stream begins
+STREAM_START = 1000.0  # [s] of the clock
 
 
 def listen(listener, pcm, sounds=()):
-    """Streams speech; our own sounds, (name, [s] from the stream's beginning), are announced when they begin."""
-    heard, waiting = [], sorted(sounds, key=lambda sound: sound[1])
-    for at in range(0, len(pcm), PART):
-        while waiting and waiting[0][1] * RATE < at + PART:
-            name, when = waiting.pop(0)
-            listener.play(name, BEGAN + when)
-        heard += listener.push(pcm[at : at + PART], BEGAN + (at + PART) / RATE)
-    return heard
+    """Streams speech and our own sounds, (name, start [s] in the stream); returns the recognised utterances."""
+    utterances, waiting = [], sorted(sounds, key=lambda sound: sound[1])
+    for begin in range(0, len(pcm), PART):
+        while waiting and waiting[0][1] * RATE < begin + PART:
+            name, start = waiting.pop(0)
+            listener.play(name, STREAM_START + start)
+        utterances += listener.push(pcm[begin : begin + PART], STREAM_START + (begin + PART) / RATE)
+    return utterances
 
 
 def test_times_are_when_it_was_said(recognizer):
     pcm = np.concatenate([np.zeros(2 * RATE, np.int16), say("stop", pause=0.6), np.zeros(RATE, np.int16)])
-    (heard,) = listen(CommandListener(recognizer), pcm)
-    assert heard.result.command == "stop"
-    assert heard.start == pytest.approx(BEGAN + 2.6, abs=0.15) and 0.2 < heard.end - heard.start < 0.8
+    (utterance,) = listen(CommandListener(recognizer), pcm)
+    assert utterance.result.command == "stop"
+    assert utterance.start == pytest.approx(STREAM_START + 2.6, abs=0.15)
+    assert 0.2 < utterance.end - utterance.start < 0.8
 
 
 @pytest.mark.parametrize("sound", ["error", "success", "stopped", "recognized"])
 def test_stop_counts_whenever_a_sound_of_ours_plays(recognizer, sound):
     pcm = np.concatenate([say("stop", pause=1.0), np.zeros(RATE, np.int16)])
-    for when in np.arange(0.0, 2.6, 0.2):
-        assert [event.result.command for event in listen(CommandListener(recognizer), pcm, [(sound, when)])] == ["stop"]
+    for start in np.arange(0.0, 2.6, 0.2):
+        (utterance,) = listen(CommandListener(recognizer), pcm, [(sound, start)])
+        assert utterance.result.command == "stop"
 
 
 def test_another_command_counts_unless_it_lies_within_a_sound_of_ours(recognizer, monkeypatch):
@@ -131,32 +134,33 @@ def test_another_command_counts_unless_it_lies_within_a_sound_of_ours(recognizer
     pcm = np.concatenate([say("cancel", pause=1.0), np.zeros(RATE, np.int16)])
     (plain,) = listen(CommandListener(recognizer), pcm)
     assert plain.result.command == "cancel"
-    start, end = plain.start - BEGAN, plain.end - BEGAN
-    for sound, when, muted in (
-        ("long", start - 0.2, True),
-        ("long", start + 0.1, False),  # speech began before the sound
-        ("long", end + 0.1, False),  # the sound began after the word, but before it was processed
-        ("long", end - 2.05, False),  # speech goes on after the sound
-        ("short", start - 0.3, False),
-        ("unknown", start - 0.2, False),
+    start, end = plain.start - STREAM_START, plain.end - STREAM_START
+    for sound, sound_start, reason in (
+        ("long", start - 0.2, "muted"),
+        ("long", start + 0.1, "ok"),  # speech began before the sound
+        ("long", end + 0.1, "ok"),  # the sound began after the word, but before it was processed
+        ("long", end - 2.05, "ok"),  # speech goes on after the sound
+        ("short", start - 0.3, "ok"),
+        ("unknown", start - 0.2, "ok"),
     ):
-        (heard,) = listen(CommandListener(recognizer), pcm, [(sound, when)])
-        assert (heard.result.reason, heard.result.command) == (("muted", None) if muted else ("ok", "cancel")), when
-        assert heard.result.best == "cancel"
+        (utterance,) = listen(CommandListener(recognizer), pcm, [(sound, sound_start)])
+        assert utterance.result.reason == reason, sound_start
+        assert utterance.result.command == (None if reason == "muted" else "cancel")
+        assert utterance.result.best == "cancel"
 
 
-@pytest.mark.parametrize("certain, age, doubtful", [(True, 0.0, False), (False, 0.0, True), (True, 1000.0, True)])
-def test_what_is_understood_late_is_doubtful(certain, age, doubtful):
-    """Speech does not expire under load: a late command that matters is asked about."""
+@pytest.mark.parametrize("certain, end, uncertain", [(True, 1e3, False), (False, 1e3, True), (True, -1e3, True)])
+def test_a_command_understood_late_is_uncertain(certain, end, uncertain):
+    """Speech does not expire under load: a late command with consequences is asked about. `end`: [s] from now."""
     given, now = [], time.monotonic()
-    orders = SimpleNamespace(
-        stop_number=lambda when: f"known at {when}",
-        put=lambda *command, **more: given.append((command[0], more)) or True,
+    sender = SimpleNamespace(
+        stop_number=lambda time: f"known at {time}",
+        put=lambda command, _context, **fields: given.append((command, fields)) or True,
     )
-    node = SimpleNamespace(_command_sender=orders, _beep=lambda name: None)
-    heard = Heard(RecognitionResult("save", "save", 0.99, certain), now - age - 1.0, now - age + 1000.0 * (not age))
-    VoiceCommandsNode._handle(node, heard)
-    assert given == [("save", {"uncertain": doubtful, "seen_stop": f"known at {now - age - 1.0}"})]
+    node = SimpleNamespace(_command_sender=sender, _beep=lambda name: None)
+    result = RecognitionResult("save", "save", 0.99, certain)
+    VoiceCommandsNode._handle(node, RecognizedUtterance(result, start=now - 1001.0, end=now + end))
+    assert given == [("save", {"uncertain": uncertain, "seen_stop": f"known at {now - 1001.0}"})]
 
 
 # ------------------------------------------------------------------ endpointing
@@ -164,22 +168,23 @@ STEP = CHUNK / RATE
 
 
 def spoken_at(spans, faint=()):
-    """Returns a speech detector that knows all speech and faint speech, [(start, end) s], and counts its chunks."""
+    """Returns a speech detector that is sure of speech in `spans`, [(start, end) s], and doubts that in `faint`."""
     count = itertools.count()
 
     def probability(data):
         assert len(data) == 2 * CHUNK
         middle = (next(count) + 0.5) * STEP
-        levels = [0.9] * len(spans) + [0.4] * len(faint)
-        heard = [level for (start, end), level in zip([*spans, *faint], levels) if start <= middle < end]
-        return max(heard, default=0.1)
+        if any(start <= middle < end for start, end in spans):
+            return 0.9
+        return 0.4 if any(start <= middle < end for start, end in faint) else 0.1
 
     return probability
 
 
 def cut(spans, total, size=RATE // 20, faint=()):
-    endpointer, pcm = Endpointer(spoken_at(spans, faint)), (np.arange(int(total * RATE)) % 30000).astype(np.int16)
-    # each sample's value is its position
+    """Returns the utterances of a stream of `total` seconds, pushed in pieces of `size` samples."""
+    endpointer = Endpointer(spoken_at(spans, faint))
+    pcm = (np.arange(int(total * RATE)) % 30000).astype(np.int16)  # each sample's value is its position
     return [speech for start in range(0, len(pcm), size) for speech in endpointer.push(pcm[start : start + size])]
 
 
@@ -226,13 +231,15 @@ def test_what_was_heard_long_ago_does_not_decide_what_is_speech():
     talk = say("this sentence goes on and on and on for much longer than any command could ever take", pause=0.1)
     same = say("and now the same for both of them", pause=1.0)[: int(4.0 * RATE)]
     count = int(30 * RATE) // CHUNK * CHUNK
-    told = []
+    probabilities = []
     for before in (np.zeros(count, np.int16), np.resize(talk, count)):
         detect, pcm = SpeechDetector(), np.concatenate([before, same])
-        told.append([detect(pcm[at : at + CHUNK].tobytes()) for at in range(0, len(pcm) - CHUNK + 1, CHUNK)])
-    known = count // CHUNK + int(2.1 / STEP)
-    assert max(told[0][known:]) > 0.8 and told[0][known:] == told[1][known:]
-    assert told[0][: count // CHUNK] != told[1][: count // CHUNK]
+        chunks = pcm[: len(pcm) // CHUNK * CHUNK].reshape(-1, CHUNK)
+        probabilities.append([detect(chunk.tobytes()) for chunk in chunks])
+    after_silence, after_talk = probabilities
+    forgotten = count // CHUNK + int(2.1 / STEP)
+    assert max(after_silence[forgotten:]) > 0.8 and after_silence[forgotten:] == after_talk[forgotten:]
+    assert after_silence[: count // CHUNK] != after_talk[: count // CHUNK]
 
 
 # ------------------------------------------------------------------ sound
@@ -257,7 +264,7 @@ def test_a_recording_program_is_read_and_started_again():
 
 
 def test_a_missing_recording_program_is_reported():
-    told = []
-    microphone = Microphone(["no_such_program"], lambda text: (told.append(text), microphone.close()))
+    troubles = []
+    microphone = Microphone(["no_such_program"], lambda text: (troubles.append(text), microphone.close()))
     assert microphone.get() is None
-    assert len(told) == 1 and "cannot start no_such_program" in told[0]
+    assert len(troubles) == 1 and "cannot start no_such_program" in troubles[0]

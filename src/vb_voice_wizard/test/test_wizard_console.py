@@ -23,9 +23,10 @@ def drawing(language="en"):
     return ConsoleContent(state, progress, preview, language=language)
 
 
-def text(view, now=0.0, width=300):
+def text(content, now=0.0, width=300):
+    """Returns what the console shows at a ROS time [s] on a terminal of this width."""
     console = Console(file=StringIO(), width=width)
-    console.print(*view.lines(now), sep="\n")
+    console.print(*content.lines(now), sep="\n")
     return console.file.getvalue()
 
 
@@ -38,73 +39,73 @@ def test_the_console_tells_state_time_spots_cameras_and_preview(words):
 
 @pytest.mark.parametrize("parts, is_told", [(0, False), (1, False), (2, True)])
 def test_the_console_tells_in_how_many_parts_a_border_would_leave_the_floor(parts, is_told):
-    view = drawing()
-    view.preview.free_parts = parts
-    assert (view.words("preview_parts", parts=parts) in text(view)) is is_told
+    content = drawing()
+    content.preview.free_parts = parts
+    assert (content.words("preview_parts", parts=parts) in text(content)) is is_told
 
 
 @pytest.mark.parametrize("words", ["STOPPED", "voice", "ends in 0:45", "save again to confirm", "! Look!"])
 def test_the_console_tells_of_a_stop_the_end_a_question_and_notices(words):
-    view = drawing()
-    view.state.stopped, view.state.stopped_by, view.state.confirm_save = True, "voice", True
-    view.state.ends_at = rospy.Time(145)
-    view.notices = (Notice("of_a_newer_version", Severity.ERROR, message="Look!"),)
-    assert words in text(view, 100.0)
+    content = drawing()
+    content.state.stopped, content.state.stopped_by, content.state.confirm_save = True, "voice", True
+    content.state.ends_at = rospy.Time(145)
+    content.notices = (Notice("of_a_newer_version", Severity.ERROR, message="Look!"),)
+    assert words in text(content, 100.0)
 
 
 def test_the_notice_of_a_stop_is_told_only_if_the_state_is_not_known():
-    view = drawing()
-    view.state.stopped, view.notices = True, (Notice("stopped", Severity.WARNING),)
-    assert "! Stopped: no robot drives" not in text(view)
-    view.state = None
-    assert "! Stopped: no robot drives" in text(view)
+    content = drawing()
+    content.state.stopped, content.notices = True, (Notice("stopped", Severity.WARNING),)
+    assert "! Stopped: no robot drives" not in text(content)
+    content.state = None
+    assert "! Stopped: no robot drives" in text(content)
 
 
 def test_an_earlier_drawing_is_not_shown_in_a_new_interaction():
-    view = drawing()
-    view.state.interaction_id = "cd34"
-    assert "120 border" not in text(view)
+    content = drawing()
+    content.state.interaction_id = "cd34"
+    assert "120 border" not in text(content)
 
 
 def test_what_two_messages_tell_is_said_once():
-    view = drawing()
-    view.preview.issues[0].code = "robot_inside"
-    view.notices = (Notice("robot_inside", Severity.WARNING),)
-    assert text(view).count(f"! {sentences.translate('robot_inside')}") == 1
+    content = drawing()
+    content.preview.issues[0].code = "robot_inside"
+    content.notices = (Notice("robot_inside", Severity.WARNING),)
+    assert text(content).count(f"! {sentences.translate('robot_inside')}") == 1
     # the reason of a refused preview is both its sentence and its first issue
     why = BorderIssue(severity=BorderIssue.ERROR, message="It separates nothing.")
-    view.preview = BorderPreview(available=True, message="It separates nothing.", issues=[why])
-    assert text(view).count("It separates nothing.") == 1 and "restrict" not in text(view)
+    content.preview = BorderPreview(available=True, message="It separates nothing.", issues=[why])
+    assert text(content).count("It separates nothing.") == 1 and "restrict" not in text(content)
     # an error other than the sentence is shown, as an error
     why.message = "The seed lies in a wall."
-    assert [line.style for line in view.lines() if why.message in str(line)] == [WRONG]
+    assert [line.style for line in content.lines() if why.message in str(line)] == [WRONG]
 
 
 @pytest.mark.parametrize("escape", ["\x1b[2J", "\x1b]0;title\x07", "\x9b31m", "\x08\x08", "\r", "\n"])
 def test_no_control_character_from_elsewhere_reaches_the_terminal(escape):
     def screen(escape):
-        view = drawing()
-        view.state.stopped, view.state.stopped_by = True, f"ada{escape}"
-        view.progress.cameras_seeing_spot = [f"red{escape}"]
-        view.preview.issues[0].message = f"why{escape}"
-        view.notices = (Notice("microphone_missing", Severity.WARNING, values={"why": f"look{escape}"}),)
-        return text(view) + printable(f"said{escape}").plain
+        content = drawing()
+        content.state.stopped, content.state.stopped_by = True, f"ada{escape}"
+        content.progress.cameras_seeing_spot = [f"red{escape}"]
+        content.preview.issues[0].message = f"why{escape}"
+        content.notices = (Notice("microphone_missing", Severity.WARNING, values={"why": f"look{escape}"}),)
+        return text(content) + printable(f"said{escape}").plain
 
-    found, usual = screen(escape).split("\n"), screen("").split("\n")
-    assert [word for word in ("ada", "red", "why", "look", "said") if word not in "".join(found)] == []
-    assert len(found) == len(usual)
-    assert not any(ord(letter) < 0x20 or 0x7F <= ord(letter) < 0xA0 for letter in "".join(found))
+    shown = screen(escape)
+    assert [word for word in ("ada", "red", "why", "look", "said") if word not in shown] == []
+    assert shown.count("\n") == screen("").count("\n")
+    assert not any(ord(letter) < 0x20 or 0x7F <= ord(letter) < 0xA0 for letter in shown.replace("\n", ""))
 
 
 @pytest.mark.parametrize("language", sentences.languages())
 def test_each_command_has_its_key_in_every_language(language):
-    view = drawing(language)
+    content = drawing(language)
     for width in (300, 30):
-        found = text(view, width=width)
+        shown = text(content, width=width)
         for command in COMMANDS.values():
-            key = view.words("console_space") if command.key == " " else command.key
-            assert f" {key}  {view.words('command_' + command.name)}" in found
-    assert view.words("console_quit") in found and view.words("state_border").upper() in found
+            key = content.words("console_space") if command.key == " " else command.key
+            assert f" {key}  {content.words('command_' + command.name)}" in shown
+    assert content.words("console_quit") in shown and content.words("state_border").upper() in shown
 
 
 @pytest.mark.parametrize(

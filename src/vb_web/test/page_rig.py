@@ -17,6 +17,13 @@ from vb_msgs.srv import AddBorder, RemoveBorder
 CARPET = [[3.12, 0.8], [5.12, 0.8], [5.12, 2.05], [3.12, 2.05]]
 
 
+def overlap(first, second, tolerance=0.0):
+    """Returns whether two of `Browser.boxes` overlap by more than a tolerance [px]."""
+    across = min(first["right"], second["right"]) - max(first["left"], second["left"])
+    down = min(first["bottom"], second["bottom"]) - max(first["top"], second["top"])
+    return min(across, down) > tolerance
+
+
 def round_the(corners, per_side=6):
     """Returns a finger's path round corners, back to near its start."""
     path = []
@@ -97,6 +104,7 @@ class PageTest(unittest.TestCase):
 
     @contextmanager
     def small_phone(self, *options, **more):
+        """Opens the page in another browser, of 360 x 640 px."""
         with closing(Browser(self.browser.url, (360, 640), *options, **more)) as small:
             small.wait_ready()
             yield small

@@ -6,7 +6,7 @@ import rospy
 import rostest
 from shapely.geometry import Point, Polygon
 
-from page_rig import CARPET, PageTest, draw_carpet, round_the
+from page_rig import CARPET, PageTest, draw_carpet, overlap, round_the
 from phone import PHONE
 from vb_testing import wait_until
 from vb_core import names, sentences
@@ -38,10 +38,8 @@ class BordersTest(PageTest):
         self.browser.wait("document.getElementById('redo').disabled", what="a button that has nothing to do")
         self.browser.driver.refresh()  # the buttons are right without being tried
         self.browser.wait_ready()
-        self.browser.wait(
-            "document.getElementById('redo').disabled && !document.getElementById('undo').disabled",
-            what="what can be undone",
-        )
+        available = "document.getElementById('redo').disabled && !document.getElementById('undo').disabled"
+        self.browser.wait(available, what="what can be undone")
         self.browser.click("#borders .switch")
         wait_until(lambda: not self.borders()[0].enabled, "the border to be off")
         self.browser.wait_text("#borders", "Switched off")
@@ -59,11 +57,10 @@ class BordersTest(PageTest):
         self.assertEqual(self.browser.faults(), [])
 
     def test_no_touch_of_a_phone_loses_or_doubles_a_drawing(self):
-        corners = "return document.querySelectorAll('#placed .knob').length"
         self.browser.click("#draw")
         self.browser.tap([3.0, 1.0])
         self.browser.fingers([[[3.5, 2.0]], [[3.5, 2.0], [4.0, 2.0]], [[3.4, 2.0], [4.1, 2.0]]])
-        self.assertEqual(self.browser.run(corners), 1)  # zooming keeps the drawing
+        self.assertEqual(len(self.browser.boxes("#placed .knob")), 1)  # zooming keeps the drawing
         # a phone that is turned during a stroke: the line until then is not a border
         self.browser.fingers([[[3.0, 1.0]], [[3.5, 1.0]], [[4.0, 1.0]]], lift=False)
         self.browser.resize((740, 360))
@@ -82,7 +79,7 @@ class BordersTest(PageTest):
         )
         self.assertTrue(inert)
         self.browser.click("#dialog button", "Keep editing")
-        self.assertEqual(self.browser.run(corners), 1)
+        self.assertEqual(len(self.browser.boxes("#placed .knob")), 1)
         self.browser.driver.back()
         self.browser.wait_text("#dialog", "not saved yet")
         self.browser.click("#dialog button", "Discard")
@@ -104,21 +101,21 @@ class BordersTest(PageTest):
         self.wait_borders(0)
         # a button that a dialog covered cannot be pressed at once
         self.browser.click("#settings-button")
-        under = self.browser.driver.execute_async_script(
-            """const done = arguments[0], one = document.querySelector('#map-tools button:last-child');
-            one.scrollIntoView({ block: 'center' });
-            const dialog = document.getElementById('dialog'), box = one.getBoundingClientRect();
-            dialog.addEventListener('close', () => done(
-                document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2).closest('button')), { once: true });
-            dialog.close()"""
+        uncovered = self.browser.run(
+            """const button = document.querySelector('#map-tools button:last-child');
+            button.scrollIntoView({ block: 'center' });
+            const dialog = document.getElementById('dialog'), box = button.getBoundingClientRect();
+            const at_centre = () => document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2);
+            return new Promise((done) => {
+                dialog.addEventListener('close', () => done(at_centre().closest('button')), { once: true });
+                dialog.close(); })"""
         )
-        self.assertIsNone(under)
+        self.assertIsNone(uncovered)
         self.assertEqual(self.browser.faults(), [])
 
     def test_double_press_asks_once_but_undo_after_a_shown_change_again(self):
-        calls = self.browser.driver.execute_async_script(
-            """const done = arguments[0];
-            Promise.all([import("/state.js"), import("/ui.js")]).then(([{ page, view }, { ask }]) => {
+        calls = self.browser.run(
+            """return Promise.all([import("/state.js"), import("/ui.js")]).then(([{ page, view }, { ask }]) => {
                 const send = page.link.send, sent = [];
                 page.link.send = (action, fields) => (sent.push(fields.command || action), new Promise(() => {}));
                 for (const revision of [1, 1, 2]) {
@@ -128,7 +125,7 @@ class BordersTest(PageTest):
                 }
                 page.link.send = send;
                 page.link.underWay.clear();
-                done(sent);
+                return sent;
             });"""
         )
         self.assertEqual({call: calls.count(call) for call in calls}, {"undo": 2, "save": 1, "stop": 3, "add": 1})
@@ -175,22 +172,22 @@ class BordersTest(PageTest):
 
     def test_previews_are_asked_for_one_at_a_time_and_late_answers_touch_nothing_newer(self):
         self.store_carpet()
-        states = self.browser.driver.execute_async_script(
-            """const done = arguments[0], { draft, map, view } = window.virtualBorders, [border] = view.borders.list;
+        states = self.browser.run(
+            """const { draft, map, view } = window.virtualBorders, [border] = view.borders.list;
             const press = (selector) => [...document.querySelectorAll(selector)].pop().click();
-            Promise.all([import("/state.js"), import("/editor.js")]).then(async ([{ page }, { edit, examine, setMode }]) => {
+            return Promise.all([import("/state.js"), import("/editor.js")]).then(async ([{ page }, { edit, examine, setMode }]) => {
                 const asked = [], modes = [];
                 // an earlier preview may still be under way
                 while (page.link.waiting.size) await new Promise((next) => setTimeout(next, 20));
                 page.link.send = (_action, fields) => new Promise((resolve) => asked.push({ fields, resolve }));
-                const answer = (one) => {
-                    one.resolve({ ok: true, code: "ok", values: {}, area: 1, issues: [] });
+                const answer = (request) => {
+                    request.resolve({ ok: true, code: "ok", values: {}, area: 1, issues: [] });
                     return new Promise((next) => setTimeout(next));
                 };
                 edit(border);
                 for (draft().name of ["a", "b"]) examine();
-                for (const one of asked) await answer(one);
-                const previews = asked.splice(0).map((one) => one.fields.draft.name);
+                for (const request of asked) await answer(request);
+                const previews = asked.splice(0).map(({ fields }) => fields.draft.name);
                 for (const [ask, begin] of [
                     [() => press("#review button"), () => edit(border)],
                     [() => (setMode("go"), map.on.tap([3, 1])), () => setMode("go")],
@@ -203,33 +200,32 @@ class BordersTest(PageTest):
                     modes.push(page.mode);
                     setMode("look");
                 }
-                done([previews, modes, document.getElementById("dialog").open]);
-            }).catch((error) => done(String(error)));"""
+                return [previews, modes, document.getElementById("dialog").open];
+            });"""
         )
         self.assertEqual(states, [["Rug", "b"], ["review", "go", "look"], True])
         self.browser.driver.refresh()
 
     def test_a_drawing_shows_its_lengths_and_keeps_seed_and_caret(self):
-        scale = """const map = window.virtualBorders.map; map.lay(); const bar = document.getElementById('scale');
+        scale = """const map = window.virtualBorders.map; map.layOut(); const bar = document.getElementById('scale');
             return [parseFloat(bar.textContent), bar.getBoundingClientRect().width / map.view.scale]"""
         for factor in (1, 3, 3):
             self.browser.run("window.virtualBorders.map.zoom(arguments[0])", factor)
             shown_length, true = self.browser.run(scale)
             self.assertAlmostEqual(shown_length / true, 1.0, delta=0.02)
         self.browser.click("#zoom-fit")
-        lengths = "return [...document.querySelectorAll('#placed .length')].map((one) => parseFloat(one.textContent))"
-        corners = "return document.querySelectorAll('#placed .knob').length"
+        lengths = "return [...document.querySelectorAll('#placed .length')].map((text) => parseFloat(text.textContent))"
         self.browser.click("#draw")
         for point in ([3.0, 1.0], [5.0, 1.0], [5.0, 2.5]):
             self.browser.tap(point)
         self.assertAlmostEqual(self.browser.run(lengths)[0], 1.5, delta=0.1)
         self.browser.click("#review button", "Remove last corner")
-        self.assertEqual(self.browser.run(corners), 2)
+        self.assertEqual(len(self.browser.boxes("#placed .knob")), 2)
         self.assertAlmostEqual(self.browser.run(lengths)[0], 2.0, delta=0.1)
         for _ in range(2):
             self.browser.click("#review button", "Remove last corner")
-        self.assertEqual(self.browser.run(corners), 0)
-        buttons = "return [...document.querySelectorAll('#review button:disabled')].map((one) => one.textContent)"
+        self.assertEqual(len(self.browser.boxes("#placed .knob")), 0)
+        buttons = "return [...document.querySelectorAll('#review button:disabled')].map((button) => button.textContent)"
         self.assertIn("Remove last corner", self.browser.run(buttons))
         self.browser.stroke(round_the(CARPET))
         self.browser.wait_text("#review", "m²")
@@ -237,19 +233,19 @@ class BordersTest(PageTest):
         corner = self.browser.run("return window.virtualBorders.draft().points[0]")
         self.browser.tap(corner)
         sides = self.browser.run("""const points = window.virtualBorders.draft().points, last = points[points.length - 1];
-            return [points[1], last].map((one) => Math.hypot(one[0] - points[0][0], one[1] - points[0][1]))""")
+            return [points[1], last].map(([x, y]) => Math.hypot(x - points[0][0], y - points[0][1]))""")
         np.testing.assert_allclose(sorted(self.browser.run(lengths)), sorted(sides), atol=0.006)
         # the seed follows each change of corners, and Delete removes the focused corner
-        states = self.browser.driver.execute_async_script(
-            """const done = arguments[0], { map, draft } = window.virtualBorders;
-            import("/shapes.js").then(({ inside }) => {
+        states = self.browser.run(
+            """const { map, draft } = window.virtualBorders;
+            return import("/shapes.js").then(({ inside }) => {
                 map.on.drag(2, [6.5, 3.0], true);
                 map.on.choose(0);
                 document.querySelector("[data-corner='2']").dispatchEvent(
                     new KeyboardEvent("keydown", { key: "Delete", bubbles: true }));
                 const seen = [draft().points.every(([x]) => x < 6), inside(draft().seed, draft().points)];
                 map.on.between(0, [3.5, 1.7]);  // a quick finger: beyond the middle at once
-                done([...seen, inside(draft().seed, draft().points)]);
+                return [...seen, inside(draft().seed, draft().points)];
             });"""
         )
         self.assertEqual(states, [True] * 3)
@@ -284,15 +280,10 @@ class BordersTest(PageTest):
             small.wait_arrived()
             small.run("window.scrollTo(0, 0)")
             for part in ("input", ".issue", ".primary"):
-                self.assertTrue(
-                    small.run(
-                        """const one = document.querySelector(`#review ${arguments[0]}`), box = one.getBoundingClientRect();
-                        return [box.top + 2, box.bottom - 2].every(
-                            (y) => document.elementFromPoint(box.left + box.width / 2, y) === one)""",
-                        part,
-                    ),
-                    part,
-                )
+                is_seen = """const part = document.querySelector(`#review ${arguments[0]}`), box = part.getBoundingClientRect();
+                    return [box.top + 2, box.bottom - 2].every(
+                        (y) => document.elementFromPoint(box.left + box.width / 2, y) === part)"""
+                self.assertTrue(small.run(is_seen, part), part)
             small.click("#review button", "Save")
             (wall,) = self.wait_borders(1)
             self.assertEqual(wall.kind, VirtualBorder.VIRTUAL_WALL)
@@ -308,12 +299,12 @@ class BordersTest(PageTest):
             kind: line.length > 2 ? "polygon" : "wall" })), "")""",
             lines,
         )
-        look = """const map = window.virtualBorders.map; map.view = { ...map.view, ...arguments[0] }; map.lay();
+        look = """const map = window.virtualBorders.map; map.view = { ...map.view, ...arguments[0] }; map.layOut();
             return [...document.querySelectorAll('#placed .name')].map((group) => {
-                const shown = [...group.querySelectorAll(':scope > text, .mark')].filter((one) => one.getClientRects().length
-                    && getComputedStyle(one).visibility !== 'hidden');
-                return [group.border.id, ...shown.map((one) => [one.textContent, one.getBoundingClientRect().toJSON()])]; })"""
-        frame = self.browser.run("return document.getElementById('map').getBoundingClientRect().toJSON()")
+                const shown = [...group.querySelectorAll(':scope > text, .mark')].filter((text) => text.getClientRects().length
+                    && getComputedStyle(text).visibility !== 'hidden');
+                return [group.border.id, ...shown.map((text) => [text.textContent, text.getBoundingClientRect().toJSON()])]; })"""
+        (frame,) = self.browser.boxes("#map")
         scale = self.browser.run("return window.virtualBorders.map.limits[0]")
         for factor, x, y in ((1, 4, 2.5), (1.5, 4, 2.5), (4, 4.1, 2.6), (6, 4, 1.5), (5, 1.0, 1.0), (12, 4.1, 2.0)):
             view = {"scale": scale * factor, "x": x, "y": y}
@@ -327,10 +318,8 @@ class BordersTest(PageTest):
             for number, (text, box) in enumerate(boxes):
                 self.assertGreaterEqual(box["left"], frame["left"] - 1, text)
                 self.assertLessEqual(box["right"], frame["right"] + 1, text)
-                for other, there in boxes[:number]:
-                    beside = box["left"] >= there["right"] - 1 or there["left"] >= box["right"] - 1
-                    apart = beside or box["top"] >= there["bottom"] - 1 or there["top"] >= box["bottom"] - 1
-                    self.assertTrue(apart, f"{text} and {other} at {view}")
+                for other, other_box in boxes[:number]:
+                    self.assertFalse(overlap(box, other_box, tolerance=1.0), f"{text} and {other} at {view}")
         self.browser.driver.refresh()
         self.browser.wait_ready()
 
@@ -346,7 +335,7 @@ class BordersTest(PageTest):
             ("#borders .mark", "textDecorationLine borderTopStyle"),
         ):
             states = self.browser.run(
-                """return [...document.querySelectorAll(arguments[0])].map((one) => [one, ...one.children].map(
+                """return [...document.querySelectorAll(arguments[0])].map((element) => [element, ...element.children].map(
                 (part) => arguments[1].map((name) => getComputedStyle(part)[name]).join()).join())""",
                 selector,
                 properties.split(),

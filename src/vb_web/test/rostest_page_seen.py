@@ -34,9 +34,10 @@ class SeenTest(PageTest):
             second_browser.click("#undo", "Rückgängig")
             second_browser.wait_text("#borders", "Noch keine Grenzen")
             notices = NoticePublisher()
-            caught = [(sentences.robot_value(""), "Rug"), ("ada", "$border_without_name")]
-            news = [Notice("robot_caught_in_border", values={"who": who, "border": border}) for who, border in caught]
-            notices.set([Notice("interaction_ends_soon", Severity.WARNING), *news])
+            in_rug = {"who": sentences.robot_value(""), "border": "Rug"}
+            in_unnamed = {"who": "ada", "border": "$border_without_name"}
+            caught = [Notice("robot_caught_in_border", values=values) for values in (in_rug, in_unnamed)]
+            notices.set([Notice("interaction_ends_soon", Severity.WARNING), *caught])
             self.browser.wait_text("#notices", "discarded soon")
             self.browser.wait_text("#notices", "The robot is inside Rug")
             second_browser.wait_text("#notices", "Der Roboter ist in Rug")
@@ -48,52 +49,57 @@ class SeenTest(PageTest):
                 self.assertEqual(browser.run(CHECKS), [])
             self.assertEqual(second_browser.faults(), [])
 
-    def test_what_a_tap_brings_up_fits_a_small_phone(self):
+    def test_dialog_and_undo_fit_a_small_phone(self):
         self.store_carpet("The longest name that anybody thought of for a piece of floor", "The longest name")
         with self.small_phone("de") as small:
             small.wait("document.querySelector('#borders .switch')", what="the border")
-            switch = "document.querySelector('#borders .switch').getBoundingClientRect()"
-            self.assertLessEqual(small.run(f"return {switch}.right"), 360)
-            within = """const low = document.getElementById('line').getBoundingClientRect().bottom;
-                return [...document.querySelectorAll('#dialog > *')].every((one) => {
-                const box = one.getBoundingClientRect(); return box.top >= low && box.bottom <= innerHeight; })"""
+            self.assertLessEqual(small.boxes("#borders .switch")[0]["right"], 360)
             small.tap([4.0, 1.4])
             small.wait_text("#dialog", "Ausschalten")
-            self.assertTrue(small.run(within))
-            # in landscape too
+            self.assert_dialog_fits(small, height=640)
             small.resize((640, 360))
-            self.assertTrue(small.run(within))
+            self.assert_dialog_fits(small, height=360)
             small.click("#dialog button", "Schließen")
             small.tap([4.0, 1.4])
             small.wait_text("#dialog", "Ausschalten")
-            self.assertTrue(small.run(within))
+            self.assert_dialog_fits(small, height=360)
             small.click("#dialog button", "Ausschalten")
             small.wait_text("#toast", "Rückgängig")
-            self.assertTrue(
-                small.run("""const line = document.getElementById('line').getBoundingClientRect();
-                const box = document.querySelector('#toast button').getBoundingClientRect();
-                return box.right <= line.right && document.querySelector('#toast button').scrollWidth <= box.width""")
-            )
-            # a button shows its action, and below it the spoken command
-            self.assertTrue(
-                small.run(
-                    """return [...document.querySelectorAll('#commands button')].every((e) =>
-                    e.querySelector('small') || e.textContent.toLowerCase() === e.dataset.command)"""  # Pause
-                )
-            )
+            (undo,), (line,) = small.boxes("#toast button"), small.boxes("#line")
+            self.assertLessEqual(undo["right"], line["right"])
+            self.assertLessEqual(small.run("return document.querySelector('#toast button').scrollWidth"), undo["width"])
+            self.assertEqual(small.faults(), [])
+
+    def assert_dialog_fits(self, browser, height):
+        """Asserts that each part of the dialog is seen below the banners, in a window of this height [px]."""
+        (line,) = browser.boxes("#line")
+        for box in browser.boxes("#dialog > *"):
+            self.assertGreaterEqual(box["top"], line["bottom"])
+            self.assertLessEqual(box["bottom"], height)
+
+    def test_a_button_shows_its_action_and_below_it_the_spoken_command(self):
+        with self.small_phone("de") as small:
+            small.resize((640, 360))
+            unlabelled = """return [...document.querySelectorAll('#commands button')].filter((button) =>
+                !button.querySelector('small') && button.textContent.toLowerCase() !== button.dataset.command)"""  # Pause
+            self.assertEqual(small.run(unlabelled), [])
             small.click("#commands [data-command=define_border]")
             small.wait_text("#hint", "die Grenze mit dem Laser auf den Boden")
             self.assertEqual(small.run(CHECKS), [])
             small.click("#commands [data-command=cancel]")
             small.wait("document.body.dataset.state == 'default'", what="the state default")
-            # an on-screen keyboard that shrinks the page does not cover the field being typed in
+            self.assertEqual(small.faults(), [])
+
+    def test_an_on_screen_keyboard_does_not_cover_the_field_that_is_typed_into(self):
+        with self.small_phone("de") as small:
+            small.resize((640, 360))
             draw_carpet(small)
             small.field("#review input[data-key=name]").click()
-            small.resize((640, 180))
+            small.resize((640, 180))  # as the keyboard does
             small.wait(
                 """(() => { const box = document.activeElement.getBoundingClientRect();
                 return document.elementFromPoint(box.left + 20, box.top + box.height / 2) === document.activeElement; })()""",
-                what="the field that one types in",
+                what="the field in view",
             )
             small.resize((640, 360))
             small.click("#review button", "Abbrechen")
@@ -134,38 +140,43 @@ class SeenTest(PageTest):
 
     def test_a_picture_that_is_not_there_yet_is_asked_for_again(self):
         """The floor comes from cameras, which may start after the page was opened."""
-        self.browser.run("window.virtualBorders.map.picture('floor', 'floor.webp?early')")
+        self.browser.run("window.virtualBorders.map.showPicture('floor', 'floor.webp?early')")
         self.browser.wait(
-            "performance.getEntriesByType('resource').filter((one) => one.name.endsWith('floor.webp?early')).length > 1",
+            "performance.getEntriesByType('resource').filter(({ name }) => name.endsWith('floor.webp?early')).length > 1",
             what="the second request",
         )
-        self.browser.run("window.virtualBorders.map.picture('floor', '')")
-        # the floor is switched on by itself, but not again after it was switched off and the link was lost
-        on = self.browser.driver.execute_async_script(
-            """const done = arguments[0], { view } = window.virtualBorders, button = document.getElementById("floor-button");
-            import("/state.js").then(({ hello, page: { link } }) => {
-                const section = { map: { ...view.map, floor: 4 } }, on = [];
+        self.browser.run("window.virtualBorders.map.showPicture('floor', '')")
+
+    def test_the_floor_is_not_switched_on_again_after_somebody_has_switched_it_off(self):
+        pressed = self.browser.run(
+            """const { view } = window.virtualBorders, button = document.getElementById("floor-button");
+            return import("/state.js").then(({ hello, page: { link } }) => {
+                const section = { map: { ...view.map, floor: 4 } }, pressed = [];
                 for (const next of [() => {}, () => button.click(), () => link.onHello({ ...hello })]) {
                     next();
                     link.onView(section);
-                    on.push(button.getAttribute("aria-pressed"));
+                    pressed.push(button.getAttribute("aria-pressed"));
                 }
-                done(on);
+                return pressed;
             });"""
         )
-        self.assertEqual(on, ["true", "false", "false"])
-        # a map with another origin is shown in its place
+        self.assertEqual(pressed, ["true", "false", "false"])
+        self.browser.driver.refresh()
+
+    def test_a_map_with_another_origin_is_shown_in_its_place(self):
         moved = "const { map } = virtualBorders; map.setMap({ ...map.info, origin: [50, 0, 0] }); return map.view.x"
         self.assertGreater(self.browser.run(moved), 50)
         self.browser.driver.refresh()
 
-    def test_a_spot_is_seen_and_text_stays_text(self):
+    def test_a_spot_is_seen(self):
         spot = LaserSpot(camera="red")
         spot.header.frame_id, spot.header.stamp = "map", rospy.Time.now()
         spot.position.x, spot.position.y = 4.0, 2.5
         wait_until(lambda: self.spots.get_num_connections(), "the page to listen")
         self.spots.publish(spot)
         self.browser.wait("document.querySelector('.spot')", what="the spot")
+
+    def test_text_stays_text(self):
         evil = "<img src=x onerror=window.evil=1>"
         self.store_carpet(evil, evil)
         self.browser.wait("document.getElementById('events').textContent.includes(arguments[0])", evil, what="event")

@@ -8,7 +8,7 @@ import numpy as np
 import rospy
 import rostest
 
-from page_rig import PageTest
+from page_rig import PageTest, overlap
 from phone import PHONE, WALL
 from vb_testing import process_of, wait_until
 from vb_core import names
@@ -29,7 +29,7 @@ class StopTest(PageTest):
         self.browser.run("window.scrollTo(0, 0)")
         # the banner shows the stop of all robots, so neither the answer nor a notice repeats it
         self.browser.wait("document.getElementById('toast').dataset.code == 'stopped'", what="the answer")
-        self.browser.wait("virtualBorders.view.notices.some((one) => one.code == 'stopped')", what="the notice")
+        self.browser.wait("virtualBorders.view.notices.some(({ code }) => code == 'stopped')", what="the notice")
         self.assertEqual(self.browser.text("#toast"), "")
         self.assertNotIn("topped", self.browser.text("#notices"))
         self.assertEqual(self.browser.text("#state"), "Stopped")
@@ -41,30 +41,23 @@ class StopTest(PageTest):
         # sent separately from the state
         events = "window.virtualBorders.view.events.map((event) => event.values.command)"
         self.browser.wait(f"{events}.slice(-1)[0] == 'cancel'", what="the last event")
-        self.assertEqual(
-            self.browser.run(f"return {events}")[-4:], ["define_border", "stop", "resume", "cancel"]
-        )  # each once
+        newest = self.browser.run(f"return {events}")[-4:]
+        self.assertEqual(newest, ["define_border", "stop", "resume", "cancel"])  # each once
 
     def test_resume_has_a_place_that_nothing_else_ever_has(self):
         self.store_carpet()
         self.browser.click("#stop")
         self.browser.wait("document.body.classList.contains('stopped')", what="the stop")
-        box = "const box = document.getElementById('resume').getBoundingClientRect();"
-        place = self.browser.run(f"{box} return JSON.stringify(box)")
+        (place,) = self.browser.boxes("#resume")
 
-        def check(what):
-            middle = "box.left + box.width / 2, box.top + box.height / 2"
-            top = self.browser.run(f"{box} return document.elementFromPoint({middle}).id")
-            self.assertEqual(top, "resume", what)
-            self.assertEqual(self.browser.run(f"{box} return JSON.stringify(box)"), place, what)
-            self.assertFalse(
-                self.browser.run(
-                    f"""{box} return [...document.querySelectorAll('#line button, #stop')].some((one) => {{
-                    const other = one.getBoundingClientRect(); return other.width && other.left < box.right
-                    && other.right > box.left && other.top < box.bottom && other.bottom > box.top; }})"""
-                ),
-                what,
-            )
+        def check(shown):
+            (box,) = self.browser.boxes("#resume")
+            self.assertEqual(box, place, shown)
+            centre = (box["left"] + box["width"] / 2, box["top"] + box["height"] / 2)
+            topmost = self.browser.run("return document.elementFromPoint(...arguments).id", *centre)
+            self.assertEqual(topmost, "resume", shown)
+            others = self.browser.boxes("#line button, #stop")
+            self.assertEqual([other for other in others if overlap(box, other)], [], shown)
 
         check("nothing else")
         self.browser.click("#borders .switch")
@@ -130,13 +123,9 @@ class StopTest(PageTest):
             wait_until(lambda: names.STOP in self.heard, "stop on its topic")
         finally:
             os.kill(manager, signal.SIGKILL)
-
-        def told():
-            robot.publish(robot="ada", stops=[self.heard[names.STOP].id])
-            return self.heard[names.STATE].stopped
-
         # roslaunch restarts the manager, and the robot that heard the stop reports it
-        wait_until(told, "the manager to know of the stop")
+        report = DriverState(robot="ada", stops=[self.heard[names.STOP].id])
+        wait_until(lambda: robot.publish(report) or self.heard[names.STATE].stopped, "the manager to know of the stop")
         self.browser.wait_text("#banners", "All robots are stopped")
         # what is pressed before the stop is answered waits for that, and may expire meanwhile
         self.browser.wait("said.some((code) => code.startsWith('stop'))", what="the answer to the stop")
@@ -144,18 +133,18 @@ class StopTest(PageTest):
         robot.unregister()
 
     def test_nothing_moves_under_a_finger_and_the_map_stays_in_its_frame(self):
-        place = "return JSON.stringify(['map', 'stop', 'settings-button'].map((id) => document.getElementById(id).getBoundingClientRect()))"
+        parts = "#map, #stop, #settings-button"
         self.browser.run("window.scrollTo(0, 0)")
-        layout = self.browser.run(place)
+        layout = self.browser.boxes(parts)
         self.browser.click("#draw")
         self.browser.tap([3.0, 1.0])
         self.browser.run("window.scrollTo(0, 0)")
-        self.assertEqual(self.browser.run(place), layout)
+        self.assertEqual(self.browser.boxes(parts), layout)
         self.browser.click("#review button", "Cancel")
         self.browser.click("#stop")
         self.browser.wait_text("#banners", "All robots are stopped")
         self.browser.run("window.scrollTo(0, 0)")
-        self.assertEqual(self.browser.run(place), layout)
+        self.assertEqual(self.browser.boxes(parts), layout)
         # a second tap on Stop does not press Resume
         self.browser.run("document.getElementById('toast').dataset.code = ''")
         self.browser.click("#stop")

@@ -107,24 +107,24 @@ class Connection:
         return self.ended
 
 
-def filled(places, *holders):
-    """Takes a place for each holder; returns the connections."""
+def filled(slots, *holders):
+    """Returns a connection for each holder, or for several of one connection's, which took a slot one after another."""
     connections = [Connection() for _ in holders]
-    for connection, whose in zip(connections, holders):
-        displaced = places.take(connection, *whose.split())
+    for connection, names in zip(connections, holders):
+        displaced = slots.take(connection, *names.split())
         if displaced is not None:
             displaced.ended = True
     return connections
 
 
-def test_who_holds_the_most_gives_up_a_place_for_others():
+def test_who_holds_the_most_gives_up_a_slot_for_others():
     connections = filled(ConnectionSlots(10, yields=False), *["attacker"] * 60, "phone", "wall", "attacker")
     assert [number for number, connection in enumerate(connections) if not connection.ended] == list(range(53, 63))
 
 
 def test_sessions_and_addresses_of_one_person_count_as_one():
-    for whose in ([f"address s{n}" for n in range(30)], [f"a{n} session" for n in range(30)]):
-        connections = filled(ConnectionSlots(10, yields=False), "phone one", *whose, "wall two")
+    for holders in ([f"address s{n}" for n in range(30)], [f"a{n} session" for n in range(30)]):
+        connections = filled(ConnectionSlots(10, yields=False), "phone one", *holders, "wall two")
         assert not connections[0].ended and not connections[-1].ended
 
 
@@ -134,15 +134,15 @@ def test_strangers_replace_each_other_but_known_people_stay():
     assert [peer.ended for peer in filled(ConnectionSlots(10, yields=False), *names)] == [False] * 10 + [True] * 2
 
 
-def test_a_place_that_was_left_or_whose_connection_closed_is_free():
-    places = ConnectionSlots(2, yields=False)
-    first, second = filled(places, "a", "b")
+def test_a_slot_that_was_left_or_whose_connection_closed_is_free():
+    slots = ConnectionSlots(2, yields=False)
+    first, second = filled(slots, "a", "b")
     first.ended = True
     third = Connection()
-    assert places.take(third, "c") is None
-    places.leave(second)
-    assert places.take(Connection(), "d") is None
-    assert places.take(third, "c") is None  # taking it again keeps it
+    assert slots.take(third, "c") is None
+    slots.leave(second)
+    assert slots.take(Connection(), "d") is None
+    assert slots.take(third, "c") is None  # taking it again keeps it
 
 
 OWN_HOSTS = ["localhost", "LOCALHOST.", "127.0.0.1", "127.9.9.9", "::1", "[::1]"]

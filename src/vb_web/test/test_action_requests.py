@@ -17,7 +17,7 @@ BOUNDS = (0.0, 0.0), (8.0, 5.0)
 
 
 def parse_text(text, bounds=BOUNDS):
-    return action_requests.check(*action_requests.read(text), bounds)
+    return action_requests.check(*action_requests.parse(text), bounds)
 
 
 def parse(**fields):

@@ -10,14 +10,14 @@ from geometry_msgs.msg import Point
 from vb_core import sentences
 from vb_msgs.msg import VirtualBorder
 from vb_web import page_messages
-from vb_web.page_view import View, coarse_age, mark_borders, rounded
+from vb_web.page_view import PageView, coarse_age, mark_borders, rounded
 
 STATIC = Path(__file__).resolve().parents[1] / "src" / "vb_web" / "static"
 
 
 def test_a_browser_gets_what_is_newer_than_it_knows():
     changes = []
-    view = View(lambda: changes.append(1))
+    view = PageView(lambda: changes.append(1))
     assert view.newer_than(0) == (0, "")
     view.put("state", {"name": "border"})
     view.put("robots", {"": [1, 2, 3]})
@@ -34,7 +34,7 @@ def test_a_browser_gets_what_is_newer_than_it_knows():
 def test_nan_and_infinity_never_reach_json():
     assert rounded(float("nan")) is None and rounded(float("inf")) is None and rounded(1.23456) == 1.235
     with pytest.raises(ValueError):
-        View().put("robots", float("nan"))
+        PageView().put("robots", float("nan"))
 
 
 def test_an_age_that_is_read_out_changes_seldom():

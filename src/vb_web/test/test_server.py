@@ -19,7 +19,7 @@ from vb_web import access_control
 from vb_web.access_control import ConnectionSlots, Role, Sessions
 from vb_web.page_images import ImageCache, EncodedImage
 from vb_web.server import PageParams, PageServer, addresses
-from vb_web.page_view import View
+from vb_web.page_view import PageView
 
 CODES = {"viewer": "view-er22", "operator": "oper-at33"}
 BOUNDS = (0.0, 0.0), (8.0, 5.0)
@@ -65,13 +65,13 @@ class Running:
     """A server that listens on loopback."""
 
     def __init__(self, sessions, params=PageParams(port=0)):
-        self.backend, self.view, self.images, self.faults = FakeBackend(), View(), ImageCache(), []
+        self.backend, self.view, self.images, self.faults = FakeBackend(), PageView(), ImageCache(), []
         self.images.put("map", EncodedImage(b"png", "a" * 16, 1))
         self.view.put("state", {"name": "default"})
         parts = {"view": self.view, "images": self.images, "actions": self.backend, "cameras": self.backend}
-        self.server = PageServer(params, sessions, **parts, bounds=lambda: BOUNDS, on_fault=self.faults.append)
+        self.server = PageServer(params, sessions, **parts, find_bounds=lambda: BOUNDS, on_fault=self.faults.append)
         # all requests come from one address: limits are tested separately
-        self.server.requests = self.server.connections = Limiter(rate=1e9, burst=1e9)
+        self.server.request_limiter = self.server.connection_limiter = Limiter(rate=1e9, burst=1e9)
         self.server.start()
         self.host = f"127.0.0.1:{self.server.port}"
 
@@ -292,12 +292,10 @@ def test_a_request_that_is_sent_again_is_carried_out_once(local):
 
 def test_refusals_come_as_codes(local):
     async def work(connection):
-        return [
-            await answer_to(connection, do="remove", border="b", revision=1),
-            await answer_to(connection, do="reboot"),
-        ]
+        requests = ({"do": "remove", "border": "b", "revision": 1}, {"do": "reboot"})
+        return [(await answer_to(connection, **request))["code"] for request in requests]
 
-    assert [answer["code"] for answer in local.link(work)] == ["page_no_border", "page_bad_request"]
+    assert local.link(work) == ["page_no_border", "page_bad_request"]
 
 
 def test_stop_does_not_wait_for_what_takes_long(local):
@@ -349,7 +347,7 @@ def test_who_logs_out_is_out_at_once_and_the_cookie_is_worth_nothing(network):
 
 
 def test_strangers_who_hold_connections_keep_nobody_out(network):
-    """Slow headers occupy the same places as hanging handshakes."""
+    """Slow headers occupy the same slots as hanging handshakes."""
     with contextlib.ExitStack() as stack:
         connections = [stack.enter_context(network.socket(source_address=("127.0.5.5", 0))) for _ in range(150)]
         for connection in connections:
@@ -367,14 +365,14 @@ def test_a_browser_that_takes_nothing_is_ended_by_the_system(network):
     with network.socket() as connection:
         connection.sendall(b"GET /session HTTP/1.1\r\nHost: x\r\n\r\n")
         assert connection.recv(4096)
-        streams = [stream for places in network.server.places.values() for stream in places._held]
+        streams = [stream for slots in network.server.slots.values() for stream in slots._holders]
         limits = [stream.socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) for stream in streams]
     assert limits == [20000]
 
 
-def test_viewers_take_no_operators_place(network):
-    for role in network.server.places:
-        network.server.places[role] = ConnectionSlots(3, yields=role == Role.NOBODY)
+def test_viewers_take_no_operators_slot(network):
+    for role in network.server.slots:
+        network.server.slots[role] = ConnectionSlots(3, yields=role == Role.NOBODY)
     viewer = cookie(network, Role.VIEWER)
 
     async def work(operator):
@@ -386,8 +384,8 @@ def test_viewers_take_no_operators_place(network):
     assert network.link(work, Cookie=cookie(network, Role.OPERATOR))["ok"]
 
 
-def test_who_finds_no_place_is_told_so(network):
-    network.server.places[Role.VIEWER] = ConnectionSlots(0, yields=False)
+def test_who_finds_no_slot_is_told_so(network):
+    network.server.slots[Role.VIEWER] = ConnectionSlots(0, yields=False)
     assert network.ask("/session", Cookie=cookie(network, Role.VIEWER)).code == 503
     assert network.ask("/session", Cookie=cookie(network, Role.OPERATOR)).code == 200
 
@@ -422,11 +420,11 @@ def test_garbage_on_the_socket_ends_only_itself(local):
 
 
 def test_one_newcomer_is_let_in_at_each_turn_of_the_loop(local):
-    loop, places, count = local.server._loop, local.server.places[Role.NOBODY], 6
+    loop, slots, count = local.server._loop, local.server.slots[Role.NOBODY], 6
     entered, gate, finished, counts = threading.Event(), threading.Event(), threading.Event(), []
 
     def look():
-        counts.append(len(places._held))
+        counts.append(len(slots._holders))
         finished.set() if counts[-1] == count else loop.call_soon(look)
 
     def stand_still():
@@ -445,12 +443,12 @@ def test_one_newcomer_is_let_in_at_each_turn_of_the_loop(local):
 
 
 def test_an_address_that_asks_too_often_is_told_so(local):
-    local.server.requests = Limiter(rate=0.0, burst=3.0)
+    local.server.request_limiter = Limiter(rate=0.0, burst=3.0)
     assert [local.ask("/session").code for _ in range(4)] == [200, 200, 200, 429]
 
 
 def test_address_that_connects_too_often_is_disconnected(local):
-    local.server.connections = Limiter(rate=0.0, burst=3.0)
+    local.server.connection_limiter = Limiter(rate=0.0, burst=3.0)
     for number in range(8):
         with local.socket(source_address=("127.0.5.5", 0)) as connection:
             connection.sendall(b"GET /session HTTP/1.0\r\nHost: localhost\r\n\r\n")

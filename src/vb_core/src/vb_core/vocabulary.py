@@ -82,7 +82,7 @@ class Command:
     Attributes:
         key: the command's key on the wizard's console.
         needs: what must be connected; "" for nothing.
-        matters: when it has consequences: ALWAYS, NEVER or one of WHILE_...
+        consequences: when the command has any: ALWAYS, NEVER or one of WHILE_...
         enters: name of the state that it leads to; "" if the state stays, or depends on the interaction.
         carried_out_elsewhere: whether another node carries it out; until that node answers, other commands are refused
             as "busy".
@@ -94,7 +94,7 @@ class Command:
     name: str
     key: str
     needs: str = ""
-    matters: str = WHILE_POINTING
+    consequences: str = WHILE_POINTING
     enters: str = ""
     carried_out_elsewhere: bool = False
     phrases: Tuple[str, ...] = ()
@@ -109,8 +109,8 @@ _COMMANDS = (
     Command("cancel", "c", CAMERA, WHILE_DRAWN, button_place=3),
     Command("stop", " ", STOPPABLE, NEVER, phrases=("stop robot", "no, stop", "stop, stop")),
     Command("resume", "p", STOPPABLE, WHILE_STOPPED),
-    Command("undo", "u", matters=ALWAYS, carried_out_elsewhere=True),
-    Command("redo", "r", matters=ALWAYS, carried_out_elsewhere=True),
+    Command("undo", "u", consequences=ALWAYS, carried_out_elsewhere=True),
+    Command("redo", "r", consequences=ALWAYS, carried_out_elsewhere=True),
     Command("pause", "h", CAMERA, NEVER, enters="paused", button_place=5),
     Command("continue", "k", CAMERA, button_place=5),
 )
@@ -119,7 +119,7 @@ DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, SAVE, CANCEL, STOP, RESUME, UNDO, REDO,
 
 # codes of answers that ask for confirmation; the replies to them, each with the command that it confirms
 QUESTIONS = ("confirm_save", "confirm_command")
-ANSWERS = {"yes_" + name: name for name, command in COMMANDS.items() if command.matters != NEVER}
+ANSWERS = {"yes_" + name: name for name, command in COMMANDS.items() if command.consequences != NEVER}
 
 
 def normalize(text: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import dataclass, replace
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 import rospy
 from nav_msgs.msg import OccupancyGrid
@@ -24,7 +24,8 @@ from vb_feedback.display import display_messages, restriction_overlay, scene
 from vb_feedback.display.display_messages import marker_from_shape
 from vb_feedback.display.display_inputs import InputListener, Inputs
 from vb_feedback.display.layout import Box, Layout, fit_view
-from vb_feedback.display.text_panel import words
+from vb_feedback.display.text_panel import PanelContent, text_panel_shapes
+from vb_msgs.msg import BorderProgress, VirtualBorder
 
 _REFRESH_PERIOD = 2.0  # [s]
 _PERIOD = 0.04  # [s] between redraws: no spot waits longer than one camera frame
@@ -74,37 +75,32 @@ class DisplayMarkersNode:
         }
         self._lock = threading.Lock()
         self._wake = node.WakeTimer(_REFRESH_PERIOD)
-        self._newcomers: List[Any] = []
+        self._newcomers: List[Any] = []  # functions that publish to one new subscriber each
         self._grids: Dict[str, GridMap] = {}  # by topic
         # used by the worker only
-        self._shown: Dict[Tuple[str, int], scene.Shape] = {}
-        self._made: Dict[str, Tuple[Any, List[scene.Shape]]] = {}
-        self._overlaid: Tuple[Any, ...] = (None, None, None)
+        self._shown: Dict[scene.Key, scene.Shape] = {}
+        self._cached_parts: Dict[str, Tuple[Any, List[scene.Shape]]] = {}  # by name: inputs and shapes
+        self._overlay_inputs: Tuple[Any, ...] = (None, None, None)
         self._layout: Layout = fit_view(Box(0.0, 0.0, 8.0, 5.0), params.screen_aspect)
         self._inputs = InputListener(self._wake.set)
         self._notices = NoticeListener(self._wake.set)
         self._robots = CapabilitiesListener(self._wake.set)
 
         self._restricted = rospy.Publisher(RESTRICTED, OccupancyGridArray, queue_size=1, latch=True)
-        self._markers = rospy.Publisher(names.MARKERS, MarkerArray, self._on_subscriber(), queue_size=20)
+        listener = rospy.SubscribeListener()
+        listener.peer_subscribe = self._on_subscriber
+        self._markers = rospy.Publisher(names.MARKERS, MarkerArray, listener, queue_size=20)
         self._refreshed = 0.0
-        node.Worker(self._wake, lambda _woken: self._work())
+        node.Worker(self._wake, lambda _woken: self._redraw())
         for topic in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS):
             rospy.Subscriber(topic, OccupancyGridArray, self._on_grid, topic, queue_size=1)
 
     # ------------------------------------------------------------------ inputs
-    def _on_subscriber(self) -> rospy.SubscribeListener:
-        owner = self
-
-        class Listener(rospy.SubscribeListener):
-            """Records new subscribers, so that the worker sends them everything."""
-
-            def peer_subscribe(self, _topic: str, _publish: Any, peer_publish: Any) -> None:
-                with owner._lock:
-                    owner._newcomers.append(peer_publish)
-                owner._wake.set()
-
-        return Listener()
+    def _on_subscriber(self, _topic: str, _publish: Any, publish_to_peer: Any) -> None:
+        """Records a new subscriber, so that the worker sends it everything."""
+        with self._lock:
+            self._newcomers.append(publish_to_peer)
+        self._wake.set()
 
     def _on_grid(self, message: OccupancyGrid, topic: str) -> None:
         try:
@@ -115,8 +111,8 @@ class DisplayMarkersNode:
         self._wake.set()
 
     # ------------------------------------------------------------------ work
-    def _work(self) -> None:
-        """Redraws on change. Pauses are in wall time: what a screen can show does not depend on simulated time."""
+    def _redraw(self) -> None:
+        """Draws what has changed, then pauses. Pauses are in wall time: what a screen can show does not depend on simulated time."""
         started = time.monotonic()
         if started - self._refreshed >= _REFRESH_PERIOD:
             # RViz drops markers in a frame that tf does not know yet, so robots are sent again and again
@@ -132,7 +128,7 @@ class DisplayMarkersNode:
         self._wake.close()
 
     def _draw(self) -> bool:
-        """Sends the changed shapes; returns whether any keeps changing by itself."""
+        """Sends the changed shapes. Returns whether any keeps changing by itself."""
         with self._lock:
             newcomers, self._newcomers = self._newcomers, []
         inputs = self._inputs.current()
@@ -146,9 +142,9 @@ class DisplayMarkersNode:
             return False
         now = rospy.get_time()
         shapes = self._compose(inputs, grid is not None, now)
-        changed, gone = scene.compare(self._shown, shapes)
+        changed, removed = scene.find_changes(self._shown, shapes)
         self._shown = {shape.key: shape for shape in shapes}
-        message = MarkerArray([Marker(ns=namespace, id=number, action=Marker.DELETE) for namespace, number in gone])
+        message = MarkerArray([Marker(ns=namespace, id=number, action=Marker.DELETE) for namespace, number in removed])
         message.markers += [marker_from_shape(shape) for shape in changed]
         if message.markers:
             self._markers.publish(message)
@@ -160,54 +156,53 @@ class DisplayMarkersNode:
         return any(shape.lifetime for shape in shapes)
 
     def _show_restricted(self, physical: GridMap, map_with_borders: GridMap, region: Optional[GridMap]) -> None:
-        shown, self._overlaid = self._overlaid, (physical, map_with_borders, region)
-        if all(old is new for old, new in zip(shown, self._overlaid)):
+        previous, self._overlay_inputs = self._overlay_inputs, (physical, map_with_borders, region)
+        if all(old is new for old, new in zip(previous, self._overlay_inputs)):
             return
         if not physical.same_geometry(map_with_borders):
             rospy.logwarn_throttle(5.0, "display_markers: /map and /virtual_borders/map differ in size or place")
             return
-        wanted = region.data if region is not None and region.same_geometry(map_with_borders) else None
+        planned = region.data if region is not None and region.same_geometry(map_with_borders) else None
         stripe = max(1, int(round(_STRIPE_WIDTH / map_with_borders.resolution)))
-        cells = restriction_overlay.draw_restrictions(physical.data, map_with_borders.data, stripe, wanted)
+        cells = restriction_overlay.draw_restrictions(physical.data, map_with_borders.data, stripe, planned)
         self._restricted.publish(message_from_grid(map_with_borders.with_data(cells), rospy.Time.now()))
 
-    def _compose(self, known: Inputs, has_map: bool, now: float) -> List[scene.Shape]:
-        layout, params, progress = self._layout, self._params, known.progress
-        cameras_seeing_spot = list(progress.cameras_seeing_spot) if progress is not None else []
-        shown = display_messages.select_notices(self._notices.current(), params.language)
-        shown += display_messages.preview_notices(known.preview, params.language)
-        content = display_messages.panel_from_state(known.state, cameras_seeing_spot, shown, has_map, params.language)
-        connected = self._robots.current()
-        if connected is not None:
-            content = replace(content, commands=effective_commands(connected[1], content.commands))
-        shapes = list(self._part("words", (layout, content), lambda: words(layout, content)))
-        sentence = sentences.translate("display_off", {}, params.language)
-        shapes += self._part(
-            "borders",
-            (layout, known.borders),
-            lambda: scene.borders(
-                layout,
-                [display_messages.shown_border_from_message(border, params.language) for border in known.borders],
-                sentence,
-            ),
-        )
-        if progress is not None:
-            shapes += self._part(
-                "drawing",
-                (layout, progress),
-                lambda: scene.drawing(layout, display_messages.drawing_from_progress(progress)),
-            )
-        shapes += scene.live_spots(layout, known.spots, now)
-        for number, frame in enumerate(params.robots):
-            shapes += scene.robot(str(frame), number, self._radii[frame])
+    def _compose(self, inputs: Inputs, has_map: bool, now: float) -> List[scene.Shape]:
+        layout = self._layout
+        shapes = list(self._part("text", text_panel_shapes, layout, self._panel_content(inputs, has_map)))
+        shapes += self._part("borders", self._border_shapes, layout, inputs.borders)
+        if inputs.progress is not None:
+            shapes += self._part("drawing", _drawing_shapes, layout, inputs.progress)
+        shapes += scene.spot_shapes(layout, inputs.spots, now)
+        for number, frame in enumerate(self._params.robots):
+            shapes += scene.robot_shapes(str(frame), number, self._radii[frame])
         return shapes
 
-    def _part(self, name: str, inputs: Tuple[Any, ...], make: Callable[[], List[scene.Shape]]) -> List[scene.Shape]:
-        """Returns the shapes of one part, made again only if their inputs have changed."""
-        before = self._made.get(name)
-        if before is None or before[0] != inputs:
-            before = self._made[name] = (inputs, make())
-        return before[1]
+    def _part(self, name: str, build_shapes: Callable[..., List[scene.Shape]], *inputs: Any) -> List[scene.Shape]:
+        """Builds the shapes of one part from its inputs, again only if these have changed."""
+        if self._cached_parts.get(name, (None,))[0] != inputs:
+            self._cached_parts[name] = (inputs, build_shapes(*inputs))
+        return self._cached_parts[name][1]
+
+    def _panel_content(self, inputs: Inputs, has_map: bool) -> PanelContent:
+        language = self._params.language
+        cameras = inputs.progress.cameras_seeing_spot if inputs.progress is not None else ()
+        notices = display_messages.select_notices(self._notices.current(), language)
+        notices += display_messages.preview_notices(inputs.preview, language)
+        content = display_messages.panel_from_state(inputs.state, cameras, notices, has_map, language)
+        newest = self._robots.current()
+        if newest is None:
+            return content
+        return replace(content, commands=effective_commands(newest[1], content.commands))
+
+    def _border_shapes(self, layout: Layout, messages: Sequence[VirtualBorder]) -> List[scene.Shape]:
+        language = self._params.language
+        borders = [display_messages.border_from_message(message, language) for message in messages]
+        return scene.border_shapes(layout, borders, sentences.translate("display_off", {}, language))
+
+
+def _drawing_shapes(layout: Layout, progress: BorderProgress) -> List[scene.Shape]:
+    return scene.drawing_shapes(layout, display_messages.drawing_from_progress(progress))
 
 
 def build() -> DisplayMarkersNode:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from vb_core.ros.images import message_from_image
 from vb_core.ros import node, parameters
 
 from vb_feedback.projector import projector_calibration
-from vb_feedback.display.display_messages import shown_border_from_message, drawing_from_progress
+from vb_feedback.display.display_messages import border_from_message, drawing_from_progress
 from vb_feedback.display.display_inputs import InputListener
 from vb_feedback.projector.floor_image import FloorContent, FloorImage, draw_calibration_image
 from vb_feedback.projector.projector_calibration import MARKERS, ProjectorCalibration
@@ -69,8 +70,8 @@ class FloorProjectorNode:
 
     Args:
         params: see config/floor_projector.yaml.
-        calibration: None: it is computed from four clicks.
-        window: shows the image too; None: the image is only published.
+        calibration: None if it is to be computed from four clicks.
+        window: shows the image too. None if it is only published.
     """
 
     def __init__(
@@ -91,9 +92,9 @@ class FloorProjectorNode:
         self._shown: Optional[FloorContent] = None
         self._publisher = rospy.Publisher(names.PROJECTOR, Image, queue_size=1, latch=True)
         if self._floor_image is None:
-            self._ask()
+            self._ask_for_click()
             rospy.Subscriber("/clicked_point", PointStamped, self._on_click, queue_size=5)
-        node.Worker(self._wake, lambda _woken: self._work())
+        node.Worker(self._wake, lambda _woken: self._redraw())
         self._wake.set()
 
     def close(self) -> None:
@@ -103,17 +104,14 @@ class FloorProjectorNode:
             self._window.close()
 
     # ------------------------------------------------------------- calibration
-    def _ask(self) -> None:
+    def _ask_for_click(self) -> None:
         number = len(self._clicked)
         self._project(draw_calibration_image(self._params.width, self._params.height, number))
-        rospy.loginfo(
-            "floor_projector: click in RViz ('Publish Point') where marker %d of %d shines brightly on the floor",
-            number + 1,
-            MARKERS,
-        )
+        marker = f"marker {number + 1} of {MARKERS}"
+        rospy.loginfo("floor_projector: click in RViz ('Publish Point') where %s shines brightly on the floor", marker)
 
     def _on_click(self, message: PointStamped) -> None:
-        """Takes a click; called only in rospy's one thread of this topic."""
+        """Takes a click. Called only in rospy's one thread of this topic."""
         if self._floor_image is not None:
             return
         point = (message.point.x, message.point.y)
@@ -128,7 +126,7 @@ class FloorProjectorNode:
             except CodedError as error:
                 self._clicked.clear()
                 rospy.logwarn("floor_projector: %s; once more from the first marker", error)
-        self._ask()
+        self._ask_for_click()
 
     def _calibrate(self) -> None:
         calibration = projector_calibration.calibrate(self._params.width, self._params.height, self._clicked)
@@ -139,7 +137,7 @@ class FloorProjectorNode:
         self._wake.set()
 
     # ------------------------------------------------------------- projection
-    def _work(self) -> None:
+    def _redraw(self) -> None:
         if self._floor_image is None:
             return
         started = time.monotonic()
@@ -149,7 +147,7 @@ class FloorProjectorNode:
     def _content(self, now: float) -> FloorContent:
         """Returns what to show at a time [s]."""
         inputs = self._inputs.current()
-        borders = tuple(map(shown_border_from_message, inputs.borders))
+        borders = tuple(map(border_from_message, inputs.borders))
         if inputs.state is None or not inputs.state.interaction_id:
             return FloorContent(borders=borders)
         drawing = Drawing()
@@ -165,7 +163,7 @@ class FloorProjectorNode:
             self._spot_shown = None
         else:
             position = (spots[-1].x, spots[-1].y)
-            if self._spot_shown is None or np.hypot(*np.subtract(position, self._spot_shown)) > _SPOT_STEP:
+            if self._spot_shown is None or math.dist(position, self._spot_shown) > _SPOT_STEP:
                 self._spot_shown = position
         return self._spot_shown
 

@@ -53,13 +53,11 @@ class KobukiFeedbackNode:
 
 
 def build() -> KobukiFeedbackNode:
-    """Constructs the node; raises CodedError "no_kobuki" if kobuki_msgs is not installed."""
+    """Constructs the node. Raises CodedError "no_kobuki" if kobuki_msgs is not installed."""
     try:
         # imported by name: the package is not a dependency, because only robots with this base have it
         messages = importlib.import_module("kobuki_msgs.msg")
     except ImportError:
-        raise CodedError(
-            "no_kobuki",
-            "the package kobuki_msgs is not installed on this computer; without a Kobuki base leave this node out",
-        ) from None
+        reason = "the package kobuki_msgs is not installed on this computer; without a Kobuki base leave this node out"
+        raise CodedError("no_kobuki", reason) from None
     return KobukiFeedbackNode(messages)

@@ -53,7 +53,7 @@ class SmartDisplayParams(Parameters):
 
 
 def _query_screen() -> Optional[str]:
-    """Returns xdpyinfo's output about the screen; "" if xdpyinfo cannot be run, None if there is no screen."""
+    """Returns xdpyinfo's output about the screen, "" if xdpyinfo cannot be run, or None if there is no screen."""
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return None
     try:
@@ -64,7 +64,7 @@ def _query_screen() -> Optional[str]:
 
 
 def _report_missing(code: str) -> None:
-    """Logs what RViz lacks, and stores its code in a parameter for check_lab; "" if nothing is missing."""
+    """Logs what RViz lacks, and stores its code in a parameter for check_lab. It is "" if nothing is missing."""
     if code:
         # logged before the parameter is set: its reader may end this node, and rospy can hang if interrupted in logging
         rospy.logwarn("smart_display: %s", sentences.translate(code))
@@ -72,7 +72,7 @@ def _report_missing(code: str) -> None:
 
 
 def _wait_for_screen() -> None:
-    """Waits for a screen; without one, RViz would exit at once and be restarted again and again."""
+    """Waits for a screen. Without one, RViz would exit at once and be restarted again and again."""
     _report_missing("no_screen" if _query_screen() is None else "")
     while _query_screen() is None and not rospy.is_shutdown():
         rospy.rostime.wallsleep(_SCREEN_CHECK_PERIOD)
@@ -80,7 +80,7 @@ def _wait_for_screen() -> None:
 
 
 def _write_fitted_config(params: SmartDisplayParams) -> str:
-    """Waits for the map, and writes the fitted RViz configuration; returns its path."""
+    """Waits for the map, writes the fitted RViz configuration, and returns its path."""
     rospy.loginfo("smart_display: RViz starts as soon as there is a map on %s", names.PHYSICAL_MAP)
     extent = Box.around(grid_from_message(rospy.wait_for_message(names.PHYSICAL_MAP, OccupancyGridArray)).corners())
     # one file per node, rewritten at each start; RViz reads it after it has replaced this process
@@ -90,7 +90,7 @@ def _write_fitted_config(params: SmartDisplayParams) -> str:
 
 
 def _install_fonts(name: str) -> None:
-    """Makes RViz draw more characters than its package requests; if that fails, RViz starts without them."""
+    """Makes RViz draw more characters than its package requests. If that fails, RViz starts without them."""
     try:
         rviz = Path(rospkg.RosPack().get_path("rviz"))
         folder = overlay_fonts(rviz, Path(rospkg.get_ros_home()) / "virtual_borders" / f"{name}_letters")
@@ -101,7 +101,7 @@ def _install_fonts(name: str) -> None:
 
 
 def main() -> None:
-    """Runs the program; the name from roslaunch is passed on to RViz."""
+    """Runs the program. The name from roslaunch is passed on to RViz."""
     rospy.init_node("smart_display")
     arguments: List[str] = sys.argv[1:]
     try:

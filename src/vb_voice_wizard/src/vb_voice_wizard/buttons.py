@@ -34,8 +34,9 @@ class ButtonMap:
 
         A held button does not repeat. An unknown state counts as "default".
         """
-        held = frozenset(index for index, value in enumerate(buttons) if value)
-        pressed, self._held = sorted(held - self._held), held
+        held = frozenset(button for button, value in enumerate(buttons) if value)
+        pressed = sorted(held - self._held)
+        self._held = held
         commands = self._commands.get(state, self._commands["default"])
         return [commands[button] for button in pressed if button in commands]
 

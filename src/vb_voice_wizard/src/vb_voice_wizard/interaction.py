@@ -37,13 +37,13 @@ from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUI
 from vb_core.vocabulary import REDO, UNDO
 from vb_voice_wizard.dialogue.command_answers import Answer
 
-# [s] without a spot in Border or Seed: by then a person has begun, perhaps with a laser that no camera sees
+# [s] in Border or Seed after which a missing spot is reported: by then a person has begun to draw
 UNSEEN_AFTER = 10.0
-# [s] people are warned this long before an interaction ends by itself, or when half of a short timeout is left
+# [s] how long before an interaction ends by itself people are warned; at most half of the timeout
 _WARNED_BEFORE = 60.0
-# [s] a laser counts as on for this long after its last spot
+# [s] how long after its last spot a laser counts as on
 LASER_ON = 1.0
-# [s] an answer counts within this time: enough to look at the preview, too short to forget the question
+# [s] in which a question can be answered: enough to look at the preview, too short to forget the question
 CONFIRM_WITHIN = 30.0
 
 SAVED = "saved"
@@ -75,18 +75,18 @@ class Record:
     total_s: float
     sources: Tuple[str, ...]
 
-    def line(self, method: str, cameras: Sequence[str]) -> str:
-        """Returns the record as one line of JSON, without a newline."""
+    def to_json(self, method: str, cameras: Sequence[str]) -> str:
+        """Returns the record as one line of JSON, with the study's method and the cameras that contributed spots."""
         fields = {name: round(value, 3) if isinstance(value, float) else value for name, value in asdict(self).items()}
         return json.dumps({**fields, "method": method, "cameras": list(cameras)})
 
 
 class Question(NamedTuple):
-    """The open question: its command, "" if there is none, the source that was asked, and when [s]."""
+    """The open question, whether a person meant a command. Its command is "" if no question is open."""
 
     command: str = ""
-    source: str = ""
-    asked: float = 0.0
+    source: str = ""  # who gave the command, and alone can answer
+    asked_at: float = 0.0  # [s]
 
 
 class Interaction:
@@ -113,17 +113,16 @@ class Interaction:
         self.last_answered = 0.0
         self.last_outcome = ""
         self.last_border_id = ""
-        self.unanswered_save = False  # whether a border was sent and no answer came
-        self._active = 0.0
+        self.unanswered_save = False  # whether the map may contain the border, as a save was never answered
+        self._active_at = 0.0  # [s] when somebody last gave a command, or was seen to draw
         self._durations = {state: 0.0 for state in STATES.values() if state.robots_act}
-        self._counted_until = 0.0
+        self._now = 0.0  # [s] the newest time that was given
         self._sources: List[str] = []
-        self._visited: List[State] = []
+        self._visited: List[State] = []  # states entered in this interaction, in the order of their last entry
         self._spots = {BORDER: 0, SEED: 0, GUIDE: 0}
-        self._laser_seen = -math.inf
+        self._laser_seen_at = -math.inf
         self._pending_source = ""
         self._save_sent = False  # whether the pending border is on its way to the map
-        self._unanswered_before_save = False  # `unanswered_save` before it was sent
         self.latch = latch or StopLatch()
         self.undo_redo: List[str] = []  # "undo" and "redo", each if there is a change to undo or redo
         self._record: Optional[Record] = None
@@ -140,17 +139,17 @@ class Interaction:
         identity: str = "",
         seen_stop: str = "",
     ) -> Answer:
-        """Carries out a command and returns the answer; never raises, and never ignores a command.
+        """Carries out a command and returns the answer. Every command is answered, and nothing is raised.
 
         Args:
             name: one of COMMANDS; anything else is answered with "unknown_command".
-            source: who sends it, for the record.
+            source: who gives the command, for the record.
             now: [s].
-            uncertain: whether it may have been misheard.
+            uncertain: whether the command may have been misheard.
             doubtful_border: whether the preview of what would be saved has issues.
             confirms: whether the person confirmed this command, by one of ANSWERS.
-            identity: the id of a stop; "": it gets one.
-            seen_stop: number of the newest stop that the sender knew of; a command that is older than a stop is void.
+            identity: id of a stop, or "" for a new one.
+            seen_stop: number of the newest stop that the sender knew of. A command that is older than a stop is void.
         """
         self.advance(now)
         if name == STOP:
@@ -161,48 +160,46 @@ class Interaction:
             return self._stopped_since(name) if void else Answer(False, "busy")
         answer = self._stopped_since(name) if void else self._refuse_unknown(name)
         if answer is None:
-            self._active = now
+            self._active_at = now
             if self.state != DEFAULT:
                 self._add_source(source)
             # before any question: nobody should have to confirm a command that is refused anyway
-            answer = self._refuse_now(name, seen_stop) or self._ask_if_meant(
-                name, source, uncertain, doubtful_border, confirms
-            )
+            answer = self._refuse_now(name, seen_stop)
+            answer = answer or self._ask_if_meant(name, source, uncertain, doubtful_border, confirms)
             if answer is None or answer.code not in QUESTIONS:
                 self.question = Question()
         return self._record_answer(name, source, answer or self._apply(name, source, seen_stop))
 
     def mark_save_sent(self) -> None:
-        """Records that the border is on its way to the map; until `finish` its arrival is unknown."""
-        self._save_sent, self._unanswered_before_save, self.unanswered_save = True, self.unanswered_save, True
+        """Records that the pending border is on its way to the map, so that it may arrive even without an answer."""
+        self._save_sent = True
 
     def finish(self, answer: Answer, now: float, border_id: str = "") -> Answer:
         """Completes a pending command with the answer of the nodes that carried it out.
 
         A successful save, with the new border's id, ends the interaction and stops its timer. A failed one loses
-        nothing and leaves the state unchanged; an unanswered one may have succeeded, and is remembered as such.
+        nothing and leaves the state unchanged. One without an answer may have succeeded: see `unanswered_save`.
         """
         self.advance(now)
         command, self.pending = self.pending, ""
         if command == SAVE and answer.success:
             self._end(SAVED, border_id)
         elif command == SAVE:
-            if self._save_sent:
-                # an error from the service itself shows that no earlier request has arrived either
-                arrived = {"no_response": True, "internal_error": True, "no_service": self._unanswered_before_save}
-                self.unanswered_save = arrived.get(answer.code, False)
+            # an absent service has received nothing now, but may have before; its own refusal shows that it never has
+            if self._save_sent and answer.code != "no_service":
+                self.unanswered_save = answer.code in ("no_response", "internal_error")
             if self.unanswered_save and answer.code in ("no_response", "no_service"):
                 answer = Answer(False, "save_unanswered", answer.values)
         return self._record_answer(command, self._pending_source, answer)
 
     def _stop(self, identity: str, source: str) -> Answer:
         self.question = Question()
-        self._active = self._counted_until
-        before = self.latch.stopped
-        new = self.latch.stop(identity, source)
+        self._active_at = self._now
+        was_stopped = self.latch.stopped
+        is_new = self.latch.stop(identity, source)
         # one press may arrive twice, on the topic and as a command: it is one stop, and is reported once
         answer = Answer(True, "stopped" if self.latch.stopped else "stop_released")
-        return self._record_answer(STOP, source, answer) if new and not before else answer
+        return self._record_answer(STOP, source, answer) if is_new and not was_stopped else answer
 
     @staticmethod
     def _stopped_since(name: str) -> Answer:
@@ -211,28 +208,32 @@ class Interaction:
     def _ask_if_meant(
         self, name: str, source: str, uncertain: bool, doubtful_border: bool, confirms: bool
     ) -> Optional[Answer]:
-        """Returns the question whether this command is meant, or None if that was answered or need not be asked."""
+        """Asks whether a command is meant. Returns the question, or None if the command is confirmed or not in doubt."""
         if self.question[:2] == (name, source) and (confirms or not uncertain):
             return None
         if confirms:
             return Answer(False, "nothing_asked", {"command": spelled_out(name)})
-        must_be_certain = {
+        is_pointing = abs(self._now - self._laser_seen_at) <= LASER_ON
+        has_consequences = {
             ALWAYS: True,
             NEVER: False,
             WHILE_DRAWN: len(self.missing()) < 2,
             WHILE_STOPPED: self.latch.stopped,
-            WHILE_POINTING: self.laser_is_on(self._counted_until) and self._target(name) != self.state,
+            WHILE_POINTING: is_pointing and self._target(name) != self.state,
         }
-        if not (uncertain and must_be_certain[COMMANDS[name].matters]) and not (name == SAVE and doubtful_border):
+        may_be_misheard = uncertain and has_consequences[COMMANDS[name].consequences]
+        if not may_be_misheard and not (name == SAVE and doubtful_border):
             return None
-        self.question = Question(name, source, self._counted_until)
-        answer = spelled_out(name if not uncertain else "yes_" + name)
+        self.question = Question(name, source, self._now)
+        phrase = spelled_out("yes_" + name if uncertain else name)
         code = "confirm_save" if name == SAVE else "confirm_command"
-        return Answer(False, code, {"command": spelled_out(name), "answer": answer})
+        return Answer(False, code, {"command": spelled_out(name), "answer": phrase})
 
     def _apply(self, name: str, source: str, seen_stop: str) -> Answer:
         if COMMANDS[name].carried_out_elsewhere:
-            self.pending, self._pending_source, self._save_sent = name, source, False
+            self.pending = name
+            self._pending_source = source
+            self._save_sent = False
             return Answer(True, "saving" if name == SAVE else "changing")
         if name == CANCEL:
             return self._cancel()
@@ -243,29 +244,30 @@ class Interaction:
         return self._enter(name, source)
 
     def _target(self, name: str) -> State:
-        """Returns the state after a command; `continue` goes back to where the person was."""
+        """Returns the state after a command. `continue` goes back to where the person was."""
         return self._visited[-1] if name == CONTINUE else STATES.get(COMMANDS[name].enters, self.state)
 
     def _enter(self, name: str, source: str) -> Answer:
         target = self._target(name)
-        again = target in self._visited
+        is_known = target in self._visited
         if self.state == DEFAULT:
             self._begin()
             self._add_source(source)
         if self.state != target:
-            self.state, self.entered = target, self._counted_until
+            self.state, self.entered = target, self._now
         if target.robots_act:
             self._visited = [state for state in self._visited if state != target] + [target]
-        suffix = "_stopped" * self.latch.stopped if target.guides else "_again" * again
-        return Answer(True, target.prompt + suffix)
+        if target.guides:
+            return Answer(True, f"{target.prompt}_stopped" if self.latch.stopped else target.prompt)
+        return Answer(True, f"{target.prompt}_again" if is_known else target.prompt)
 
     def _cancel(self) -> Answer:
         if self.state == DEFAULT:
             return Answer(True, "nothing_to_cancel")
         # a border that was sent may be in the map: only the map integrator knows
-        lost = self.unanswered_save
-        self._end(UNANSWERED if lost else CANCELLED, "")
-        return Answer(True, "cancelled_unanswered" if lost else "cancelled")
+        unanswered = self.unanswered_save
+        self._end(UNANSWERED if unanswered else CANCELLED, "")
+        return Answer(True, "cancelled_unanswered" if unanswered else "cancelled")
 
     def _refuse_unknown(self, name: str) -> Optional[Answer]:
         """Returns the answer to a command that does not exist here, or None."""
@@ -296,56 +298,55 @@ class Interaction:
 
     # ------------------------------------------------------------------ the clock and what is seen
     def durations(self, now: float) -> Dict[State, float]:
-        """Returns the time [s] per active state up to now; in Default, for the interaction that ended last."""
+        """Returns the time [s] per active state up to now, or in Default those of the interaction that ended last."""
         result = dict(self._durations)
-        if self.state in self._durations and now > self._counted_until:
-            result[self.state] += now - self._counted_until
+        if self.state in self._durations and now > self._now:
+            result[self.state] += now - self._now
         return result
 
     def advance(self, now: float) -> None:
         """Counts the time up to now. After a jump back in time it counts on from there, and subtracts nothing."""
         self._durations = self.durations(now)
-        self._counted_until = now
-        self.started, self.entered = min(self.started, now), min(self.entered, now)
-        self.last_answered, self._active = min(self.last_answered, now), min(self._active, now)
-        if not 0.0 <= now - self.question.asked <= CONFIRM_WITHIN:
+        self._now = now
+        self.started = min(self.started, now)
+        self.entered = min(self.entered, now)
+        self.last_answered = min(self.last_answered, now)
+        self._active_at = min(self._active_at, now)
+        if not 0.0 <= now - self.question.asked_at <= CONFIRM_WITHIN:
             self.question = Question()
 
     def see_laser(self, now: float) -> None:
-        """Records that a camera saw a spot at a time [s], in any state."""
-        self._laser_seen = now
-
-    def laser_is_on(self, now: float) -> bool:
-        """Returns whether somebody is pointing with the laser."""
-        return abs(now - self._laser_seen) <= LASER_ON
+        """Records that a camera saw a spot at a time [s], in any state: somebody is pointing with the laser."""
+        self._laser_seen_at = now
 
     def set_spot_counts(self, border: int, seed: int, others: int, now: float) -> None:
         """Stores how many spots this interaction has had so far: for the border, for the seed, and for neither."""
         spots = {BORDER: border, SEED: seed, GUIDE: others}
         if spots != self._spots:
             # the person draws, points or guides
-            self._spots, self._active = spots, now
+            self._spots, self._active_at = spots, now
 
     @property
-    def unseen(self) -> bool:
+    def is_spot_missing(self) -> bool:
         """Whether no spot was seen although the person should have drawn or pointed by now."""
         return (
             bool(self.state.collects)
             and not self.pending
             and not self._spots[self.state]
-            and self._counted_until >= self.entered + UNSEEN_AFTER
+            and self._now >= self.entered + UNSEEN_AFTER
         )
 
     @property
     def ends_at(self) -> float:
-        """[s] when the interaction ends by itself; 0 if not soon, or while it is paused or saving, or in Default."""
+        """[s] when the interaction ends by itself, or 0 if not soon, while it is paused or saving, and in Default."""
         if not self.state.robots_act or self.pending:
             return 0.0
-        ends = self._active + self._params.idle_timeout
-        return ends if self._counted_until >= ends - min(_WARNED_BEFORE, self._params.idle_timeout / 2.0) else 0.0
+        timeout = self._params.idle_timeout
+        ends = self._active_at + timeout
+        return ends if self._now >= ends - min(_WARNED_BEFORE, timeout / 2.0) else 0.0
 
     def end_if_idle(self, now: float) -> bool:
-        """Ends an interaction that was idle for too long; returns whether it did."""
+        """Ends an interaction that was idle for too long. Returns whether it has ended."""
         self.advance(now)
         if not self.ends_at or now < self.ends_at:
             return False
@@ -355,7 +356,7 @@ class Interaction:
         return True
 
     def take_record(self) -> Optional[Record]:
-        """Returns the record of an interaction that has just ended, once; None if there is none."""
+        """Returns the record of an interaction that has just ended, only once, or None if there is none."""
         record, self._record = self._record, None
         return record
 
@@ -365,29 +366,32 @@ class Interaction:
 
     # ------------------------------------------------------------------ queries
     def suggested_commands(self) -> List[str]:
-        """Lists the commands that make sense now, most likely first; among them `stop` or, once stopped, `resume`."""
+        """Lists the commands that make sense now, most likely first. Among them is `stop` or, once stopped, `resume`."""
         last = [RESUME] if self.latch.stopped else [STOP]
         guide = [GUIDE_ROBOT] if self._params.robot else []
         if self.pending:
             return last
         if self.state == DEFAULT:
             steps = [DEFINE_BORDER, *guide, *self.undo_redo[:1]]
-            return [*(last + steps if self.latch.stopped else steps + last), *self.undo_redo[1:]]
+            steps = last + steps if self.latch.stopped else steps + last
+            return [*steps, *self.undo_redo[1:]]
         missing = self.missing()
-        steps = [CONTINUE] * (self.state == PAUSED) + [SAVE] * (not missing)
-        drawing = [DEFINE_BORDER, DEFINE_SEED]
+        steps = [CONTINUE] if self.state == PAUSED else []
+        if not missing:
+            steps.append(SAVE)
         # missing parts come before parts that could be drawn again
-        others = [step for step in drawing if COMMANDS[step].enters != self.state.name]
-        steps += sorted(others, key=lambda step: STATES[COMMANDS[step].enters] in self._visited)
+        parts = [step for step in (DEFINE_BORDER, DEFINE_SEED) if COMMANDS[step].enters != self.state.name]
+        steps += sorted(parts, key=lambda step: STATES[COMMANDS[step].enters] in self._visited)
         if self.state != GUIDE:
             steps += guide
-        steps += [PAUSE] * (self.state != PAUSED)
-        return [*(last if self.latch.stopped else []), *steps, CANCEL, *([] if self.latch.stopped else last)]
+        if self.state != PAUSED:
+            steps.append(PAUSE)
+        return [*last, *steps, CANCEL] if self.latch.stopped else [*steps, CANCEL, *last]
 
     # ------------------------------------------------------------------ inside
     def _begin(self) -> None:
         self.interaction_id = uuid.uuid4().hex[:8]
-        self.started = self.entered = self._active = self._counted_until
+        self.started = self.entered = self._active_at = self._now
         self._durations = {state: 0.0 for state in self._durations}
         self._sources, self._visited = [], []
         self._spots = {state: 0 for state in self._spots}
@@ -400,7 +404,7 @@ class Interaction:
             outcome=outcome,
             border_id=border_id,
             started=self.started,
-            ended=self._counted_until,
+            ended=self._now,
             guide_s=durations[GUIDE],
             border_s=durations[BORDER],
             seed_s=durations[SEED],
@@ -412,7 +416,7 @@ class Interaction:
         self.pending = ""
         self.question = Question()
         self.unanswered_save = False
-        self.started, self.entered = 0.0, self._counted_until
+        self.started, self.entered = 0.0, self._now
         self._visited = []
         self.last_outcome, self.last_border_id = outcome, border_id
 
@@ -422,5 +426,5 @@ class Interaction:
 
     def _record_answer(self, name: str, source: str, answer: Answer) -> Answer:
         self.last_command, self.last_source, self.last_answer = name, source, answer
-        self.last_answered = self._counted_until
+        self.last_answered = self._now
         return answer

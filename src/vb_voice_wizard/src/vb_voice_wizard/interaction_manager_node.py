@@ -26,14 +26,15 @@ from vb_msgs.msg import VirtualBorderArray
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
 from vb_voice_wizard.dialogue.command_answers import Answer, AnswerCache
-from vb_voice_wizard.dialogue.borders import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, BorderServices, Previewer
+from vb_voice_wizard.dialogue.border_preview import Previewer
+from vb_voice_wizard.dialogue.border_services import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, BorderServices
 from vb_voice_wizard.interaction import Interaction, InteractionParams
 
-# [s] wall time: robots stop half a second after the last state, see vb_msgs/InteractionState
-_REPEATED_AFTER = 0.1
-# what undo and redo did to borders; any other change is reported as undone or redone
-_CODES = {REMOVED: "border_removed", ADDED: "border_restored", ENABLED: "border_enabled", DISABLED: "border_disabled"}
+# [s] wall time between states: robots stop half a second after the last one, see vb_msgs/InteractionState
+_PUBLISH_PERIOD = 0.1
 _STORE_PERIOD = 2.0  # [s] between attempts to store the stop: a full disk may have room again
+# answers to undo and redo by what they did to borders; any other change is reported as undone or redone
+_CODES = {REMOVED: "border_removed", ADDED: "border_restored", ENABLED: "border_enabled", DISABLED: "border_disabled"}
 
 
 @dataclass(frozen=True)
@@ -97,19 +98,18 @@ class InteractionManagerNode:
         self._interaction = Interaction(params, latch=self._latch)
         # a save makes two service calls, undo makes three
         self._answer_cache = AnswerCache(3.0 * (SERVICE_TIMEOUT + RESPONSE_TIMEOUT))
-        self._cameras: Dict[str, List[str]] = {}  # that contributed, by the id of the newest known interaction
-
+        self._contributing_cameras: Dict[str, List[str]] = {}  # by the id of the newest known interaction
         self._services = BorderServices(params.occupancy)
-        self._preview = Previewer(self._services, NoticeListener().current)
-        self._stop = rospy.Publisher(names.STOP, Stop, queue_size=10)
-        self._publisher = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)
+        self._previewer = Previewer(self._services, NoticeListener().current)
+        self._stop_publisher = rospy.Publisher(names.STOP, Stop, queue_size=10)
+        self._state_publisher = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)
         self._notices = NoticePublisher()
         with self._lock:
             self._publish()
-        self._timer = node.WakeTimer(_REPEATED_AFTER)
-        self._storing = node.WakeTimer(_STORE_PERIOD)
-        node.Worker(self._timer, lambda _woken: self._on_beat())
-        node.Worker(self._storing, lambda _woken: self._latch.store())
+        self._publish_timer = node.WakeTimer(_PUBLISH_PERIOD)
+        self._store_timer = node.WakeTimer(_STORE_PERIOD)
+        node.Worker(self._publish_timer, lambda _woken: self._publish_again())
+        node.Worker(self._store_timer, lambda _woken: self._latch.store())
         rospy.Subscriber(names.STOP, Stop, self._on_stop, queue_size=10)
         rospy.Subscriber(names.DRIVERS, DriverState, self._on_driver, queue_size=20)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
@@ -119,20 +119,19 @@ class InteractionManagerNode:
 
     def close(self) -> None:
         """Ends the workers."""
-        self._timer.close()
-        self._storing.close()
-        self._preview.close()
+        self._publish_timer.close()
+        self._store_timer.close()
+        self._previewer.close()
 
     # ------------------------------------------------------------------ inputs
     def _on_progress(self, message: BorderProgress) -> None:
         with self._lock:
-            self._cameras = {message.interaction_id: list(message.cameras)}
+            self._contributing_cameras = {message.interaction_id: list(message.cameras)}
             if message.interaction_id == self._interaction.interaction_id:
                 # in Guide the fusion ignores all spots, but they show that a person holds the laser
-                self._interaction.set_spot_counts(
-                    message.border_spots, message.seed_spots, message.ignored_spots, rospy.get_time()
-                )
-        self._preview.on_progress(message)
+                counts = (message.border_spots, message.seed_spots, message.ignored_spots)
+                self._interaction.set_spot_counts(*counts, rospy.get_time())
+        self._previewer.on_progress(message)
 
     def _on_spot(self, message: LaserSpot) -> None:
         # one assignment, which is read once: it needs no lock, and spots do not wait while a state is published
@@ -142,7 +141,7 @@ class InteractionManagerNode:
         with self._lock:
             self._interaction.undo_redo = list(message.available_commands)
             self._publish()
-        self._preview.on_borders(message)
+        self._previewer.on_borders(message)
 
     def _on_stop(self, message: Stop) -> None:
         sender = message._connection_header.get("callerid", "")
@@ -154,7 +153,7 @@ class InteractionManagerNode:
             if identity not in self._latch.stops:
                 self._stop_robots(identity, message.robot or "robot_driver")
 
-    def _on_beat(self) -> None:
+    def _publish_again(self) -> None:
         with self._lock:
             if self._interaction.end_if_idle(rospy.get_time()):
                 self._publish_and_record()
@@ -162,58 +161,57 @@ class InteractionManagerNode:
                 self._publish()
 
     # ------------------------------------------------------------------ commands
-    def _on_command(self, order: CommandRequest) -> CommandResponse:
-        said = normalize(order.command)
-        command = ANSWERS.get(said, said)  # "yes, save" means "save"
+    def _on_command(self, request: CommandRequest) -> CommandResponse:
+        phrase = normalize(request.command)
+        command = ANSWERS.get(phrase, phrase)  # "yes, save" means "save"
         if command == STOP:
-            answer = self._stop_robots(order.id, order.source)
+            answer = self._stop_robots(request.id, request.source)
         else:
-            answer = self._answer_cache.answer_once(order.id, lambda: self._run_command(command, said, order))
-        rospy.loginfo("%s says %s: %s [%s]", order.source or "somebody", said, answer.message, answer.code)
-        return CommandResponse(
-            success=answer.success, code=answer.code, message=answer.message, values=values_from_mapping(answer.values)
-        )
+            answer = self._answer_cache.answer_once(request.id, lambda: self._run_command(command, phrase, request))
+        rospy.loginfo("%s says %s: %s [%s]", request.source or "somebody", phrase, answer.message, answer.code)
+        values = values_from_mapping(answer.values)
+        return CommandResponse(success=answer.success, code=answer.code, message=answer.message, values=values)
 
     def _stop_robots(self, identity: str, source: str) -> Answer:
         identity = identity or new_id()
         # robots do not wait for locks, files or answers
-        self._stop.publish(Stop(id=identity, source=source))
+        self._stop_publisher.publish(Stop(id=identity, source=source))
         with self._lock:
             answer = self._interaction.command(STOP, source, rospy.get_time(), identity=identity)
             self._publish()
         # robots have stopped; the answer waits for the disk, so that no restart undoes what was answered
         return answer if self._latch.store() else Answer(True, "stop_not_stored")
 
-    def _run_command(self, command: str, said: str, order: CommandRequest) -> Answer:
-        """Carries out the command that was meant by what a person said."""
+    def _run_command(self, command: str, phrase: str, request: CommandRequest) -> Answer:
+        """Carries out a command, which a person gave or confirmed by a phrase."""
         with self._lock:
             interaction, now = self._interaction, rospy.get_time()
-            if not order.expires.is_zero() and now > order.expires.to_sec():
+            if not request.expires.is_zero() and now > request.expires.to_sec():
                 # only the person who gave it is told
-                answer = Answer(False, "expired", {"command": spelled_out(said)})
+                answer = Answer(False, "expired", {"command": spelled_out(phrase)})
             else:
-                doubtful = self._preview.has_warning(interaction.interaction_id)
-                answer = interaction.command(
-                    command, order.source, now, order.uncertain, doubtful, said in ANSWERS, seen_stop=order.seen_stop
-                )
+                is_doubtful = self._previewer.is_doubtful(interaction.interaction_id)
+                doubts = {"uncertain": request.uncertain, "doubtful_border": is_doubtful, "confirms": phrase in ANSWERS}
+                answer = interaction.command(command, request.source, now, seen_stop=request.seen_stop, **doubts)
             pending = interaction.pending if answer.success and COMMANDS[command].carried_out_elsewhere else ""
             interaction_id = interaction.interaction_id
             if pending == SAVE:
-                self._preview.on_interaction(interaction_id, saving=True)
+                self._previewer.on_interaction(interaction_id, saving=True)
             else:
                 self._publish_and_record()
         if command == RESUME:
             self._latch.store()
-        return self._complete(pending, interaction_id, order) if pending else answer
+        return self._complete(pending, interaction_id, request) if pending else answer
 
-    def _complete(self, pending: str, interaction_id: str, order: CommandRequest) -> Answer:
+    def _complete(self, pending: str, interaction_id: str, request: CommandRequest) -> Answer:
         """Has other nodes carry out a pending command, without the lock, and completes it with their answer."""
         border_id = ""
         try:
             if pending == SAVE:
-                border_id, answer = self._save(interaction_id, order.source), Answer(True, "saved")
+                border_id = self._save(interaction_id, request.source)
+                answer = Answer(True, "saved")
             else:
-                answer = self._change(pending, order.id)
+                answer = self._undo_or_redo(pending, request.id)
         except CodedError as error:
             answer = Answer.refusal(error)
             if error.code in services.UNANSWERED:
@@ -228,18 +226,18 @@ class InteractionManagerNode:
         return answer
 
     def _save(self, interaction_id: str, source: str) -> str:
-        """Adds the drawn border to the map; returns its id."""
-        border = self._preview.border_to_save(interaction_id)
+        """Adds the drawn border to the map, and returns its id."""
+        border = self._previewer.border_to_save(interaction_id)
         with self._lock:
             self._interaction.mark_save_sent()
         return self._services.add(border, source, interaction_id)
 
-    def _change(self, command: str, request_id: str) -> Answer:
-        """Carries out undo or redo; returns how the borders changed."""
+    def _undo_or_redo(self, command: str, request_id: str) -> Answer:
+        """Has the newest change of the borders undone or redone. The answer says how they have changed."""
         before = self._services.fetch_borders()
         self._services.change(command, request_id)
         try:
-            return _what_changed(command, before, self._services.fetch_borders())
+            return _describe_change(command, before, self._services.fetch_borders())
         except CodedError:
             return Answer(True, "borders_changed")
 
@@ -247,12 +245,12 @@ class InteractionManagerNode:
     def _publish_and_record(self) -> None:
         """Publishes the state, and appends the record of an interaction that has just ended."""
         self._publish()
-        ended = self._interaction.take_record()
-        if ended is not None:
-            cameras = self._cameras.get(ended.interaction_id, [])
-            rospy.loginfo("interaction %s %s after %.1f s", ended.interaction_id, ended.outcome, ended.total_s)
+        record = self._interaction.take_record()
+        if record is not None:
+            cameras = self._contributing_cameras.get(record.interaction_id, [])
+            rospy.loginfo("interaction %s %s after %.1f s", record.interaction_id, record.outcome, record.total_s)
             try:
-                append_line(self._log_file, ended.line(self._params.method, cameras), private=True)
+                append_line(self._log_file, record.to_json(self._params.method, cameras), private=True)
             except OSError as error:
                 rospy.logwarn("interaction_manager: cannot write %s: %s", self._log_file, error)
 
@@ -282,34 +280,35 @@ class InteractionManagerNode:
         message.last_answered = rospy.Time.from_sec(interaction.last_answered)
         message.last_outcome = interaction.last_outcome
         message.last_border_id = interaction.last_border_id
-        self._publisher.publish(message)
-        self._preview.on_interaction(interaction.interaction_id, interaction.pending == SAVE)
+        self._state_publisher.publish(message)
+        self._previewer.on_interaction(interaction.interaction_id, interaction.pending == SAVE)
         self._notices.set(self._list_notices())
 
     def _list_notices(self) -> List[Notice]:
-        said = []
+        notices = []
         if self._latch.stopped:
             code = "stop_state_lost" if self._latch.lost else "stopped"
-            said.append(Notice(code, Severity.WARNING, values={"by": self._latch.by}))
+            notices.append(Notice(code, Severity.WARNING, values={"by": self._latch.by}))
         if not self._latch.stored:
-            said.append(Notice("stop_not_stored", Severity.WARNING))
+            notices.append(Notice("stop_not_stored", Severity.WARNING))
         if self._interaction.ends_at:
-            said.append(Notice("interaction_ends_soon", Severity.WARNING))
-        if self._interaction.unseen:
-            said.append(Notice("spot_not_seen_check_laser", Severity.WARNING))
-        return said
+            notices.append(Notice("interaction_ends_soon", Severity.WARNING))
+        if self._interaction.is_spot_missing:
+            notices.append(Notice("spot_not_seen_check_laser", Severity.WARNING))
+        return notices
 
 
-def _what_changed(command: str, before: Mapping[str, VirtualBorder], after: Mapping[str, VirtualBorder]) -> Answer:
+def _describe_change(command: str, before: Mapping[str, VirtualBorder], after: Mapping[str, VirtualBorder]) -> Answer:
     """Returns the answer to `undo` or `redo`, from the borders by id before and after it.
 
     It names the borders if all of them changed in the same way.
     """
     other = "change_undone" if command == UNDO else "change_redone"
-    changes = [(_CODES.get(kind, other), border) for kind, border in border_changes(before, after)]
-    if len({code for code, _ in changes}) != 1:
+    changes = border_changes(before, after)
+    codes = {_CODES.get(kind, other) for kind, _ in changes}
+    if len(codes) != 1:
         return Answer(True, "borders_changed")
-    return Answer(True, changes[0][0], {"borders": ", ".join(border.name or border.id for _, border in changes)})
+    return Answer(True, codes.pop(), {"borders": ", ".join(border.name or border.id for _, border in changes)})
 
 
 def build() -> InteractionManagerNode:

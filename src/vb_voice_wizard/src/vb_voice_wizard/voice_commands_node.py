@@ -18,14 +18,14 @@ from vb_msgs.msg import Audio, SpeechCommand, Sound
 from vb_msgs.srv import CommandRequest, CommandResponse
 
 from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE, Microphone, arecord, has_sound
-from vb_voice_wizard.recognizer import CommandListener, CommandRecognizer, Heard
+from vb_voice_wizard.voice.recognizer import CommandListener, CommandRecognizer, RecognizedUtterance
 
 AUDIO = "/virtual_borders/voice/audio"
 
 _WATCH_PERIOD = 0.25  # [s] wall time between two checks for sound
 _NEAR_MISS = 0.2  # confidence from which the error sound answers a rejected utterance, so that people repeat it
 _SILENCE_TIMEOUT = 5.0  # [s] without any sound after which a notice is published
-_LATE = 2.0  # [s] from a command's end to its recognition; if it is longer, the person may no longer want the command
+_LATE = 2.0  # [s] from a command's end to its recognition, after which the person may no longer want it
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ class VoiceCommandsNode:
     """Recognises spoken commands and sends them to the interaction.
 
     Sound is handled in wall time, even in simulation, because people speak in wall time. An overloaded computer
-    recognises commands late. They do not expire, because their time counts from when they are recognised; but a late
-    command that matters must be confirmed, as if it were uncertain, and a notice is published.
+    recognises commands late. They do not expire, because their time counts from when they are recognised. But a late
+    command with consequences must be confirmed, as if it were uncertain, and a notice is published.
 
     Subscribed topics:
         /virtual_borders/sound (vb_msgs/Sound): while a sound plays, an utterance entirely within it counts only if it
@@ -68,20 +68,20 @@ class VoiceCommandsNode:
     def __init__(self, params: VoiceParams) -> None:
         self._listener = CommandListener(CommandRecognizer())
         # 20 s of sound; a node that falls further behind should not act on old commands
-        self._sound: node.Queue = node.Queue(400)
+        self._samples: node.Queue = node.Queue(400)
         self._microphone: Optional[Microphone] = None
         self._trouble = ""
         self._late = False
-        self._heard_at = time.monotonic()
+        self._sound_at = time.monotonic()
         self._notices = NoticePublisher()
-        self._watch = node.WakeTimer(_WATCH_PERIOD)
-        self._publisher = rospy.Publisher(names.SPEECH_COMMANDS, SpeechCommand, queue_size=10)
-        self._beeper = rospy.Publisher(names.SOUND, Sound, queue_size=10)
+        self._watch_timer = node.WakeTimer(_WATCH_PERIOD)
+        self._heard_publisher = rospy.Publisher(names.SPEECH_COMMANDS, SpeechCommand, queue_size=10)
+        self._sound_publisher = rospy.Publisher(names.SOUND, Sound, queue_size=10)
         # sends from another thread, because an answer may take seconds and listening must continue
         self._command_sender = commands.CommandSender("voice", self._on_answer)
         self._command_sender.connect()
-        node.Worker(self._sound, self._listen)
-        node.Worker(self._watch, lambda _woken: self._on_watch())
+        node.Worker(self._samples, self._listen)
+        node.Worker(self._watch_timer, lambda _woken: self._check_sound())
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=10)
         if params.source == "topic":
             rospy.Subscriber(AUDIO, Audio, self._on_audio, queue_size=100)
@@ -93,14 +93,15 @@ class VoiceCommandsNode:
         """Releases the microphone and ends the workers."""
         if self._microphone is not None:
             self._microphone.close()
-        self._watch.close()
-        self._sound.close()
+        self._watch_timer.close()
+        self._samples.close()
 
     # ------------------------------------------------------------------ input
     def _queue_sound(self, pcm: np.ndarray) -> None:
         if has_sound(pcm):
-            self._heard_at, self._trouble = time.monotonic(), ""
-        if not self._sound.put((pcm, time.monotonic())):
+            self._sound_at = time.monotonic()
+            self._trouble = ""
+        if not self._samples.put((pcm, time.monotonic())):
             rospy.logwarn_throttle(5.0, "voice_commands: too slow for the incoming sound; some is lost")
 
     def _on_audio(self, message: Audio) -> None:
@@ -114,12 +115,12 @@ class VoiceCommandsNode:
         self._trouble = sentence
         rospy.logwarn_throttle(30.0, f"voice_commands: no sound: {sentence}")
 
-    def _on_watch(self) -> None:
+    def _check_sound(self) -> None:
         """Publishes a notice if there is no sound, such as from a muted microphone, or if speech is recognised late."""
         notices = []
         if self._trouble:
             notices = [Notice("microphone_missing", Severity.WARNING, values={"why": self._trouble})]
-        elif time.monotonic() - self._heard_at > _SILENCE_TIMEOUT:
+        elif time.monotonic() - self._sound_at > _SILENCE_TIMEOUT:
             notices = [Notice("microphone_silent", Severity.WARNING)]
         elif self._late:
             notices = [Notice("speech_late", Severity.WARNING)]
@@ -129,7 +130,7 @@ class VoiceCommandsNode:
     def _beep(self, name: str) -> None:
         sound = Sound(name=name)
         sound.header.stamp = rospy.Time.now()
-        self._beeper.publish(sound)
+        self._sound_publisher.publish(sound)
 
     def _on_sound(self, message: Sound) -> None:
         self._listener.play(message.name, time.monotonic())
@@ -139,7 +140,7 @@ class VoiceCommandsNode:
         for heard in self._listener.push(*piece):
             self._handle(heard)
 
-    def _handle(self, heard: Heard) -> None:
+    def _handle(self, heard: RecognizedUtterance) -> None:
         result = heard.result
         self._late = time.monotonic() - heard.end > _LATE
         if not result.command:
@@ -148,8 +149,9 @@ class VoiceCommandsNode:
             self._publish(heard)
             return
         self._beep("recognized")
-        doubtful, stop = self._late or not result.certain, self._command_sender.stop_number(heard.start)
-        if not self._command_sender.put(result.command, heard, uncertain=doubtful, seen_stop=stop):
+        uncertain = self._late or not result.certain
+        seen_stop = self._command_sender.stop_number(heard.start)
+        if not self._command_sender.put(result.command, heard, uncertain=uncertain, seen_stop=seen_stop):
             self._publish(replace(heard, result=result.refused("busy")))
 
     def _on_answer(
@@ -161,8 +163,9 @@ class VoiceCommandsNode:
             self._beep("error")
         self._publish(context, answer)
 
-    def _publish(self, heard: Heard, answer: Optional[CommandResponse] = None) -> None:
-        result, answer = heard.result, answer or CommandResponse()
+    def _publish(self, heard: RecognizedUtterance, answer: Optional[CommandResponse] = None) -> None:
+        result = heard.result
+        answer = answer or CommandResponse()
         message = SpeechCommand(
             command=result.best,
             accepted=bool(result.command),
@@ -172,15 +175,11 @@ class VoiceCommandsNode:
             code=answer.code,
         )
         message.header.stamp = rospy.Time.now()
-        rospy.loginfo(
-            "heard %s (%s, confidence %.2f, answered after %.2f s) %s",
-            result.best or "something",
-            result.reason,
-            result.confidence,
-            time.monotonic() - heard.end,
-            answer.message,
+        details = (
+            f"{result.reason}, confidence {result.confidence:.2f}, answered after {time.monotonic() - heard.end:.2f} s"
         )
-        self._publisher.publish(message)
+        rospy.loginfo("heard %s (%s) %s", result.best or "something", details, answer.message)
+        self._heard_publisher.publish(message)
 
 
 def build() -> VoiceCommandsNode:

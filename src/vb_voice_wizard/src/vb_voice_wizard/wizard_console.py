@@ -1,4 +1,4 @@
-"""What the wizard console shows, and what its keys mean. Needs the messages, but no node.
+"""Renders the wizard console's screen, and maps its keys to commands. Needs the messages, but no node.
 
 Each key is one command, each event is one line, and the current state is shown below the last line. Borders are left to
 the page and the display, where they can be seen.
@@ -41,9 +41,9 @@ def printable(text: str, style: str = "") -> Text:
 
 @dataclass
 class ConsoleContent:
-    """What is shown: the newest messages, unchanged."""
+    """The newest messages, unchanged, and how they are shown."""
 
-    state: Optional[InteractionState] = None  # None: the interaction manager is not heard
+    state: Optional[InteractionState] = None  # None while nothing is heard of the interaction manager
     progress: BorderProgress = field(default_factory=BorderProgress)
     preview: BorderPreview = field(default_factory=BorderPreview)
     notices: Tuple[Notice, ...] = ()  # the most severe first
@@ -55,14 +55,15 @@ class ConsoleContent:
 
     def lines(self, now: float = 0.0) -> List[RenderableType]:
         """Renders the content at a ROS time [s]: state, drawing, keys, what saving would do, and notices, each once."""
-        said = dict(self._preview())
+        style_by_sentence = dict(self._preview())
         for notice in self.notices:
             if self.state is None or notice.code not in _IN_STATE_LINE:
-                said.setdefault(f"! {notice.sentence(self.language)}", SEVERITIES[notice.severity])
-        return [self._state_line(now), self._keys(), *(printable(text, style) for text, style in said.items())]
+                style_by_sentence.setdefault(f"! {notice.sentence(self.language)}", SEVERITIES[notice.severity])
+        sentence_lines = [printable(sentence, style) for sentence, style in style_by_sentence.items()]
+        return [self._state_line(now), self._keys(), *sentence_lines]
 
     def _state_line(self, now: float) -> Text:
-        state, drawn = self.state, self.progress
+        state, progress = self.state, self.progress
         if state is None:
             return printable(self.words("console_waiting_manager"), "bold yellow")
         text = Text()
@@ -70,15 +71,14 @@ class ConsoleContent:
             # before everything else
             text.append(f" {self.words('console_stopped')} ", "bold white on red")
             text.append_text(printable(f" {state.stopped_by} ", "bold red"))
-        text.append(
-            f" {self.words('state_' + state.name).upper()} ", f"reverse {STATES.get(state.name, DEFAULT).color}"
-        )
+        color = STATES.get(state.name, DEFAULT).color
+        text.append(f" {self.words('state_' + state.name).upper()} ", f"reverse {color}")
         if state.interaction_id:
             text.append(f"  {_clock(state.guide_s + state.border_s + state.seed_s)}")
-        if state.interaction_id and state.interaction_id == drawn.interaction_id:
-            counts = {"border": drawn.border_spots, "seed": drawn.seed_spots, "ignored": drawn.ignored_spots}
+        if state.interaction_id and state.interaction_id == progress.interaction_id:
+            counts = {"border": progress.border_spots, "seed": progress.seed_spots, "ignored": progress.ignored_spots}
             text.append(f"  {self.words('console_spots', **counts)}")
-            text.append_text(printable("  " + ", ".join(drawn.cameras_seeing_spot), "bold green"))
+            text.append_text(printable("  " + ", ".join(progress.cameras_seeing_spot), "bold green"))
         if state.confirm_save:
             text.append("  " + self.words("console_confirm"), "bold yellow")
         if not state.ends_at.is_zero():
@@ -86,33 +86,33 @@ class ConsoleContent:
         return text
 
     def _preview(self) -> List[Tuple[str, str]]:
+        """Returns (sentence, style) of what saving would do, then of each issue that this sentence does not contain."""
         preview = self.preview
-        good, text = preview.available and preview.success, sentence_in(preview, self.language)
-        if good:
-            text = self.words("preview_restricts", area=f"{preview.area_m2:.2f}")
+        can_save = preview.available and preview.success
+        sentence = sentence_in(preview, self.language)
+        if can_save:
+            sentence = self.words("preview_restricts", area=f"{preview.area_m2:.2f}")
             if preview.free_parts > 1:
-                text += " " + self.words("preview_parts", parts=preview.free_parts)
-        issues = [
-            (sentence_in(issue, self.language), WRONG if issue.severity == BorderIssue.ERROR else BAD)
-            for issue in preview.issues
-        ]
-        return ([(text, GOOD if good else BAD)] if text else []) + [
-            (f"! {what}", style) for what, style in issues if what not in text
-        ]
+                sentence += " " + self.words("preview_parts", parts=preview.free_parts)
+        lines = [(sentence, GOOD if can_save else BAD)] if sentence else []
+        for issue in preview.issues:
+            text = sentence_in(issue, self.language)
+            if text not in sentence:
+                lines.append((f"! {text}", WRONG if issue.severity == BorderIssue.ERROR else BAD))
+        return lines
 
     def _keys(self) -> Columns:
         # a stop needs no manager
         available = self.state.available_commands if self.state is not None else (STOP,)
-        shown = [
-            (key, self.words("command_" + command), "" if command in available else "dim")
+        keys = [
+            (self.words("console_space") if key == " " else key, "command_" + command, command in available)
             for key, command in COMMAND_KEYS.items()
         ]
-        shown.append((QUIT_KEY, self.words("console_quit"), ""))
+        keys.append((QUIT_KEY, "console_quit", True))
+        styles = {True: "", False: "dim"}
         return Columns(
-            Text.assemble(
-                (f" {self.words('console_space') if key == ' ' else key} ", f"reverse {style}"), f" {word}", style=style
-            )
-            for key, word, style in shown
+            Text.assemble((f" {key} ", f"reverse {styles[usable]}"), f" {self.words(code)}", style=styles[usable])
+            for key, code, usable in keys
         )
 
 

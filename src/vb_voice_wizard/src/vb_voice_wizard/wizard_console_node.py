@@ -32,7 +32,7 @@ _SILENCE_TIMEOUT = 3.0  # [s] the state comes ten times a second
 
 
 class WizardConsoleNode:
-    """Shows the interaction and sends commands; says when no state arrives, and continues when one does.
+    """Shows the interaction and sends commands. Says when no state arrives, and continues when one does.
 
     Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress)
@@ -48,41 +48,35 @@ class WizardConsoleNode:
     """
 
     def __init__(self, source: str, language: str = sentences.ENGLISH) -> None:
-        self._view = ConsoleContent(language=language)
+        self._content = ConsoleContent(language=language)
         self._live = Live(auto_refresh=False, transient=True)
         self._heard_at = 0.0
-        self._answered: Optional[rospy.Time] = None
+        self._last_answered: Optional[rospy.Time] = None
         self._command_sender = commands.CommandSender(source, self._on_answer)
         self._command_sender.connect()
         self._notices = NoticeListener()
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
-        for topic, kind, where in (
-            (names.PROGRESS, BorderProgress, "progress"),
-            (names.PREVIEW, BorderPreviewArray, "preview"),
-        ):
-            rospy.Subscriber(topic, kind, partial(setattr, self._view, where), queue_size=1)
+        rospy.Subscriber(names.PROGRESS, BorderProgress, partial(setattr, self._content, "progress"), queue_size=1)
+        rospy.Subscriber(names.PREVIEW, BorderPreviewArray, partial(setattr, self._content, "preview"), queue_size=1)
 
     # ------------------------------------------------------------------ ROS
     def _on_state(self, message: InteractionState) -> None:
         self._heard_at = time.monotonic()
-        self._view.state = message
-        before, self._answered = self._answered, message.last_answered
+        self._content.state = message
+        previous_time, self._last_answered = self._last_answered, message.last_answered
         # an answer given before the console started is not news
-        if message.last_command and before not in (None, message.last_answered):
-            sender = message.last_source or self._view.words("console_somebody")
-            said = sentence_in(message, self._view.language, "last_")
-            text = f"{sender}, {self._view.words('command_' + message.last_command)}: {said}"
-            self._say(text, GOOD if message.last_success else BAD)
+        if message.last_command and previous_time not in (None, message.last_answered):
+            sender = message.last_source or self._content.words("console_somebody")
+            command = self._content.words("command_" + message.last_command)
+            answer = sentence_in(message, self._content.language, "last_")
+            self._print(f"{sender}, {command}: {answer}", GOOD if message.last_success else BAD)
 
     # ------------------------------------------------------------------ commands
     def press(self, key: str) -> bool:
-        """Handles a pressed key; its command runs in a separate thread, so that reading goes on. Other keys do nothing.
-
-        Returns:
-            Whether to leave the console.
-        """
+        """Sends the command of a pressed key, if it has one. Returns whether the key leaves the console."""
+        # sent by another thread, so that reading goes on
         if key in COMMAND_KEYS and not self._command_sender.put(COMMAND_KEYS[key]):
-            self._say(self._view.words("console_too_many_keys"), BAD)
+            self._print(self._content.words("console_too_many_keys"), BAD)
         return key == QUIT_KEY
 
     def _on_answer(
@@ -90,41 +84,41 @@ class WizardConsoleNode:
     ) -> None:
         # answers arrive with the state, except for these
         if error is not None:
-            sentence = sentences.translate(error.code, error.values, self._view.language, error.message)
-            self._say(self._view.words("console_try_again", what=sentence), BAD)
+            sentence = sentences.translate(error.code, error.values, self._content.language, error.message)
+            self._print(self._content.words("console_try_again", what=sentence), BAD)
         elif answer is not None and answer.code in ("busy", "expired", "stop_held"):
-            self._say(sentence_in(answer, self._view.language), BAD)
+            self._print(sentence_in(answer, self._content.language), BAD)
 
     # ------------------------------------------------------------------ screen
-    def _say(self, text: str, style: str) -> None:
+    def _print(self, text: str, style: str) -> None:
         """Prints a line with the time of day above the current state; from any thread."""
         self._live.console.print(Text.assemble((time.strftime("%H:%M:%S "), "dim"), printable(text, style)))
 
     def run(self) -> None:
         """Shows the interaction until the operator leaves the console."""
         keyboard = sys.stdin.fileno()
-        before = termios.tcgetattr(keyboard)
+        settings = termios.tcgetattr(keyboard)
         try:
             # key by key, without an echo; control-C still interrupts
             tty.setcbreak(keyboard)
             with self._live:
-                self._follow(keyboard)
+                self._update_until_left(keyboard)
         except KeyboardInterrupt:
             pass
         finally:
-            termios.tcsetattr(keyboard, termios.TCSADRAIN, before)
+            termios.tcsetattr(keyboard, termios.TCSADRAIN, settings)
 
-    def _follow(self, keyboard: int) -> None:
-        shown = None
+    def _update_until_left(self, keyboard: int) -> None:
+        shown_lines = None
         while not rospy.is_shutdown():
             if time.monotonic() - self._heard_at > _SILENCE_TIMEOUT:
-                self._view.state = None
-            self._view.notices = tuple(self._notices.current())
-            lines = Group(*self._view.lines(rospy.get_time()))
-            looks = self._live.console.render_lines(lines)
-            if looks != shown:  # avoids flicker
-                shown = looks
-                self._live.update(lines, refresh=True)
+                self._content.state = None
+            self._content.notices = tuple(self._notices.current())
+            screen = Group(*self._content.lines(rospy.get_time()))
+            rendered_lines = self._live.console.render_lines(screen)
+            if rendered_lines != shown_lines:  # avoids flicker
+                shown_lines = rendered_lines
+                self._live.update(screen, refresh=True)
             typed = ""
             if select.select([keyboard], [], [], _PERIOD)[0]:
                 typed = os.read(keyboard, 64).decode("utf-8", "replace")
@@ -139,14 +133,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="wizard_console", description="The hidden operator's console.")
     parser.add_argument("--source", default="wizard", help="who gives the commands, for the record (default: wizard)")
     parser.add_argument("--language", default=sentences.ENGLISH, choices=sentences.languages(), help="(default: en)")
-    chosen = parser.parse_args(rospy.myargv()[1:])
+    options = parser.parse_args(rospy.myargv()[1:])
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         sys.exit("wizard_console needs a terminal; for scripts there is the service /virtual_borders/command")
     if not rosgraph.is_master_online():
         sys.exit(f"the ROS master does not answer at {rosgraph.get_master_uri()}: start the lab first")
     # rospy's own messages would garble the screen
     rospy.init_node("wizard_console", anonymous=True, disable_signals=True, log_level=rospy.FATAL)
-    WizardConsoleNode(chosen.source, chosen.language).run()
+    WizardConsoleNode(options.source, options.language).run()
     sys.stdout.flush()
     # rospy's threads wait for a master that may be gone: leave without them
     os._exit(0)

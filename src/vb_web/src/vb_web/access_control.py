@@ -1,8 +1,8 @@
-"""Decides who may do what on the page, and how much of it: codes, roles, sessions, origins, places and limits.
+"""Decides who may do what on the page, and how much of it: codes, roles, sessions, origins and slots for connections.
 
 A request is refused unless it proves its rights: on the loopback interface by a loopback name in the Host header,
 elsewhere by the cookie of a session, which only the holder of a code gets. Limited resources are divided: each role has
-its own places for connections, and within a role the client that holds the most gives one up first.
+its own slots for connections, and within a role the client that holds the most gives one up first.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _MAX_SESSIONS = 100  # per code, so that holders of one code cannot log out thos
 
 
 class Role(enum.IntEnum):
-    """Each role may also do what those below it may."""
+    """What a client may do. Each role may also do what those below it may."""
 
     NOBODY = 0
     VIEWER = 1  # sees the page
@@ -79,12 +79,12 @@ def _digest(text: str) -> str:
 
 
 class Sessions:
-    """The open sessions: a cookie without an entry here is worth nothing. Thread safe.
+    """Opens, finds and ends sessions. A cookie without an entry here is worth nothing. Thread safe.
 
     Args:
         codes: the codes by role, as `load_codes` returns them.
-        path: the file of the sessions, beside that of the codes; None: memory only.
-        on_fault: called with the error if the file cannot be written; the sessions in memory stay valid.
+        path: the file of the sessions, beside that of the codes. None keeps them in memory only.
+        on_fault: called with the error if the file cannot be written. The sessions in memory stay valid.
 
     The file has digests of each session's cookie and of the code that opened it: changing a code ends its sessions.
     """
@@ -107,7 +107,7 @@ class Sessions:
             pass  # everybody logs in again
 
     def open(self, typed: str) -> Optional[str]:
-        """Opens a session with a code as typed, and returns its cookie's value; None if the code is wrong.
+        """Opens a session with a code as typed, and returns its cookie's value, or None if the code is wrong.
 
         Digests are compared, so that the time it takes reveals nothing about the code.
         """
@@ -120,7 +120,7 @@ class Sessions:
         return cookie
 
     def find(self, cookie: Optional[str]) -> Tuple[Role, str]:
-        """Returns (role, session's name) of a cookie's value; (NOBODY, "") if there is no such session (any more)."""
+        """Returns (role, session's name) of a cookie's value, or (NOBODY, "") if there is no such session (any more)."""
         name = _digest(cookie or "")
         code, opened_at = self._open.get(name, ("", 0.0))
         role = self._roles.get(code, Role.NOBODY)
@@ -174,39 +174,39 @@ def same_origin(origin: Optional[str], scheme: str, host: str) -> bool:
 
 
 class ConnectionSlots:
-    """A number of places for connections. When all are taken, the holder of the most gives one up for a newcomer.
+    """A number of slots for connections. When all are taken, the holder of the most gives one up for a newcomer.
 
     Args:
-        size: the number of places.
-        yields: whether the longest unused place goes if all hold the same number; otherwise one of the newcomer's own.
+        size: the number of slots.
+        yields: if all hold the same number, whether the longest unused slot goes, or else one of the newcomer's own.
     """
 
     def __init__(self, size: int, yields: bool) -> None:
         self._size, self._yields = size, yields
-        self._held: Dict[Any, Tuple[str, ...]] = {}  # connection: its holders; the longest unused first
+        self._holders: Dict[Any, Tuple[str, ...]] = {}  # by connection, the longest unused first
 
     def leave(self, connection: Any) -> None:
-        """Gives up a connection's place, if it has one."""
-        self._held.pop(connection, None)
+        """Gives up a connection's slot, if it has one."""
+        self._holders.pop(connection, None)
 
     def take(self, connection: Any, *holders: str) -> Optional[Any]:
-        """Gives a connection a place. Returns the connection that has to go for it, which may be the same one.
+        """Gives a connection a slot. Returns the connection that has to go for it, which may be the same one.
 
         Args:
-            connection: anything with `closed()`; a closed one gives up its place.
-            holders: who holds it, for instance an address and a session: the one that holds more places counts.
+            connection: anything with `closed()`. A closed one gives up its slot.
+            holders: who holds it, for instance an address and a session. The one that holds more slots counts.
         """
         self.leave(connection)
-        self._held[connection] = holders
-        if len(self._held) > self._size:
-            self._held = {place: names for place, names in self._held.items() if not place.closed()}
-        if len(self._held) <= self._size:
+        self._holders[connection] = holders
+        if len(self._holders) > self._size:
+            self._holders = {peer: names for peer, names in self._holders.items() if not peer.closed()}
+        if len(self._holders) <= self._size:
             return None
-        counts = Counter(holder for names in self._held.values() for holder in names)
-        shares = {place: max(counts[holder] for holder in names) for place, names in self._held.items()}
-        largest = [place for place, share in shares.items() if share == max(shares.values())]
-        own_places = [] if self._yields else [place for place in largest if set(self._held[place]) & set(holders)]
-        displaced = (own_places or largest)[0]
+        counts = Counter(holder for names in self._holders.values() for holder in names)
+        shares = {peer: max(counts[holder] for holder in names) for peer, names in self._holders.items()}
+        largest = [peer for peer, share in shares.items() if share == max(shares.values())]
+        own = [] if self._yields else [peer for peer in largest if set(self._holders[peer]) & set(holders)]
+        displaced = (own or largest)[0]
         self.leave(displaced)
         return displaced
 

@@ -21,7 +21,7 @@ KINDS = ("polygon", "curve", "wall")
 MAX_POINTS = 500  # a finger's line is thinned out to fewer than 100
 MAX_ROBOTS = 50
 MAX_BYTES = 64 * 1024
-MARGIN = 1.0  # [m] distance from the map up to which a line is accepted
+MARGIN = 1.0  # [m] how far from the map a line is accepted
 
 # categories of control characters, lone surrogates, and marks that change a line's direction
 _HIDDEN = frozenset(("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"))
@@ -49,7 +49,7 @@ class Request:
     arrived: float = field(default_factory=time.monotonic)
 
 
-def _refuse(field: str) -> CodedError:
+def _bad_field(field: str) -> CodedError:
     return CodedError("page_bad_request", field=field)
 
 
@@ -58,7 +58,7 @@ def _valid(is_valid: Callable[[Any], Any], convert: Callable[[Any], Any] = lambd
 
     def check(value: Any, field: str, _bounds: Optional[Bounds] = None) -> Any:
         if not is_valid(value):
-            raise _refuse(field)
+            raise _bad_field(field)
         return convert(value)
 
     return check
@@ -88,7 +88,7 @@ def _number(low: float, high: float) -> Check:
 def _list_of(check: Check, low: int, high: int) -> Check:
     def check_all(value: Any, field: str, bounds: Optional[Bounds] = None) -> Tuple[Any, ...]:
         if not isinstance(value, list) or not low <= len(value) <= high:
-            raise _refuse(field)
+            raise _bad_field(field)
         return tuple(check(entry, field, bounds) for entry in value)
 
     return check_all
@@ -98,17 +98,17 @@ def _check_point(value: Any, field: str, bounds: Optional[Bounds]) -> Tuple[floa
     if bounds is None:
         raise CodedError("page_no_map")
     if not isinstance(value, list) or len(value) != 2:
-        raise _refuse(field)
+        raise _bad_field(field)
     x, y = (_number(low - MARGIN, high + MARGIN)(number, field, None) for number, low, high in zip(value, *bounds))
     return x, y
 
 
 def _check_draft(value: Any, field: str, bounds: Optional[Bounds]) -> Dict[str, Any]:
     if not isinstance(value, dict) or set(value) != set(_BORDER):
-        raise _refuse(field)
+        raise _bad_field(field)
     checked = {name: check(value[name], name, bounds) for name, check in _BORDER.items()}
     if ZONES[checked["zone"]].limits_speed and checked["max_speed"] < 0.02:
-        raise _refuse("max_speed")  # a lower speed means standing still, for which keep_out exists
+        raise _bad_field("max_speed")  # a lower speed means standing still, for which keep_out exists
     return checked
 
 
@@ -140,34 +140,34 @@ ACTIONS: Dict[str, Dict[str, Check]] = {
 }
 
 
-def read(text: Any) -> Tuple[str, Dict[str, Any]]:
-    """Reads a browser's message, JSON of at most MAX_BYTES. Returns the request's id, and the unchecked fields.
+def parse(text: Any) -> Tuple[str, Dict[str, Any]]:
+    """Parses a browser's message, JSON of at most MAX_BYTES. Returns the request's id, and the unchecked fields.
 
     Raises:
         CodedError: "page_bad_request" with the field's name.
     """
     if not isinstance(text, str) or len(text.encode("utf-8", "replace")) > MAX_BYTES:
-        raise _refuse("message")
+        raise _bad_field("message")
     try:
         fields = json.loads(text)
     except (ValueError, RecursionError):
-        raise _refuse("message") from None
+        raise _bad_field("message") from None
     if not isinstance(fields, dict):
-        raise _refuse("message")
+        raise _bad_field("message")
     return _matching(_ID)(fields.pop("id", None), "id", None), fields
 
 
-def check(request_id: str, message: Dict[str, Any], bounds: Optional[Bounds]) -> Request:
-    """Checks the fields that `read` returned. `bounds` are the map's, None until there is a map.
+def check(request_id: str, fields: Dict[str, Any], bounds: Optional[Bounds]) -> Request:
+    """Checks the fields that `parse` returned. `bounds` are the map's, None until there is a map.
 
     Raises:
         CodedError: "page_bad_request" with the field's name, "page_no_map".
     """
-    action = message.pop("do", None)
+    action = fields.pop("do", None)
     if not isinstance(action, str) or action not in ACTIONS:
-        raise _refuse("do")
-    fields = ACTIONS[action]
-    if set(message) != set(fields):
-        raise _refuse(sorted(set(message) ^ set(fields))[0][:40])
-    values = {field: check_value(message[field], field, bounds) for field, check_value in fields.items()}
+        raise _bad_field("do")
+    checks = ACTIONS[action]
+    if set(fields) != set(checks):
+        raise _bad_field(sorted(set(fields) ^ set(checks))[0][:40])
+    values = {field: check_value(fields[field], field, bounds) for field, check_value in checks.items()}
     return Request(request_id, action, values)

@@ -52,7 +52,8 @@ class ActionHandler:
         has_manager: Callable[[], bool],
         make_invitation: Callable[[], Dict[str, Any]],
     ) -> None:
-        self._find_border, self._has_manager = find_border, has_manager
+        self._find_border = find_border
+        self._has_manager = has_manager
         self._make_invitation = make_invitation
         self._command_sender = CommandSender("page", self._on_answer)
         self._command_sender.connect()
@@ -69,27 +70,27 @@ class ActionHandler:
     def command(self, request: Request, source: str) -> "asyncio.Future[Dict[str, Any]]":
         """Starts to carry out a command. Returns a future of its answer in the calling thread's event loop."""
         command = request.values["command"]
-        answered = asyncio.get_event_loop().create_future()
-        alone = command in (UNDO, REDO) and not self._has_manager()
+        future = asyncio.get_event_loop().create_future()
+        without_manager = command in (UNDO, REDO) and not self._has_manager()
         # the browser's id, so that a request repeated after a restart of the page is carried out once
         if not self._command_sender.put(
             command,
-            answered,
+            future,
             given=request.arrived - request.values["age"],
             source=source,
             seen_stop=request.values["seen_stop"],
             identity=request.id,
-            carry_out=_undo_or_redo if alone else send,
+            carry_out=_undo_or_redo if without_manager else send,
         ):
-            answered.set_result(refusal(CodedError("page_too_fast")))
-        return answered
+            future.set_result(refusal(CodedError("page_too_fast")))
+        return future
 
-    def _on_answer(self, _order: Any, answered: "asyncio.Future[Dict[str, Any]]", response: Any, error: Any) -> None:
+    def _on_answer(self, _request: Any, future: "asyncio.Future[Dict[str, Any]]", response: Any, error: Any) -> None:
         result = _answer(response) if error is None else refusal(error)
-        answered.get_loop().call_soon_threadsafe(answered.set_result, result)
+        future.get_loop().call_soon_threadsafe(future.set_result, result)
 
     # ------------------------------------------------------------- borders
-    def _stored(self, border_id: str) -> VirtualBorder:
+    def _copy_stored(self, border_id: str) -> VirtualBorder:
         border = self._find_border(border_id)
         if border is None:
             raise CodedError("page_no_border")
@@ -97,7 +98,7 @@ class ActionHandler:
 
     def _preview(self, request: Request, _source: str) -> Dict[str, Any]:
         border_id = request.values["border"]
-        stored = self._stored(border_id) if border_id else VirtualBorder(enabled=True)
+        stored = self._copy_stored(border_id) if border_id else VirtualBorder(enabled=True)
         border = apply_draft(request.values["draft"], stored)
         response = _call(names.PREVIEW_BORDER, PreviewBorderArray, border=border, frame_id=names.MAP_FRAME)
         return {
@@ -115,7 +116,7 @@ class ActionHandler:
 
     def _change(self, request: Request, source: str) -> Dict[str, Any]:
         fields = dict(request.values)
-        stored = self._stored(fields.pop("border"))  # only ids of stored borders get through
+        stored = self._copy_stored(fields.pop("border"))  # only ids of stored borders get through
         if "draft" in fields:
             fields.update(border=apply_draft(fields.pop("draft"), stored), frame_id=names.MAP_FRAME)
         else:
@@ -126,10 +127,9 @@ class ActionHandler:
     _update = _rename = _enable = _remove = _change
 
     def _confirm_map(self, request: Request, source: str) -> Dict[str, Any]:
-        places = ConfirmMap._request_class
-        place = places.SAME_PLACE if request.values["same"] else places.OTHER_PLACE
-        fields = {"answer": place, "source": source, "map_id": request.values["map_id"]}
-        return _answer(_call(names.CONFIRM_MAP, ConfirmMap, **fields))
+        same, other = ConfirmMap._request_class.SAME_PLACE, ConfirmMap._request_class.OTHER_PLACE
+        fields = {"answer": same if request.values["same"] else other, "map_id": request.values["map_id"]}
+        return _answer(_call(names.CONFIRM_MAP, ConfirmMap, source=source, **fields))
 
     # ------------------------------------------------------------- robots
     def _send(self, request: Request, _source: str) -> Dict[str, Any]:
@@ -143,13 +143,14 @@ class ActionHandler:
         return {**answer("ok"), **self._make_invitation()}
 
 
-def _call(service_name: str, service: Any, who: str = _INTEGRATOR, **fields: Any) -> Any:
+def _call(service_name: str, service: Any, answering_node: str = _INTEGRATOR, **fields: Any) -> Any:
     """Calls a service with a request of these fields."""
-    return services.call(service_name, service, service._request_class(**fields), who, response_timeout=_TIMEOUT)
+    request = service._request_class(**fields)
+    return services.call(service_name, service, request, answering_node, response_timeout=_TIMEOUT)
 
 
-def _undo_or_redo(order: CommandRequest) -> Any:
-    return _call(names.UNDO_REDO, UndoRedo, redo=order.command == REDO, request_id=order.id)
+def _undo_or_redo(request: CommandRequest) -> Any:
+    return _call(names.UNDO_REDO, UndoRedo, redo=request.command == REDO, request_id=request.id)
 
 
 def _answer(response: Any) -> Dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Callable, Dict, List, Optional, Union
+from typing import Callable, List, Optional, Union
 
 import numpy as np
 import rospy
@@ -32,54 +32,54 @@ def to_bgr(message: Union[Image, CompressedImage]) -> np.ndarray:
 
 
 class CameraImages:
-    """The detectors' debug images, and the floor as the ceiling cameras see it.
+    """Makes images for browsers from the detectors' debug images, and of the floor as the ceiling cameras see it.
 
     Args:
-        detectors: returns the namespace of each camera's detector, from its status messages.
+        find_detector: returns the namespace of a camera's detector, or None for an unknown camera.
         cameras: names of the ceiling cameras.
-        grid: returns the map.
+        transport: "raw" or "compressed".
+        find_map: returns the map, or None as long as there is none.
     """
 
     def __init__(
         self,
-        detectors: Callable[[], Dict[str, str]],
+        find_detector: Callable[[str], Optional[str]],
         cameras: List[str],
         transport: str,
-        grid: Callable[[], Optional[GridMap]],
+        find_map: Callable[[], Optional[GridMap]],
         transforms: TransformLookup,
     ) -> None:
-        self._detectors, self._cameras = detectors, cameras
+        self._find_detector, self._find_map = find_detector, find_map
+        self._cameras, self._transforms = cameras, transforms
         compressed = transport == "compressed"
         self._topic, self._kind = ("image_raw/compressed", CompressedImage) if compressed else ("image_raw", Image)
-        self._grid, self._transforms = grid, transforms
         self._floor_lock = threading.Lock()
         self._floor: Optional[bytes] = None
         self._floor_at = -1e9
 
     def camera_jpeg(self, camera: str) -> Optional[bytes]:
         """Returns the newest debug image of a camera, or None if the camera is unknown or nothing arrives."""
-        detector = self._detectors().get(camera)
+        detector = self._find_detector(camera)
         if detector is None:
             return None
         try:
-            return page_images.encode_jpeg(
-                to_bgr(rospy.wait_for_message(f"{detector}/debug_image", Image, timeout=_IMAGE_TIMEOUT))
-            )
+            message = rospy.wait_for_message(f"{detector}/debug_image", Image, timeout=_IMAGE_TIMEOUT)
+            return page_images.encode_jpeg(to_bgr(message))
         except rospy.ROSException:
             return None
 
     def floor_webp(self) -> Optional[bytes]:
-        """Draws the floor as all ceiling cameras see it now; None if none of them does."""
+        """Draws the floor as all ceiling cameras see it now. Returns None if none of them does."""
         with self._floor_lock:
             if self._floor is None or time.monotonic() - self._floor_at > _FLOOR_LIFETIME:
-                grid = self._grid()
-                views = [view for view in map(self._view, self._cameras) if view is not None]
-                self._floor = page_images.draw_floor(grid, views).data if grid is not None and views else None
+                grid = self._find_map()
+                images = [image for image in map(self._receive, self._cameras) if image is not None]
+                self._floor = page_images.draw_floor(grid, images).data if grid is not None and images else None
                 # if a camera is missing, the next request draws the image again, as the camera may be starting
-                self._floor_at = time.monotonic() if len(views) == len(self._cameras) else -1e9
+                self._floor_at = time.monotonic() if len(images) == len(self._cameras) else -1e9
             return self._floor
 
-    def _view(self, camera: str) -> Optional[page_images.CeilingImage]:
+    def _receive(self, camera: str) -> Optional[page_images.CeilingImage]:
         try:
             info = rospy.wait_for_message(f"/{camera}/camera_info", CameraInfo, timeout=_IMAGE_TIMEOUT)
             image = to_bgr(rospy.wait_for_message(f"/{camera}/{self._topic}", self._kind, timeout=_IMAGE_TIMEOUT))

@@ -35,7 +35,7 @@ class EncodedImage:
 
     Attributes:
         name: changes with the content, so that browsers may cache it for ever.
-        cells: map cells per pixel along a side; less than 1 where an image is finer than the map.
+        cells: map cells per pixel along a side, less than 1 if the image is finer than the map.
     """
 
     data: bytes
@@ -44,7 +44,7 @@ class EncodedImage:
 
 
 class ImageCache:
-    """The newest two images of each kind: a browser may still be fetching the previous one."""
+    """Keeps the newest two images of each kind, as a browser may still be fetching the previous one."""
 
     def __init__(self) -> None:
         self._images: Dict[str, Tuple[EncodedImage, ...]] = {}
@@ -69,12 +69,14 @@ def _reduce(data: np.ndarray, side: int) -> Tuple[np.ndarray, int]:
     return padded.reshape(rows, cells, columns, cells).max(axis=(1, 3)), cells
 
 
-_PNG, _WEBP = (".png", [cv2.IMWRITE_PNG_COMPRESSION, 3]), (".webp", [cv2.IMWRITE_WEBP_QUALITY, 80])
+_PNG = (".png", [cv2.IMWRITE_PNG_COMPRESSION, 3])
+_WEBP = (".webp", [cv2.IMWRITE_WEBP_QUALITY, 80])
 
 
 def _encode(pixels: np.ndarray, cells: float, kind: Tuple[str, List[int]] = _PNG) -> EncodedImage:
+    extension, options = kind
     # the map's last row is the image's first
-    data = cv2.imencode(kind[0], np.ascontiguousarray(pixels[::-1]), kind[1])[1].tobytes()
+    data = cv2.imencode(extension, np.ascontiguousarray(pixels[::-1]), options)[1].tobytes()
     return EncodedImage(data, hashlib.blake2b(data, digest_size=8).hexdigest(), cells)
 
 
@@ -131,14 +133,14 @@ def draw_region(
 
 @dataclass(frozen=True)
 class CeilingImage:
-    """Holds the newest image of one ceiling camera.
+    """The newest image of one ceiling camera.
 
     Attributes:
-        image: (H, W, 3) bgr uint8.
+        pixels: (H, W, 3) bgr uint8.
         pose: (4, 4) T_camera_map, from the map frame to the camera's optical frame.
     """
 
-    image: np.ndarray
+    pixels: np.ndarray
     camera: CameraModel
     pose: np.ndarray
 
@@ -148,29 +150,28 @@ def floor_cells(grid: GridMap) -> float:
     return max(max(grid.shape) / FLOOR_SIDE, FLOOR_PIXEL / grid.resolution)
 
 
-def draw_floor(grid: GridMap, views: Sequence[CeilingImage]) -> EncodedImage:
-    """Draws the floor in the map's geometry, as all cameras together see it; transparent where none does.
+def draw_floor(grid: GridMap, images: Sequence[CeilingImage]) -> EncodedImage:
+    """Draws the floor in the map's geometry, as all cameras together see it, and transparent where none does.
 
     Where several see the same floor, each is weighted by the pixel's distance to its image's edge: no hard seams.
     """
     cells = floor_cells(grid)
     rows, columns = (int(np.ceil(size / cells)) for size in grid.shape)
-    centers = (
-        np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), axis=-1).reshape(-1, 2) * cells - 0.5
-    )
-    places = np.column_stack([grid.grid_to_world(centers), np.zeros(len(centers))])
+    centers = np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), axis=-1).reshape(-1, 2)
+    positions = grid.grid_to_world(centers * cells - 0.5)
+    floor_points = np.column_stack([positions, np.zeros(len(positions))])
     total = np.zeros((rows, columns, 3), np.float32)
     weights = np.zeros((rows, columns), np.float32)
-    for view in views:
-        points = apply(view.pose, places)
+    for image in images:
+        points = apply(image.pose, floor_points)
         in_front = points[:, 2] > 0.05
         points[~in_front] = (0.0, 0.0, 1.0)
-        pixels = view.camera.project(points).astype(np.float32)
-        size = np.array([view.camera.width, view.camera.height], np.float32)
+        pixels = image.camera.project(points).astype(np.float32)
+        size = np.array([image.camera.width, image.camera.height], np.float32)
         inside = np.minimum(pixels, size - 1.0 - pixels).min(axis=1) / size.min()
         weight = np.where(in_front & (inside > 0.0), inside, 0.0).reshape(rows, columns).astype(np.float32)
         pixel_grid = pixels.reshape(rows, columns, 2)
-        colors = cv2.remap(view.image, pixel_grid[..., 0], pixel_grid[..., 1], cv2.INTER_AREA)
+        colors = cv2.remap(image.pixels, pixel_grid[..., 0], pixel_grid[..., 1], cv2.INTER_AREA)
         total += colors * weight[..., None]
         weights += weight
     pixels = np.zeros((rows, columns, 4), np.uint8)

@@ -81,14 +81,13 @@ def progress_section(message: BorderProgress) -> Dict[str, Any]:
 
 
 def region_uri(region: Any) -> str:
-    """Draws a region (OccupancyGrid) as an image in a data URI; "" if its cells are invalid."""
+    """Draws a region (OccupancyGrid) as an image in a data URI. Returns "" if its cells are invalid."""
     info = region.info
     cells = np.asarray(region.data, np.int8)
     if not cells.size or cells.size != info.width * info.height:
         return ""
-    image = page_images.draw_region(
-        cells.reshape(info.height, info.width), info.resolution, page_images.PLANNED, page_images.PREVIEW_SIDE
-    )
+    cells = cells.reshape(info.height, info.width)
+    image = page_images.draw_region(cells, info.resolution, page_images.PLANNED, page_images.PREVIEW_SIDE)
     return "data:image/png;base64," + base64.b64encode(image.data).decode("ascii")
 
 
@@ -124,9 +123,9 @@ def border_section(border: VirtualBorder) -> Dict[str, Any]:
 
 def _with_unkept(section: Dict[str, Any], offer: Optional[Capabilities]) -> Dict[str, Any]:
     """Adds to a border's section, in `unkept`, which robots do not keep it, if that is known."""
-    unkept = (
-        find_unkept(offer, section["zone"], section["robots"]) if offer is not None and section["in_force"] else None
-    )
+    unkept = None
+    if offer is not None and section["in_force"]:
+        unkept = find_unkept(offer, section["zone"], section["robots"])
     return {**section, "unkept": {"code": unkept[0], "values": unkept[1]} if unkept else None}
 
 
@@ -164,7 +163,7 @@ def drives_section(message: RobotStatusArray) -> Dict[str, Any]:
 
 
 def spot_entry(message: LaserSpot) -> Optional[List[Any]]:
-    """Converts a spot to [x, y, track], x and y in cm; None if it is not finite."""
+    """Converts a spot to [x, y, track], x and y in cm. Returns None if it is not finite."""
     place = centimeters([message.position])
     return [*place, int(message.track)] if place else None
 

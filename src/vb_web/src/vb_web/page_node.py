@@ -8,7 +8,7 @@ import threading
 import time
 from collections import deque
 from pathlib import Path
-from typing import Any, Deque, Dict, List, Optional
+from typing import Any, Deque, Dict, List, NamedTuple, Optional
 
 import rospy
 from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, DriverState, InteractionState, LaserSpot
@@ -31,14 +31,24 @@ from vb_web.actions import ActionHandler
 from vb_web.camera_images import CameraImages
 from vb_web.action_requests import Bounds
 from vb_web.server import PageParams, PageServer, addresses
-from vb_web.page_view import View, coarse_age, mark_borders, rounded
+from vb_web.page_view import PageView, coarse_age, mark_borders, rounded
 
-_POSE_PERIOD = 0.1  # [s] between two looks at the robots' poses
-_HEALTH_PERIOD = 0.5  # [s]
+_POSE_PERIOD = 0.1  # [s] between two updates of the robots' poses
+_HEALTH_PERIOD = 0.5  # [s] between two checks of what has fallen silent
 _SILENCE_TIMEOUT = 4.0  # [s] without a message; detectors publish every second, robots' drivers more often
 _SESSIONS = "page_sessions.json"  # beside the codes
 _UNDER_WAY = ("saving", "changing")  # answers that precede the final one
 _EVENTS = 100
+
+
+class _Heard(NamedTuple):
+    """An entry of a section, and when its newest message came."""
+
+    at: float  # [s] monotonic clock
+    entry: Dict[str, Any]
+
+    def entry_with_presence(self, now: float) -> Dict[str, Any]:
+        return {**self.entry, "there": now - self.at < _SILENCE_TIMEOUT}
 
 
 class PageNode:
@@ -72,26 +82,28 @@ class PageNode:
     def __init__(self, params: PageParams) -> None:
         self._params = params
         self._lock = threading.Lock()
-        self._showing = threading.Lock()
-        self._view, self._images = View(), page_images.ImageCache()
+        self._borders_lock = threading.Lock()
+        self._view = PageView()
+        self._images = page_images.ImageCache()
         self._events: Deque[Dict[str, Any]] = deque(maxlen=_EVENTS)  # what the page shows as history
         self._grid: Optional[GridMap] = None
-        self._borders: Optional[VirtualBorderArray] = None  # None: not known yet
-        self._offer: Optional[Capabilities] = None  # None: it is not known what is connected
+        self._borders: Optional[VirtualBorderArray] = None  # None until they are known
+        self._border_marks: Dict[str, str] = {}  # by border's id
+        self._offer: Optional[Capabilities] = None  # None while it is not known what is connected
         self._stoppable = False  # whether a robot has obeyed Stop since this node was started
-        self._frames: Dict[str, str] = {}  # of the robots' bases, by name
-        self._marks: Dict[str, str] = {}
-        self._answered: Any = None
-        self._idle = True  # whether nobody draws
+        self._base_frames: Dict[str, str] = {}  # by robot
+        self._last_answer: Any = None
+        self._is_drawing = False  # whether somebody draws
         self._state_at = time.monotonic()
-        self._spots: Dict[str, Any] = {}
-        self._notices_due = node.WakeTimer(_HEALTH_PERIOD)  # a silent node's notices expire without a message
-        self._notices = NoticeListener(self._notices_due.set)
-        self._detectors: Dict[str, Any] = {}  # camera: (heard [s], namespace, entry)
-        self._drivers: Dict[str, Any] = {}  # robot: (heard [s], entry)
+        self._spots: Dict[str, Any] = {}  # by camera
+        self._notices_timer = node.WakeTimer(_HEALTH_PERIOD)  # a silent node's notices expire without a message
+        self._notices = NoticeListener(self._notices_timer.set)
+        self._cameras: Dict[str, _Heard] = {}
+        self._detectors: Dict[str, str] = {}  # namespaces by camera
+        self._drivers: Dict[str, _Heard] = {}  # by robot
         self._transforms = TransformLookup()
         self._camera_images = CameraImages(
-            self._detector_namespaces, params.cameras, params.image_transport, lambda: self._grid, self._transforms
+            self._detectors.get, params.cameras, params.image_transport, lambda: self._grid, self._transforms
         )
         self._actions = ActionHandler(
             lambda border_id: _by_id(self._borders).get(border_id),
@@ -102,14 +114,13 @@ class PageNode:
         self._robots = CapabilitiesListener()
         self._serve()
         # in wall time, which goes on when simulated time stops
-        looks = (
-            (node.WakeTimer(_POSE_PERIOD), self._look_at_robots),
-            (node.WakeTimer(_HEALTH_PERIOD), self._look_at_health),
-            (self._notices_due, self._show_notices),
-        )
-        self._beats = [beat for beat, _ in looks]
-        for beat, look in looks:
-            node.Worker(beat, lambda _woken, look=look: look())
+        self._timers = {
+            node.WakeTimer(_POSE_PERIOD): self._show_poses,
+            node.WakeTimer(_HEALTH_PERIOD): self._show_health,
+            self._notices_timer: self._show_notices,
+        }
+        for timer, show in self._timers.items():
+            node.Worker(timer, lambda _woken, show=show: show())
 
     def _serve(self) -> None:
         """Starts the server and logs where the page is."""
@@ -120,29 +131,18 @@ class PageNode:
         node.keep_private(*([] if local else secrets))
         self._codes = None if local else load_codes(codes)
         sessions = None if self._codes is None else Sessions(self._codes, codes.with_name(_SESSIONS), _warn)
-        self._server = PageServer(
-            params,
-            sessions,
-            self._view,
-            self._images,
-            self._actions,
-            self._camera_images,
-            self._bounds,
-            lambda error: node.shut_down_with_error(CodedError("internal_error")),
-        )
+        parts = (self._view, self._images, self._actions, self._camera_images, self._find_bounds)
+        fault = CodedError("internal_error")
+        self._server = PageServer(params, sessions, *parts, on_fault=lambda _error: node.shut_down_with_error(fault))
         self._server.start()
         self._addresses = addresses(params, self._server.port, _own_addresses())
-        rospy.loginfo(
-            "%s: the page is at %s%s",
-            rospy.get_name(),
-            " or ".join(self._addresses),
-            "" if local else f"; its codes are in {codes}",
-        )
+        hint = "" if local else f"; its codes are in {codes}"
+        rospy.loginfo("%s: the page is at %s%s", rospy.get_name(), " or ".join(self._addresses), hint)
 
     def close(self) -> None:
         """Ends threads and server."""
-        for beat in self._beats:
-            beat.close()
+        for timer in self._timers:
+            timer.close()
         self._maps.close()
         self._server.close()
 
@@ -174,10 +174,8 @@ class PageNode:
 
     def _draw_maps(self) -> None:
         grids = {topic: messages.grid_from_message(message) for topic, message in list(self._grids.items())}
-        prior, posterior = (
-            grids.get(rospy.resolve_name(name)) for name in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS)
-        )
-        prior = prior or posterior
+        posterior = grids.get(rospy.resolve_name(names.MAP_WITH_BORDERS))
+        prior = grids.get(rospy.resolve_name(names.PHYSICAL_MAP)) or posterior
         if prior is None:
             return
         self._grid = prior
@@ -189,12 +187,12 @@ class PageNode:
             self._images.put("restricted", restricted)
         self._view.put("map", page_images.map_section(prior, base, restricted, bool(self._params.cameras)))
 
-    def _show_robots(self) -> None:
+    def _show_offer(self) -> None:
         """Shows what is connected. When that is no longer known, browsers get a null offer."""
         message, offer = self._robots.current() or (None, None)
         changed, self._offer = offer != self._offer, offer
         if message is not None and offer is not None:
-            self._frames = {robot.robot: robot.frame for robot in message.robots}
+            self._base_frames = {robot.robot: robot.frame for robot in message.robots}
             # Stop does not vanish from under a finger while a driver is being restarted
             self._stoppable = self._stoppable or "stop" in offer.commands
             stop = ("stop", "resume") if self._stoppable and "stop" not in offer.commands else ()
@@ -214,36 +212,36 @@ class PageNode:
 
     def _show_borders(self) -> None:
         """Shows the newest borders. Called from several threads, of which none can bring back an older list."""
-        with self._showing:
+        with self._borders_lock:
             if self._borders is None:
                 return
             section = page_messages.borders_section(self._borders, self._offer)
-            self._marks = mark_borders(self._marks, [border["id"] for border in section["list"]])
+            self._border_marks = mark_borders(self._border_marks, [border["id"] for border in section["list"]])
             for border in section["list"]:
-                border["mark"] = self._marks[border["id"]]
+                border["mark"] = self._border_marks[border["id"]]
             self._view.put("borders", section)
 
     def _on_state(self, message: InteractionState) -> None:
         section = page_messages.state_section(message)
         self._state_at = time.monotonic()
         self._view.put("state", section)
-        self._idle = section["name"] == DEFAULT.name
-        if self._idle:
+        self._is_drawing = section["name"] != DEFAULT.name
+        if not self._is_drawing:
             self._view.put("progress", None)
         last = section["last"]
-        answered = (last["command"], last["at"], last["code"])
+        answer = (last["command"], last["at"], last["code"])
         if last["code"] in _UNDER_WAY:
             return  # the history shows only the final answer
-        if self._answered is not None and answered != self._answered and last["command"]:
+        if self._last_answer is not None and answer != self._last_answer and last["command"]:
             self._log_event(
                 "page_event_command" if last["ok"] else "page_event_refused",
                 {**last["values"], "command": last["command"], "code": last["code"]},
                 last["source"],
             )
-        self._answered = answered
+        self._last_answer = answer
 
     def _on_progress(self, message: BorderProgress) -> None:
-        self._view.put("progress", None if self._idle else page_messages.progress_section(message))
+        self._view.put("progress", page_messages.progress_section(message) if self._is_drawing else None)
 
     def _on_preview(self, message: BorderPreview) -> None:
         self._view.put("preview", page_messages.preview_section(message))
@@ -262,42 +260,30 @@ class PageNode:
 
     def _on_detector(self, message: DetectorStatus) -> None:
         with self._lock:
-            self._detectors[message.camera] = (
-                time.monotonic(),
-                message.detector,
-                page_messages.detector_entry(message),
-            )
+            self._detectors[message.camera] = message.detector
+            self._cameras[message.camera] = _Heard(time.monotonic(), page_messages.detector_entry(message))
 
     def _on_driver(self, message: DriverState) -> None:
         with self._lock:
-            self._drivers[message.robot] = (time.monotonic(), page_messages.driver_entry(message))
-
-    def _detector_namespaces(self) -> Dict[str, str]:
-        with self._lock:
-            return {camera: detector for camera, (_, detector, _) in self._detectors.items()}
+            self._drivers[message.robot] = _Heard(time.monotonic(), page_messages.driver_entry(message))
 
     # ------------------------------------------------------------- periodic checks
-    def _look_at_robots(self) -> None:
+    def _show_poses(self) -> None:
         if not self._server.browsers:
             return
-        poses = {robot: self._transforms.pose_on_map(frame, _SILENCE_TIMEOUT) for robot, frame in self._frames.items()}
-        # a robot at rest is reported once
-        poses_on_map = {
-            robot: [rounded(value, 2) for value in pose] for robot, pose in poses.items() if pose is not None
-        }
-        self._view.put("robots", poses_on_map)
+        poses = {}
+        for robot, frame in self._base_frames.items():
+            pose = self._transforms.pose_on_map(frame, _SILENCE_TIMEOUT)
+            if pose is not None:
+                poses[robot] = [rounded(value, 2) for value in pose]  # so that a robot at rest is reported once
+        self._view.put("robots", poses)
 
-    def _look_at_health(self) -> None:
-        self._show_robots()
+    def _show_health(self) -> None:
+        self._show_offer()
         now = time.monotonic()
         with self._lock:
-            cameras = [
-                {**entry, "there": now - heard_at < _SILENCE_TIMEOUT} for heard_at, _, entry in self._detectors.values()
-            ]
-            drivers = {
-                robot: {**entry, "there": now - heard_at < _SILENCE_TIMEOUT}
-                for robot, (heard_at, entry) in self._drivers.items()
-            }
+            cameras = [heard.entry_with_presence(now) for heard in self._cameras.values()]
+            drivers = {robot: heard.entry_with_presence(now) for robot, heard in self._drivers.items()}
         self._view.put("cameras", sorted(cameras, key=lambda entry: entry["name"]))
         self._view.put("drivers", drivers)
         self._view.put(
@@ -321,7 +307,7 @@ class PageNode:
         self._view.put("events", events)
 
     # ------------------------------------------------------------- for the server
-    def _bounds(self) -> Optional[Bounds]:
+    def _find_bounds(self) -> Optional[Bounds]:
         corners = None if self._grid is None else self._grid.corners()
         return None if corners is None else (corners.min(axis=0).tolist(), corners.max(axis=0).tolist())
 

@@ -42,7 +42,7 @@ def refusal(error: CodedError) -> Dict[str, Any]:
     return answer(error.code, False, {key: str(value) for key, value in error.values.items()}, error.message)
 
 
-class View:
+class PageView:
     """The page's sections. Thread safe.
 
     Args:
@@ -52,9 +52,9 @@ class View:
     def __init__(self, on_change: Callable[[], None] = lambda: None) -> None:
         self.on_change = on_change
         self._lock = threading.Lock()
-        self._sections: Dict[str, Tuple[int, str]] = {}
+        self._sections: Dict[str, Tuple[int, str]] = {}  # by name: revision and JSON
         self._revision = 0
-        self._last: Tuple[int, int, str] = (-1, -1, "")
+        self._last_message: Tuple[int, int, str] = (-1, -1, "")  # and the revisions between which it lies
 
     def put(self, section: str, value: Any) -> None:
         """Replaces a section. Browsers get it if it has changed."""
@@ -67,28 +67,24 @@ class View:
         self.on_change()
 
     def newer_than(self, revision: int) -> Tuple[int, str]:
-        """Returns (revision, message) with all sections newer than a revision.
-
-        Revision 0 returns all of them; the message is empty if there are none.
-        """
+        """Returns the current revision, and a message with all sections newer than `revision`, "" if there are none."""
         with self._lock:
             if revision >= self._revision:
                 return self._revision, ""
-            if self._last[:2] != (revision, self._revision):
-                newer = [f'"{name}":{text}' for name, (newest, text) in self._sections.items() if newest > revision]
-                self._last = (revision, self._revision, '{"view":{' + ",".join(newer) + "}}")
-            return self._revision, self._last[2]
+            if self._last_message[:2] != (revision, self._revision):
+                newer = [f'"{name}":{text}' for name, (changed, text) in self._sections.items() if changed > revision]
+                self._last_message = (revision, self._revision, '{"view":{' + ",".join(newer) + "}}")
+            return self._revision, self._last_message[2]
 
 
 def mark_borders(previous_marks: Dict[str, str], ids: List[str]) -> Dict[str, str]:
     """Gives each border a mark that stands for it where its name has no room. Returns the marks by border's id.
 
-    A border keeps its mark from `previous_marks`; a new one gets the first of A to Z, A1 to Z1, ... that is free there.
+    A border keeps its mark from `previous_marks`. A new one gets the first of A to Z, A1 to Z1, ... that is free there.
+
+    >>> mark_borders({"rug": "A", "bed": "B"}, ["bed", "sofa"])
+    {'bed': 'B', 'sofa': 'C'}
     """
-    marks = {key: previous_marks[key] for key in ids if key in previous_marks}
-    every = (letter + str(turn or "") for turn in itertools.count() for letter in ascii_uppercase)
-    free_marks = (mark for mark in every if mark not in previous_marks.values())
-    for key in ids:
-        if key not in marks:
-            marks[key] = next(free_marks)
-    return marks
+    all_marks = (letter + str(turn or "") for turn in itertools.count() for letter in ascii_uppercase)
+    free_marks = (mark for mark in all_marks if mark not in previous_marks.values())
+    return {key: previous_marks[key] if key in previous_marks else next(free_marks) for key in ids}

@@ -26,8 +26,8 @@ from vb_web.page_view import as_message, refusal
 # [s] between two messages to a browser: 25 a second look fluid, and cost little for 20 browsers
 _SEND_PERIOD = 0.04
 MAX_BODY = 2048  # [B] the only body is a code
-_MAX_UNDERWAY = 4  # requests of one browser
-_MAX_FAULTS = 20  # refused messages after which the browser is disconnected
+_MAX_UNANSWERED = 4  # requests of one browser
+_MAX_REFUSED = 20  # messages after which the browser is disconnected
 
 
 def routes(page: Any) -> List[Tuple]:
@@ -42,7 +42,7 @@ def routes(page: Any) -> List[Tuple]:
     ]
 
 
-class _Guarded(web.RequestHandler):
+class _GuardedHandler(web.RequestHandler):
     """Checks every request before a handler does anything."""
 
     NEEDS = Role.VIEWER
@@ -60,11 +60,11 @@ class _Guarded(web.RequestHandler):
 
     def prepare(self) -> None:
         request = self.request
-        if not self.page.requests.allows(request.remote_ip or "", time.monotonic()):
+        if not self.page.request_limiter.allows(request.remote_ip or "", time.monotonic()):
             raise web.HTTPError(429)
         self.role, self.session = self._identify()
         holders = filter(None, (request.remote_ip, self.session))
-        if not self.page.seat(request.connection.stream, self.role, *holders):
+        if not self.page.assign_slot(request.connection.stream, self.role, *holders):
             self.set_header("Connection", "close")
             raise web.HTTPError(503)
         if request.method not in ("GET", "HEAD") or isinstance(self, WebSocketHandler):
@@ -94,7 +94,7 @@ class _Guarded(web.RequestHandler):
 
 
 @web.stream_request_body
-class _Handler(_Guarded):
+class _Handler(_GuardedHandler):
     """Reads bodies as bytes: Tornado's form and multipart parsers are never reached."""
 
     def data_received(self, chunk: bytes) -> None:
@@ -103,7 +103,7 @@ class _Handler(_Guarded):
             raise web.HTTPError(413)
 
     def send(self, data: bytes, kind: str, keep: str = "no-store") -> None:
-        """Answers with bytes; Tornado adds an ETag, by which the browser can ask whether they have changed."""
+        """Answers with bytes. Tornado adds an ETag, by which the browser can ask whether they have changed."""
         self.set_header("Content-Type", kind)
         self.set_header("Cache-Control", keep)
         self.finish(data)
@@ -153,7 +153,7 @@ class _SessionHandler(_Handler):
         sessions, address = self.page.sessions, self.request.remote_ip or ""
         if sessions is None:
             raise web.HTTPError(404)
-        if not self.page.logins.allows(address, time.monotonic()):
+        if not self.page.login_limiter.allows(address, time.monotonic()):
             raise web.HTTPError(429)
         try:
             fields = json.loads(self.body.decode("utf-8"))
@@ -175,15 +175,14 @@ class _SessionHandler(_Handler):
 
     async def delete(self) -> None:
         if self.session and self.page.sessions is not None:
-            end = self.page.sessions.end
-            await asyncio.get_event_loop().run_in_executor(self.page.pool, end, self.session)
+            await asyncio.get_event_loop().run_in_executor(self.page.pool, self.page.sessions.end, self.session)
             for browser in [browser for browser in self.page.browsers if browser.session == self.session]:
                 browser.close(1008)
         self.clear_cookie(access_control.COOKIE)
         self.send(b'{"ok":true}', "application/json")
 
 
-class _LinkHandler(_Guarded, WebSocketHandler):
+class _LinkHandler(_GuardedHandler, WebSocketHandler):
     """The WebSocket of one browser."""
 
     def check_origin(self, origin: str) -> bool:
@@ -191,9 +190,9 @@ class _LinkHandler(_Guarded, WebSocketHandler):
 
     def open(self, *_args: str) -> None:
         self.set_nodelay(True)
-        self._faults = 0
-        self._underway = 0
-        self._asks = Limiter(rate=10.0, burst=40.0)
+        self._refused = 0  # messages so far
+        self._unanswered = 0  # requests that are being carried out
+        self._message_limiter = Limiter(rate=10.0, burst=40.0)
         self.page.browsers.add(self)
         self._write(self.page.hellos[self.role])
         asyncio.ensure_future(self._send_view())
@@ -207,17 +206,17 @@ class _LinkHandler(_Guarded, WebSocketHandler):
         Viewers are served at random moments within that period: otherwise an operator's answer would wait for them all.
         """
         revision = 0
-        turn = 0.0 if self.role == Role.OPERATOR else random.uniform(0.0, _SEND_PERIOD)
+        delay = 0.0 if self.role == Role.OPERATOR else random.uniform(0.0, _SEND_PERIOD)
         with contextlib.suppress(WebSocketClosedError):
             while self in self.page.browsers:
-                news = self.page.news
+                view_changed = self.page.view_changed
                 revision, text = self.page.view.newer_than(revision)
                 if text:
                     await self.write_message(text)
-                    await asyncio.sleep(_SEND_PERIOD - turn)
+                    await asyncio.sleep(_SEND_PERIOD - delay)
                 else:
-                    await news.wait()
-                    await asyncio.sleep(turn)
+                    await view_changed.wait()
+                    await asyncio.sleep(delay)
 
     def _write_json(self, message: Dict[str, Any]) -> None:
         self._write(as_message(message))
@@ -229,29 +228,29 @@ class _LinkHandler(_Guarded, WebSocketHandler):
     def on_message(self, message: Any) -> None:
         request_id = ""  # a refusal names its request too, if that has a usable id
         try:
-            if not self._asks.allows("", time.monotonic()):
+            if not self._message_limiter.allows("", time.monotonic()):
                 raise CodedError("page_too_fast")
-            request_id, fields = action_requests.read(message)
-            request = action_requests.check(request_id, fields, self.page.bounds())
+            request_id, fields = action_requests.parse(message)
+            request = action_requests.check(request_id, fields, self.page.find_bounds())
             if self.role < Role.OPERATOR:
                 raise CodedError("page_viewer_only")
         except CodedError as error:
-            self._faults += 1
+            self._refused += 1
             self._write_json({"re": request_id, **refusal(error)})
-            if self._faults >= _MAX_FAULTS:
+            if self._refused >= _MAX_REFUSED:
                 self.close(1008)
             return
-        if self._underway >= _MAX_UNDERWAY and request.values.get("command") != "stop":
+        if self._unanswered >= _MAX_UNANSWERED and request.values.get("command") != "stop":
             self._write_json({"re": request.id, **refusal(CodedError("page_too_fast"))})
             return
-        self._underway += 1
+        self._unanswered += 1
         # by callback: each await would cost another turn of the loop, in which all others come first
         self.page.carry_out(request, self.session).add_done_callback(partial(self._answer, request))
 
-    def _answer(self, request: action_requests.Request, answered: asyncio.Future) -> None:
-        self._underway -= 1
+    def _answer(self, request: action_requests.Request, future: asyncio.Future) -> None:
+        self._unanswered -= 1
         try:
-            answer = answered.result()
+            answer = future.result()
         except Exception:
             self._write_json({"re": request.id, **refusal(CodedError("internal_error"))})
             raise

@@ -31,7 +31,7 @@ from vb_core.parameters import Parameters, param
 from vb_web import access_control, action_requests, request_handlers
 from vb_web.access_control import ConnectionSlots, Role, Sessions
 from vb_web.page_images import ImageCache
-from vb_web.page_view import View, as_message, refusal
+from vb_web.page_view import PageView, as_message, refusal
 
 STATIC = Path(__file__).resolve().parent / "static"
 _TYPES = {
@@ -43,7 +43,7 @@ _TYPES = {
     ".webmanifest": "application/manifest+json",
 }
 # numbers of connections; their sum is below the usual limit of open files, with room for ROS
-_PLACES = {Role.NOBODY: 64, Role.VIEWER: 80, Role.OPERATOR: 60}
+_SLOTS = {Role.NOBODY: 64, Role.VIEWER: 80, Role.OPERATOR: 60}
 _PATIENCE = 10.0  # [s] for a request's headers, a handshake, or the next request
 _SEND_PATIENCE = 20  # [s] for a browser to receive sent data
 
@@ -65,7 +65,7 @@ class PageParams(Parameters):
 
     @property
     def certificate(self) -> Optional[Tuple[Path, Path]]:
-        """The files page.crt and page.key beside the codes, for https in a network; None if there are none.
+        """The files page.crt and page.key beside the codes, for https in a network, or None if there are none.
 
         Raises:
             ParameterError: if only one exists, as the person who created it does not want http.
@@ -84,9 +84,9 @@ class PageServer:
 
     Args:
         sessions: None only for loopback addresses, where every user of this computer is an operator.
-        actions: carries out requests, an `actions.ActionHandler`; cameras: provides images, a
-            `camera_images.CameraImages`. Their work in the pools' threads may take seconds.
-        bounds: returns the map's bounds, for checking points; None without a map.
+        actions: an `actions.ActionHandler`, which carries out requests in the pools' threads. It may take seconds.
+        cameras: a `camera_images.CameraImages`, which may take seconds too.
+        find_bounds: returns the map's bounds, for checking points, or None without a map.
         on_fault: called once with the error that ended the server's thread.
     """
 
@@ -94,24 +94,24 @@ class PageServer:
         self,
         params: PageParams,
         sessions: Optional[Sessions],
-        view: View,
+        view: PageView,
         images: ImageCache,
         actions: Any,
         cameras: Any,
-        bounds: Callable[[], Optional[action_requests.Bounds]],
+        find_bounds: Callable[[], Optional[action_requests.Bounds]],
         on_fault: Callable[[BaseException], None],
     ) -> None:
         self.params, self.sessions, self.view, self.images = params, sessions, view, images
-        self.actions, self.cameras, self.bounds = actions, cameras, bounds
-        self.logins = Limiter(rate=5.0 / 60.0, burst=5.0)
-        self.requests = Limiter(rate=40.0, burst=120.0)
-        self.connections = Limiter(rate=5.0, burst=100.0)
-        self.places = {role: ConnectionSlots(size, yields=role == Role.NOBODY) for role, size in _PLACES.items()}
+        self.actions, self.cameras, self.find_bounds = actions, cameras, find_bounds
+        self.login_limiter = Limiter(rate=5.0 / 60.0, burst=5.0)
+        self.request_limiter = Limiter(rate=40.0, burst=120.0)
+        self.connection_limiter = Limiter(rate=5.0, burst=100.0)
+        self.slots = {role: ConnectionSlots(size, yields=role == Role.NOBODY) for role, size in _SLOTS.items()}
         self.browsers: Set[Any] = set()  # the open WebSockets' handlers
         self.pool = ThreadPoolExecutor(max_workers=16, thread_name_prefix="page")
         self.slow_pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="page_slow")
-        self.turns: "WeakValueDictionary[str, asyncio.Lock]" = WeakValueDictionary()
-        self.answers: "OrderedDict[Tuple[str, str], asyncio.Future]" = OrderedDict()
+        self._turns: "WeakValueDictionary[str, asyncio.Lock]" = WeakValueDictionary()  # by person
+        self._answers: "OrderedDict[Tuple[str, str], asyncio.Future]" = OrderedDict()  # by person and request's id
         self.hellos = {role: self._hello(role) for role in Role}
         self.files = {path.name: (path.read_bytes(), _TYPES[path.suffix]) for path in STATIC.iterdir()}
         for language in sentences.languages():
@@ -143,9 +143,8 @@ class PageServer:
         try:
             self.port = self._started.result()
         except Exception as error:
-            raise CodedError(
-                "page_no_address", address=self.params.address, port=self.params.port, reason=error
-            ) from error
+            address, port = self.params.address, self.params.port
+            raise CodedError("page_no_address", address=address, port=port, reason=error) from error
         self.view.on_change = lambda: self._loop.call_soon_threadsafe(self._announce)
 
     def close(self) -> None:
@@ -169,7 +168,8 @@ class PageServer:
             raise
 
     async def _serve(self) -> None:
-        self._loop, self._closing, self.news = asyncio.get_event_loop(), asyncio.Event(), asyncio.Event()
+        self._loop = asyncio.get_event_loop()
+        self._closing, self.view_changed = asyncio.Event(), asyncio.Event()
         context = None
         certificate = self.params.certificate
         if certificate is not None:
@@ -207,36 +207,36 @@ class PageServer:
 
     def _announce(self) -> None:
         """Wakes the browsers' senders: the view has changed."""
-        self.news.set()
-        self.news = asyncio.Event()
+        self.view_changed.set()
+        self.view_changed = asyncio.Event()
 
     # ------------------------------------------------------------- browsers' requests
-    def seat(self, stream: Any, role: Role, *holders: str) -> bool:
+    def assign_slot(self, stream: Any, role: Role, *holders: str) -> bool:
         """Gives a connection a slot of its role, for which another may be closed. Returns whether it got one."""
-        for places in self.places.values():
-            places.leave(stream)
-        evicted = self.places[role].take(stream, *holders)
-        if evicted is not None and evicted is not stream:
-            evicted.close()
-        return evicted is not stream
+        for slots in self.slots.values():
+            slots.leave(stream)
+        displaced = self.slots[role].take(stream, *holders)
+        if displaced is not None and displaced is not stream:
+            displaced.close()
+        return displaced is not stream
 
     async def in_turn(self, person: str, work: Callable[..., Any], *args: Any) -> Any:
         """Does slow work, one piece at a time for each person, so that nobody fills the pool for all."""
-        turn = self.turns.setdefault(person, asyncio.Lock())
+        turn = self._turns.setdefault(person, asyncio.Lock())
         async with turn:
             return await asyncio.get_event_loop().run_in_executor(self.slow_pool, work, *args)
 
     def carry_out(self, request: action_requests.Request, person: str) -> "asyncio.Future[Dict[str, Any]]":
         """Carries out a request and returns its answer. A repeated request gets the same answer."""
         key, source = (person, request.id), f"page {person[:4]}".strip()
-        if key not in self.answers:
+        if key not in self._answers:
             if request.action == "command":
-                self.answers[key] = self.actions.command(request, source)
+                self._answers[key] = self.actions.command(request, source)
             else:
-                self.answers[key] = asyncio.ensure_future(self._carry_out(request, person, source))
-            while len(self.answers) > 300:
-                self.answers.popitem(last=False)
-        return self.answers[key]
+                self._answers[key] = asyncio.ensure_future(self._carry_out(request, person, source))
+            while len(self._answers) > 300:
+                self._answers.popitem(last=False)
+        return self._answers[key]
 
     async def _carry_out(self, request: action_requests.Request, person: str, source: str) -> Dict[str, Any]:
         try:
@@ -264,7 +264,7 @@ class _BoundedServer(HTTPServer):
             connection, address = listener.accept()
         except (BlockingIOError, ConnectionError):
             return  # the peer has closed it
-        if self._page.connections.allows(address[0], time.monotonic()):
+        if self._page.connection_limiter.allows(address[0], time.monotonic()):
             self._handle_connection(connection, address)
         else:
             connection.close()
@@ -272,7 +272,7 @@ class _BoundedServer(HTTPServer):
     def handle_stream(self, stream: Any, address: Any) -> None:
         # the kernel's timeout also applies while the peer keeps confirming a window of zero
         stream.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _SEND_PATIENCE * 1000)
-        self._page.seat(stream, Role.NOBODY, address[0])
+        self._page.assign_slot(stream, Role.NOBODY, address[0])
         super().handle_stream(stream, address)
 
 

@@ -36,7 +36,7 @@ _OTHERS: Sequence[Color] = (ORANGE, SKY_BLUE, YELLOW, PURPLE, BLUE, GREEN, VERMI
 
 
 def state_color(name: str) -> Color:
-    """Returns the colour of a state by its name; grey for an unknown state."""
+    """Returns the colour of a state by its name, or grey for an unknown state."""
     return rgb(*bytes.fromhex(STATES[name].color[1:])) if name in STATES else GRAY
 
 
@@ -48,6 +48,6 @@ def camera_color(name: str) -> Color:
 
 
 def blend(color: Color, towards: Color, share: float) -> Color:
-    """Mixes two colours; share 0 gives the first, 1 the second."""
+    """Mixes two colours. Share 0 gives the first, 1 the second."""
     share = min(1.0, max(0.0, share))
     return tuple((1.0 - share) * a + share * b for a, b in zip(color, towards))  # type: ignore[return-value]

@@ -17,15 +17,15 @@ from vb_core.ros.messages import BorderPreviewArray, grid_from_message
 from vb_feedback.display.scene import TrailPoint
 from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray
 
-_TRAIL = 60  # spots kept, of all cameras together: 1.5 s at 25 frames/s of one to two cameras
+_MAX_SPOTS = 60  # of all cameras together: 1.5 s at 25 frames/s of one to two cameras
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """The newest messages; progress and preview only if they belong to the current interaction.
+    """The newest messages, with progress and preview only if they belong to the current interaction.
 
     Attributes:
-        region: what saving would restrict, from the preview; None if it has no region.
+        region: the area that saving would restrict, from the preview, or None.
     """
 
     state: Optional[InteractionState] = None
@@ -37,7 +37,7 @@ class Inputs:
 
 
 class InputListener:
-    """Keeps the newest messages; its methods may be called from any thread.
+    """Keeps the newest messages. Its methods may be called from any thread.
 
     Args:
         on_change: called after each message, in the subscriber's thread.
@@ -47,7 +47,7 @@ class InputListener:
         self._on_change = on_change
         self._lock = threading.Lock()
         self._newest = Inputs()
-        self._spots: Deque[TrailPoint] = collections.deque(maxlen=_TRAIL)
+        self._spots: Deque[TrailPoint] = collections.deque(maxlen=_MAX_SPOTS)
         rospy.Subscriber(names.STATE, InteractionState, self._store, "state", queue_size=5)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, "progress", queue_size=1)
         rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._on_preview, queue_size=1)
@@ -72,8 +72,8 @@ class InputListener:
             self._newest = replace(self._newest, **newest)
         self._on_change()
 
-    def _store(self, message: Any, where: str) -> None:
-        self._change(**{where: message})
+    def _store(self, message: Any, field: str) -> None:
+        self._change(**{field: message})
 
     def _on_preview(self, message: BorderPreview) -> None:
         region = None

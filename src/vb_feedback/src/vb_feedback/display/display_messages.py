@@ -29,7 +29,7 @@ _KINDS = {
 
 
 def marker_from_shape(shape: scene.Shape) -> Marker:
-    """Converts a shape to a marker; its stamp stays zero, so RViz uses the latest transform of the frame."""
+    """Converts a shape to a marker. Its stamp stays zero, so that RViz uses the latest transform of the frame."""
     marker = Marker()
     marker.header.frame_id = shape.frame or names.MAP_FRAME
     marker.frame_locked = bool(shape.frame)
@@ -62,58 +62,57 @@ def panel_from_state(
     has_map: bool,
     language: str,
 ) -> PanelContent:
-    """Converts the state to the panel's content; without a map, only whether robots are stopped."""
+    """Converts the state to the panel's content. Without a map, it only says whether robots are stopped."""
     stopped = state is not None and state.stopped
     if not has_map:
-        return PanelContent(
-            message=sentences.translate("display_waiting_map", {}, language), stopped=stopped, language=language
-        )
+        message = sentences.translate("display_waiting_map", {}, language)
+        return PanelContent(message=message, stopped=stopped, language=language)
     if state is None:
         return PanelContent(language=language)
     return PanelContent(
-        state.name,
+        state=state.name,
         # whole seconds, as displayed, so that a fraction is not a change
-        int(state.guide_s + state.border_s + state.seed_s),
-        tuple(state.available_commands),
-        state.last_success,
-        sentence_in(state, language, "last_"),
-        tuple(cameras_seeing_spot),
-        tuple(notices),
-        stopped,
-        language,
+        elapsed_s=int(state.guide_s + state.border_s + state.seed_s),
+        commands=tuple(state.available_commands),
+        success=state.last_success,
+        message=sentence_in(state, language, "last_"),
+        cameras_seeing_spot=tuple(cameras_seeing_spot),
+        notices=tuple(notices),
+        stopped=stopped,
+        language=language,
     )
 
 
 def drawing_from_progress(progress: BorderProgress) -> scene.Drawing:
-    """Converts a progress message to plain values; points of an unknown camera get the name ""."""
+    """Converts a progress message to plain values. Points of an unknown camera get the name ""."""
     camera_names = dict(enumerate(progress.cameras))
     indices = bytes(progress.point_cameras)[: len(progress.points)]
     return scene.Drawing(
-        tuple(map(tuple, array_from_points(progress.points).tolist())),
-        tuple(camera_names.get(index, "") for _, index in zip_longest(progress.points, indices)),
-        tuple(map(tuple, array_from_points(progress.chain).tolist())),
-        progress.closed,
-        (progress.seed.x, progress.seed.y) if progress.has_seed else None,
+        points=scene.as_pairs(array_from_points(progress.points)),
+        point_cameras=tuple(camera_names.get(index, "") for _, index in zip_longest(progress.points, indices)),
+        chain=scene.as_pairs(array_from_points(progress.chain)),
+        closed=progress.closed,
+        seed=(progress.seed.x, progress.seed.y) if progress.has_seed else None,
     )
 
 
-def shown_border_from_message(border: VirtualBorder, language: str = sentences.ENGLISH) -> scene.Border:
+def border_from_message(border: VirtualBorder, language: str = sentences.ENGLISH) -> scene.Border:
     """Converts a border message to plain values."""
     return scene.Border(
-        sentences.border_name(border.name, language) or border.id,
-        tuple(map(tuple, array_from_points(border.points).tolist())),
-        border.kind == VirtualBorder.POLYGON,
-        (border.seed.x, border.seed.y),
-        border.occupancy,
-        border.enabled,
-        border.area_m2,
-        tuple(map(tuple, array_from_points(border.before).tolist())),
-        tuple(map(tuple, array_from_points(border.after).tolist())),
+        name=sentences.border_name(border.name, language) or border.id,
+        points=scene.as_pairs(array_from_points(border.points)),
+        closed=border.kind == VirtualBorder.POLYGON,
+        seed=(border.seed.x, border.seed.y),
+        occupancy=border.occupancy,
+        enabled=border.enabled,
+        area_m2=border.area_m2,
+        before=scene.as_pairs(array_from_points(border.before)),
+        after=scene.as_pairs(array_from_points(border.after)),
     )
 
 
 def select_notices(notices: Sequence[Notice], language: str) -> List[PanelNotice]:
-    """Selects the first, most severe notices of other nodes; each sentence once, and no more than people can read."""
+    """Selects the first, most severe notices of other nodes: each sentence once, and no more than people can read."""
     selected: List[PanelNotice] = []
     for notice in notices:
         panel_notice = PanelNotice(notice.sentence(language), notice.severity >= Severity.WARNING)

@@ -52,7 +52,7 @@ class Box:
         return (self.x0 + self.x1) / 2.0, (self.y0 + self.y1) / 2.0
 
     def overlaps(self, other: "Box") -> bool:
-        """Returns whether the two share an area; touching edges do not."""
+        """Returns whether the two share an area. Touching edges do not count."""
         return self.x0 < other.x1 and other.x0 < self.x1 and self.y0 < other.y1 and other.y0 < self.y1
 
     @staticmethod
@@ -147,17 +147,17 @@ def _font() -> ImageFont.FreeTypeFont:
 
 @lru_cache(maxsize=2000)
 def _width(letter: str) -> float:
-    """Measures a letter's advance in font sizes; RViz places letters without kerning."""
+    """Measures a letter's advance in font sizes. RViz places letters without kerning."""
     return _SPACE if letter == " " else _font().getlength(letter) / _MEASURING_SIZE
 
 
 def text_width(text: str, size: float) -> float:
-    """Measures the width [m] of a line of text in letters of `size` [m]; of the longest of several lines."""
+    """Measures the width [m] of a text in letters of `size` [m]. The longest line counts."""
     return size * _FONT_SHARE * max((sum(map(_width, line)) for line in text.split("\n")), default=0.0)
 
 
 def place_words(text: str, x: float, y: float, size: float) -> List[Tuple[str, float, float]]:
-    """Returns each word of a text centred at (x, y) [m], with the word's own centre; newlines separate lines.
+    """Returns each word of a text centred at (x, y) [m], with the word's own centre. Newlines separate lines.
 
     RViz makes spaces more than twice as wide as they should be, so each word is placed alone.
     """
@@ -175,13 +175,13 @@ def place_words(text: str, x: float, y: float, size: float) -> List[Tuple[str, f
 
 
 def text_box(text: str, x: float, y: float, size: float) -> Box:
-    """Returns the box of a text centred at (x, y) [m]; newlines separate lines."""
+    """Returns the box of a text centred at (x, y) [m]. Newlines separate lines."""
     lines = text.count("\n") + 1
     return Box.centered(x, y, text_width(text, size), text_height(lines, size))
 
 
 def wrap(text: str, size: float, width: float) -> List[str]:
-    """Breaks a sentence into lines no wider than `width` [m]; a word wider than that is split."""
+    """Breaks a sentence into lines no wider than `width` [m]. A word wider than that is split."""
     lines: List[str] = []
     for word in text.split():
         while text_width(word, size) > width and len(word) > 1:
@@ -198,9 +198,9 @@ def wrap(text: str, size: float, width: float) -> List[str]:
 
 
 def fit_texts(texts: Sequence[str], sizes: Sequence[float], width: float, height: float) -> Tuple[List[str], float]:
-    """Wraps sentences, one below the other, at the largest of the sizes [m] at which all fit a box; returns both.
+    """Wraps sentences, one below the other, at the largest of the sizes [m] at which all fit a box. Returns both.
 
-    At the smallest size, sentences that do not fit are cut, with an ellipsis: the longest ones first; each keeps at
+    At the smallest size, sentences that do not fit are cut, with an ellipsis: the longest ones first. Each keeps at
     least one line.
     """
     for size in sizes:

@@ -42,6 +42,6 @@ def draw_restrictions(
 
 
 def _outline(area: np.ndarray) -> np.ndarray:
-    """Returns the outermost cells of an area; with an outline, small areas are visible too."""
+    """Returns the outermost cells of an area. With this outline, small areas are visible too."""
     cross = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
     return area & (cv2.erode(area.astype(np.uint8), cross) == 0)

@@ -24,9 +24,9 @@ def write_fitted(
 
     Args:
         source: an RViz config with a TopDownOrtho view.
-        extent: the map's [m].
-        width, height: the screen's [px].
-        aspect: the aspect ratio (width / height) of display_markers' layout; None for the screen's. If the screen's
+        extent: extent of the map [m].
+        width, height: size of the screen [px].
+        aspect: aspect ratio (width / height) of display_markers' layout, or None for the screen's. If the screen's
             differs, there is a margin, and nothing is cut off.
 
     Raises:
@@ -53,13 +53,13 @@ def write_fitted(
 
 
 def screen_size(description: str) -> Optional[Tuple[int, int]]:
-    """Parses (width, height) [px] of the screen from xdpyinfo's output; returns None if it is missing."""
+    """Parses (width, height) [px] of the screen from xdpyinfo's output. Returns None if it is missing."""
     match = re.search(r"dimensions:\s+(\d+)x(\d+) pixels", description)
     return (int(match.group(1)), int(match.group(2))) if match else None
 
 
 def overlay_fonts(rviz: Path, folder: Path) -> Path:
-    """Creates a folder that overlays RViz's package; returns it, to be put before the package in ROS_PACKAGE_PATH.
+    """Creates a folder that overlays RViz's package. Returns it, to be put before the package in ROS_PACKAGE_PATH.
 
     RViz draws text in Liberation Sans, but requests only the font's characters up to 166 (OGRE's default), and does not
     draw a text that contains any other character. The font itself has Latin, Greek and Cyrillic. So RViz is started

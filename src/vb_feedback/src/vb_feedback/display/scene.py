@@ -1,7 +1,7 @@
 """Builds the smart display's content as plain shapes. No ROS.
 
-Each function builds the shapes of one part of the display from plain values. Shapes are compared with the previous
-ones, so that only changed shapes are sent.
+Each `..._shapes` function builds one part of the display from plain values. Shapes are compared with the previous ones
+(`find_changes`), so that only changed shapes are sent.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ POINTS = "points"
 DISC = "disc"
 PLATE = "plate"
 TEXT = "text"
+Key = Tuple[str, int]  # a shape's namespace and number
 
 # [m] heights in the scene: seen from above, higher shapes hide lower ones. Labels are below outlines, and names below
 # the drawing in progress.
@@ -53,22 +54,23 @@ class Shape:
     lifetime: float = 0.0
 
     @property
-    def key(self) -> Tuple[str, int]:
+    def key(self) -> Key:
         """The identity of the shape."""
         return self.namespace, self.number
 
 
-def compare(before: Dict[Tuple[str, int], Shape], now: Sequence[Shape]) -> Tuple[List[Shape], List[Tuple[str, int]]]:
-    """Compares two scenes; returns the new and changed shapes, and the keys of removed ones.
+def find_changes(shown: Dict[Key, Shape], shapes: Sequence[Shape]) -> Tuple[List[Shape], List[Key]]:
+    """Compares shapes with those shown, by their keys. Returns the new and changed ones, and the keys of removed ones.
 
     A shape with a lifetime always counts as new, because it would expire otherwise.
     """
-    keys = {shape.key for shape in now}
-    changed = [shape for shape in now if shape.lifetime or before.get(shape.key) != shape]
-    return changed, [key for key in before if key not in keys]
+    keys = {shape.key for shape in shapes}
+    changed = [shape for shape in shapes if shape.lifetime or shown.get(shape.key) != shape]
+    return changed, [key for key in shown if key not in keys]
 
 
-def _pairs(points: np.ndarray) -> Tuple[Tuple[float, float], ...]:
+def as_pairs(points: np.ndarray) -> Tuple[Tuple[float, float], ...]:
+    """Converts points (N, 2) to a tuple of (x, y), which can be compared and hashed."""
     return tuple(map(tuple, points.reshape(-1, 2).tolist()))
 
 
@@ -76,6 +78,9 @@ def segments(points: Sequence[Sequence[float]], closed: bool, width: float) -> T
     """Splits a chain into segments, each extended by half a line's width so that corners are filled.
 
     RViz's own line strips taper at sharp corners.
+
+    >>> segments([(0, 0), (2, 0)], closed=False, width=0.5)
+    ((-0.25, 0.0), (2.25, 0.0))
     """
     chain = np.asarray(points, dtype=float).reshape(-1, 2)
     if closed and len(chain) > 2:
@@ -83,24 +88,24 @@ def segments(points: Sequence[Sequence[float]], closed: bool, width: float) -> T
     directions = np.diff(chain, axis=0)
     lengths = np.hypot(*directions.T)[:, None]
     extensions = directions / np.maximum(lengths, 1e-6) * width / 2.0
-    return _pairs(np.hstack([chain[:-1] - extensions, chain[1:] + extensions])[lengths[:, 0] > 1e-6])
+    return as_pairs(np.hstack([chain[:-1] - extensions, chain[1:] + extensions])[lengths[:, 0] > 1e-6])
 
 
 def dashes(outline: Sequence[Sequence[float]], width: float) -> Tuple[Tuple[float, float], ...]:
-    """Splits a closed outline into dashes, pairs of points; dashes and gaps are about four line widths long."""
+    """Splits a closed outline into dashes, pairs of points. Dashes and gaps are about four line widths long."""
     points = np.asarray(outline, dtype=float).reshape(-1, 2)
     if len(points) < 2:
         return ()
     points = np.vstack([points, points[:1]])
     arc_lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     positions = np.linspace(0.0, arc_lengths[-1], 2 * max(2, int(arc_lengths[-1] / (8.0 * width))) + 1)[:-1]
-    return _pairs(np.column_stack([np.interp(positions, arc_lengths, points[:, axis]) for axis in (0, 1)]))
+    return as_pairs(np.column_stack([np.interp(positions, arc_lengths, points[:, axis]) for axis in (0, 1)]))
 
 
-def write(
+def text_shapes(
     namespace: str, text: str, x: float, y: float, size: float, tints: Sequence[Color], z: float = Z_TEXT
 ) -> List[Shape]:
-    """Builds the shapes of a text centred at (x, y), one per word; `tints` has one colour for all, or one per word."""
+    """Builds a text centred at (x, y), one shape per word. `tints` has one colour for all words, or one for each."""
     words = place_words(text, x, y, size)
     return [
         Shape(namespace, number, TEXT, ((word_x, word_y),), z, (size,), (tints[number % len(tints)],), text=word)
@@ -111,7 +116,7 @@ def write(
 # ----------------------------------------------------------------- borders
 @dataclass(frozen=True)
 class Border:
-    """A stored border; while unconfirmed, `before` and `after` outline the floor that it closed off, and will."""
+    """A stored border. While it is unconfirmed, `before` and `after` outline the floor that it closed off, and will."""
 
     name: str
     points: Tuple[Tuple[float, float], ...]
@@ -124,45 +129,47 @@ class Border:
     after: Tuple[Tuple[float, float], ...] = ()
 
 
-def borders(layout: Layout, stored: Sequence[Border], off: str = "off") -> List[Shape]:
-    """Draws outline, name and area of each border: soft ones lighter, disabled ones grey and labelled `off`.
-
-    For an unconfirmed border, the floor that it closed off is dashed and grey, the floor that it will close off solid.
-    """
-    unit, shapes = layout.unit, []
-    size = 0.055 * unit
-    texts, label_boxes = [], []
-    for border in stored:
-        # a name wider than 0.45 of the map is wrapped onto two lines, and cut at the end of the second
-        (text,), _ = fit_texts([transliterate(border.name) or "?"], (size,), 0.45 * layout.map.width, 2.4 * size)
-        if not border.enabled:
-            text += f"\n{off}"
-        elif border.area_m2 > 0:
-            text += f"\n{border.area_m2:.2f} m\u00b2"
-        box = text_box(text, *border.seed, size)
-        texts.append(text)
-        label_boxes.append(Box.centered(*box.center, box.width + 0.5 * size, box.height + 0.3 * size))
-    for number, (border, text, box) in enumerate(zip(stored, texts, place_labels(label_boxes, layout.map))):
-        tint = border_color(border)
-        width = 0.009 * unit
-        outline = segments(border.points, border.closed, width)
-        plate = (box.width, box.height)
-        label = colors.BLACK if border.enabled else colors.blend(colors.GRAY, colors.BLACK, 0.3)
-        shapes.append(Shape("borders/outline", number, LINES, outline, Z_BORDER, (width,), (tint,)))
-        for name, points, depth in (
-            ("before", dashes(border.before, width), 0.02),
-            ("after", segments(border.after, True, width), 0.01),
-        ):
-            if points:
-                color = colors.GRAY if name == "before" else tint
-                shapes.append(Shape(f"borders/{name}", number, LINES, points, Z_BORDER - depth, (width,), (color,)))
-        shapes.append(Shape("borders/plate", number, PLATE, (box.center,), Z_LABEL, plate, (colors.WHITE,), 0.9))
-        shapes += write(f"borders/label/{number}", text, *box.center, size, (label,), Z_NAME)
+def border_shapes(layout: Layout, borders: Sequence[Border], disabled_word: str = "off") -> List[Shape]:
+    """Draws each border's outline and a label with name and area, or with `disabled_word` if it is disabled."""
+    size = 0.055 * layout.unit
+    texts = [_label(border, layout, size, disabled_word) for border in borders]
+    text_boxes = [text_box(text, *border.seed, size) for border, text in zip(borders, texts)]
+    plates = [Box.centered(*box.center, box.width + 0.5 * size, box.height + 0.3 * size) for box in text_boxes]
+    shapes: List[Shape] = []
+    for number, (border, text, plate) in enumerate(zip(borders, texts, place_labels(plates, layout.map))):
+        shapes += _outline_shapes(border, number, 0.009 * layout.unit)
+        plate_size = (plate.width, plate.height)
+        shapes.append(Shape("borders/plate", number, PLATE, (plate.center,), Z_LABEL, plate_size, (colors.WHITE,), 0.9))
+        tint = colors.BLACK if border.enabled else colors.blend(colors.GRAY, colors.BLACK, 0.3)
+        shapes += text_shapes(f"borders/label/{number}", text, *plate.center, size, (tint,), Z_NAME)
     return shapes
 
 
+def _label(border: Border, layout: Layout, size: float, disabled_word: str) -> str:
+    # a name wider than 0.45 of the map is wrapped onto two lines, and cut at the end of the second
+    (text,), _ = fit_texts([transliterate(border.name) or "?"], (size,), 0.45 * layout.map.width, 2.4 * size)
+    if not border.enabled:
+        return f"{text}\n{disabled_word}"
+    return f"{text}\n{border.area_m2:.2f} m\u00b2" if border.area_m2 > 0 else text
+
+
+def _outline_shapes(border: Border, number: int, width: float) -> List[Shape]:
+    """Draws a border, and if it is unconfirmed the floor that it closed off, dashed, and the floor that it will."""
+    tint = border_color(border)
+    outlines = (
+        ("outline", segments(border.points, border.closed, width), Z_BORDER, tint),
+        ("before", dashes(border.before, width), Z_BORDER - 0.02, colors.GRAY),
+        ("after", segments(border.after, True, width), Z_BORDER - 0.01, tint),
+    )
+    return [
+        Shape(f"borders/{name}", number, LINES, points, z, (width,), (color,))
+        for name, points, z, color in outlines
+        if points
+    ]
+
+
 def border_color(border: Border) -> Color:
-    """Returns dark red, lighter for softer borders; grey for a disabled one."""
+    """Returns dark red, lighter for softer borders, or grey for a disabled one."""
     if not border.enabled:
         return colors.GRAY
     return colors.blend(colors.CRIMSON, colors.WHITE, 0.55 * (1.0 - border.occupancy))
@@ -180,27 +187,25 @@ class Drawing:
     seed: Optional[Tuple[float, float]] = None
 
 
-def drawing(layout: Layout, drawn: Drawing) -> List[Shape]:
+def drawing_shapes(layout: Layout, drawing: Drawing) -> List[Shape]:
     """Draws the points in their cameras' colours, the chain as it grows, and the seed."""
-    unit, shapes = layout.unit, []
-    if drawn.points:
-        tints = tuple(colors.blend(colors.camera_color(name), colors.WHITE, 0.25) for name in drawn.point_cameras)
-        shapes.append(
-            Shape("drawing/points", 0, POINTS, drawn.points, Z_POINTS, (0.009 * unit,), tints or (colors.GRAY,))
-        )
-    if len(drawn.chain) > 1:
+    unit = layout.unit
+    shapes: List[Shape] = []
+    if drawing.points:
+        tints = tuple(colors.blend(colors.camera_color(name), colors.WHITE, 0.25) for name in drawing.point_cameras)
+        size = (0.009 * unit,)
+        shapes.append(Shape("drawing/points", 0, POINTS, drawing.points, Z_POINTS, size, tints or (colors.GRAY,)))
+    if len(drawing.chain) > 1:
         # a dark rim keeps the line visible on white floor, on stripes and on walls
         for name, height, share, tint in (("rim", 0.0, 0.014, colors.BLACK), ("chain", 0.02, 0.009, colors.ORANGE)):
             width = share * unit
-            line = segments(drawn.chain, drawn.closed, width)
+            line = segments(drawing.chain, drawing.closed, width)
             shapes.append(Shape(f"drawing/{name}", 0, LINES, line, Z_CHAIN + height, (width,), (tint,)))
-    if drawn.seed is not None:
-        for number, (share, tint) in enumerate(
-            ((0.052, colors.BLACK), (0.044, colors.SKY_BLUE), (0.020, colors.BLACK))
-        ):
-            shapes.append(
-                Shape("drawing/seed", number, DISC, (drawn.seed,), Z_SEED + 0.015 * number, (share * unit,), (tint,))
-            )
+    if drawing.seed is not None:
+        rings = ((0.052, colors.BLACK), (0.044, colors.SKY_BLUE), (0.020, colors.BLACK))
+        for number, (share, tint) in enumerate(rings):
+            z, size = Z_SEED + 0.015 * number, (share * unit,)
+            shapes.append(Shape("drawing/seed", number, DISC, (drawing.seed,), z, size, (tint,)))
     return shapes
 
 
@@ -219,19 +224,21 @@ FADE_TIME = 1.5  # [s] for which a spot stays visible, so that the eye can follo
 _LIFETIME = 2.0 * FADE_TIME  # [s] after which RViz removes a spot if this node has ended
 
 
-def live_spots(layout: Layout, seen: Sequence[TrailPoint], now: float) -> List[Shape]:
+def spot_shapes(layout: Layout, spots: Sequence[TrailPoint], now: float) -> List[Shape]:
     """Draws for each camera a disc at the last position of its spot, and a trail that fades into the floor's white.
 
     Args:
-        seen: the spots, the newest last; those more than FADE_TIME in the past or the future are left out.
+        spots: the newest last. Those more than FADE_TIME in the past or the future are left out.
+        now: [s].
     """
-    by_camera: Dict[str, List[TrailPoint]] = {}
-    for spot in seen:
+    trails: Dict[str, List[TrailPoint]] = {}
+    for spot in spots:
         if abs(now - spot.stamp) <= FADE_TIME:
-            by_camera.setdefault(spot.camera, []).append(spot)
+            trails.setdefault(spot.camera, []).append(spot)
     shapes = []
-    for camera, trail in by_camera.items():
-        tint, points = colors.camera_color(camera), tuple((spot.x, spot.y) for spot in trail)
+    for camera, trail in trails.items():
+        tint = colors.camera_color(camera)
+        points = tuple((spot.x, spot.y) for spot in trail)
         faded = tuple(colors.blend(tint, colors.WHITE, 0.85 * max(0.0, now - spot.stamp) / FADE_TIME) for spot in trail)
         parts = (
             (f"spots/{camera}/trail", 0, POINTS, points, 0.014, faded),
@@ -245,8 +252,8 @@ def live_spots(layout: Layout, seen: Sequence[TrailPoint], now: float) -> List[S
 
 
 # ----------------------------------------------------------------- robot
-def robot(base_frame: str, number: int, radius: float) -> List[Shape]:
-    """Draws a robot's footprint and heading in its own frame, so that RViz moves them with tf."""
+def robot_shapes(base_frame: str, number: int, radius: float) -> List[Shape]:
+    """Draws a robot's footprint of radius [m] and its heading in its own frame, so that RViz moves them with tf."""
     arrow_points = np.array([[0.7, 0.0], [-0.4, 0.5], [-0.15, 0.0], [-0.4, -0.5]]) * radius
     width = 0.14 * radius
     arrow = segments(arrow_points, True, width)

@@ -11,7 +11,7 @@ from vb_core.vocabulary import DEFAULT, STATES
 from vb_feedback.display import colors
 from vb_feedback.display.colors import Color
 from vb_feedback.display.layout import LINE, Layout, fit_texts, text_height, text_width, transliterate
-from vb_feedback.display.scene import PLATE, Z_PLATE, Shape, write
+from vb_feedback.display.scene import PLATE, Z_PLATE, Shape, text_shapes
 
 # letter heights in RViz's measure, as shares of the screen's height; docs/explanation/display.md gives minutes of arc
 TITLE, COMMAND, CLOCK, NAME, LABEL = 0.125, 0.088, 0.07, 0.062, 0.055
@@ -24,7 +24,7 @@ MAX_CAMERAS = 3
 
 @dataclass(frozen=True)
 class PanelNotice:
-    """A sentence beside the last answer; a warning is highlighted."""
+    """A sentence beside the last answer. A warning is highlighted."""
 
     text: str
     warning: bool = False
@@ -32,7 +32,7 @@ class PanelNotice:
 
 @dataclass(frozen=True)
 class PanelContent:
-    """The inputs of the display's text."""
+    """The content of the display's text."""
 
     state: str = ""  # "" if no state is known yet
     elapsed_s: int = 0
@@ -44,19 +44,20 @@ class PanelContent:
     stopped: bool = False
     language: str = sentences.ENGLISH
 
-    def words(self, code: str) -> str:
+    def translate(self, code: str) -> str:
         """Returns a code's text in the display's language."""
         return sentences.translate(code, {}, self.language)
 
 
-def words(layout: Layout, content: PanelContent) -> List[Shape]:
-    """Writes state, time, available commands and the cameras that see the spot; the last answer and other notices."""
-    return _panel(layout, content) + _strip(layout, content)
+def text_panel_shapes(layout: Layout, content: PanelContent) -> List[Shape]:
+    """Writes state, time, commands and cameras into the panel, the last answer and notices into the strip."""
+    return _panel_shapes(layout, content) + _strip_shapes(layout, content)
 
 
-def _panel(layout: Layout, content: PanelContent) -> List[Shape]:
+def _panel_shapes(layout: Layout, content: PanelContent) -> List[Shape]:
     unit, panel = layout.unit, layout.panel
-    center, width = panel.center[0], panel.width - 0.03 * unit
+    center = panel.center[0]
+    width = panel.width - 0.03 * unit
     shapes: List[Shape] = []
 
     def line(name: str, text: str, offset: float, share: float, *tints: Color) -> None:
@@ -64,28 +65,27 @@ def _panel(layout: Layout, content: PanelContent) -> List[Shape]:
         # text that is too wide, such as a long camera name, is shrunk
         text = transliterate(text)
         size *= min(1.0, width / max(text_width(text, size), 1e-9))
-        shapes.extend(write(f"words/{name}", text, center, panel.y1 - offset * unit, size, tints))
+        shapes.extend(text_shapes(f"words/{name}", text, center, panel.y1 - offset * unit, size, tints))
 
     if content.stopped:
         # replaces the state, because a person who wonders why nothing moves reads this first
-        plate = (panel.width - 0.02 * unit, 1.2 * TITLE * unit)
-        shapes.append(
-            Shape("words/state/plate", 0, PLATE, ((center, panel.y1 - 0.08 * unit),), Z_PLATE, plate, (colors.YELLOW,))
-        )
-        line("state", content.words("display_stopped"), 0.08, TITLE, colors.BLACK)
+        position = (center, panel.y1 - 0.08 * unit)
+        size = (panel.width - 0.02 * unit, 1.2 * TITLE * unit)
+        shapes.append(Shape("words/state/plate", 0, PLATE, (position,), Z_PLATE, size, (colors.YELLOW,)))
+        line("state", content.translate("display_stopped"), 0.08, TITLE, colors.BLACK)
     else:
-        title = content.words("state_" + content.state if content.state in STATES else "display_not_ready")
+        title = content.translate("state_" + content.state if content.state in STATES else "display_not_ready")
         line("state", title, 0.08, TITLE, colors.state_color(content.state))
     if content.state not in ("", DEFAULT.name):
         line("elapsed", f"{content.elapsed_s // 60}:{content.elapsed_s % 60:02d}", 0.185, CLOCK, colors.PALE)
     if content.commands:
-        line("say", content.words("display_say"), 0.253, LABEL, colors.PALE)
+        line("say", content.translate("display_say"), 0.253, LABEL, colors.PALE)
         rows = [spelled_out(command) for command in content.commands]
         rows[MAX_COMMANDS - 1 :] = [", ".join(rows[MAX_COMMANDS - 1 :])]  # the last one is "stop": never left out
         for number, text in enumerate(filter(None, rows)):
             line(f"say/{number}", text, 0.333 + 0.089 * number, COMMAND, colors.WHITE)
     if content.cameras_seeing_spot:
-        line("seen", content.words("display_seen_by"), 0.676, LABEL, colors.PALE)
+        line("seen", content.translate("display_seen_by"), 0.676, LABEL, colors.PALE)
         names = [transliterate(camera).replace(" ", "_") for camera in content.cameras_seeing_spot]
         tints = [colors.blend(colors.camera_color(camera), colors.WHITE, 0.3) for camera in content.cameras_seeing_spot]
         if len(names) > MAX_CAMERAS:
@@ -95,19 +95,19 @@ def _panel(layout: Layout, content: PanelContent) -> List[Shape]:
     return shapes
 
 
-def _strip(layout: Layout, content: PanelContent) -> List[Shape]:
-    start = content.words("display_start" if content.state else "display_waiting_system")
+def _strip_shapes(layout: Layout, content: PanelContent) -> List[Shape]:
+    start = content.translate("display_start" if content.state else "display_waiting_system")
     answer = PanelNotice(transliterate(content.message or start), warning=not content.success)
-    shown = [PanelNotice(transliterate(notice.text), notice.warning) for notice in content.notices]
-    if all(notice.text != answer.text for notice in shown):  # else it is already shown, as a notice
-        shown.insert(0, answer)
+    notices = [PanelNotice(transliterate(notice.text), notice.warning) for notice in content.notices]
+    if all(notice.text != answer.text for notice in notices):  # else it is already shown, as a notice
+        notices.insert(0, answer)
     unit, strip = layout.unit, layout.strip
     width, height = strip.width - 0.08 * unit, strip.height - 0.03 * unit
-    texts, size = fit_texts([notice.text for notice in shown], [share * unit for share in TEXT_SIZES], width, height)
+    texts, size = fit_texts([notice.text for notice in notices], [share * unit for share in TEXT_SIZES], width, height)
     x, y = strip.center
     top = y + text_height(sum(text.count("\n") + 1 for text in texts), size) / 2.0
     shapes: List[Shape] = []
-    for number, (text, notice) in enumerate(zip(texts, shown)):
+    for number, (text, notice) in enumerate(zip(texts, notices)):
         lines = text.count("\n") + 1
         center = top - text_height(lines, size) / 2.0
         top -= LINE * lines * size
@@ -117,5 +117,5 @@ def _strip(layout: Layout, content: PanelContent) -> List[Shape]:
         if notice.warning:
             plate = (text_width(text, size) + 0.04 * unit, text_height(lines, size) + (LINE - 1.0) * size)
             shapes.append(Shape(f"{name}/plate", 0, PLATE, ((x, center),), Z_PLATE, plate, (colors.YELLOW,)))
-        shapes += write(name, text, x, center, size, (tint,))
+        shapes += text_shapes(name, text, x, center, size, (tint,))
     return shapes

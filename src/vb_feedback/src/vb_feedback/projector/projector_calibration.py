@@ -40,17 +40,15 @@ class ProjectorCalibration:
     def __post_init__(self) -> None:
         matrix = np.asarray(self.matrix, dtype=float)
         if not (16 <= self.width <= 16384 and 16 <= self.height <= 16384):
-            raise CodedError(
-                "bad_calibration", f"the picture's size must be 16 to 16384 px, got {self.width} x {self.height}"
-            )
+            size = f"{self.width} x {self.height}"
+            raise CodedError("bad_calibration", f"the picture's size must be 16 to 16384 px, got {size}")
         if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-12:
             raise CodedError("bad_calibration", "the homography must be an invertible matrix of 3 x 3 numbers")
         inverse = np.linalg.inv(matrix)
         scales = _corners(self.width, self.height) @ inverse[2, :2] + inverse[2, 2]
         if scales.min() * scales.max() <= 0:
-            raise CodedError(
-                "bad_calibration", "a part of the picture would lie beyond the horizon: was a point mistaken?"
-            )
+            reason = "a part of the picture would lie beyond the horizon: was a point mistaken?"
+            raise CodedError("bad_calibration", reason)
         object.__setattr__(self, "matrix", matrix)
 
     def footprint(self) -> np.ndarray:
@@ -85,15 +83,14 @@ def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> 
         raise CodedError("bad_click", reason="$clicks_out_of_order")
     # the homography is relative to the points' centroid, because large coordinates would reduce its precision
     centroid = points.mean(axis=0)
-    matrix = cv2.getPerspectiveTransform(
-        (points - centroid).astype(np.float32), markers(width, height).astype(np.float32)
-    )
+    relative_points = (points - centroid).astype(np.float32)
+    matrix = cv2.getPerspectiveTransform(relative_points, markers(width, height).astype(np.float32))
     matrix = matrix @ np.array([[1, 0, -centroid[0]], [0, 1, -centroid[1]], [0, 0, 1.0]])
     return ProjectorCalibration(width, height, matrix / np.abs(matrix).max())
 
 
 def save(calibration: ProjectorCalibration, path: Path) -> None:
-    """Writes a calibration's YAML file; inverse of `load`.
+    """Writes a calibration's YAML file. Inverse of `load`.
 
     Raises:
         CodedError: "cannot_write".

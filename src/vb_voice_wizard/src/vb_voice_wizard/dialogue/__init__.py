@@ -1,1 +1,1 @@
-"""Answers, borders and previews behind the interaction's commands."""
+"""What stands behind the interaction's commands: previews, services, and answers to repeated commands."""

@@ -1,4 +1,4 @@
-"""Answers to commands; a repeated command is carried out once, and gets the same answer each time. No ROS."""
+"""Answers to commands. A repeated command is carried out once, and gets the same answer each time. No ROS."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Callable, Mapping
 from vb_core import sentences
 from vb_core.errors import CodedError
 
-_KEPT = 64  # answers; a sender repeats within seconds, and no person gives this many commands in that time
+_MAX_ANSWERS = 64  # kept: a sender repeats within seconds, and no person gives this many commands in that time
 
 
 @dataclass(frozen=True)
@@ -20,18 +20,18 @@ class Answer:
     """The answer to the person: whether the command succeeded, and the code and values of the sentence.
 
     Attributes:
-        said: another node's English sentence, in case our catalogue lacks its code.
+        fallback: another node's English sentence, in case our catalogue lacks its code.
     """
 
     success: bool
     code: str
     values: Mapping[str, str] = field(default_factory=dict)
-    said: str = ""
+    fallback: str = ""
 
     @property
     def message(self) -> str:
         """The sentence in English."""
-        return sentences.translate(self.code, self.values, default=self.said)
+        return sentences.translate(self.code, self.values, default=self.fallback)
 
     @staticmethod
     def refusal(error: CodedError) -> "Answer":
@@ -52,22 +52,22 @@ class AnswerCache:
         self._answers: "collections.OrderedDict[str, Future]" = collections.OrderedDict()
 
     def answer_once(self, identity: str, do: Callable[[], Answer]) -> Answer:
-        """Carries out a command unless one with this id already was, and returns its answer; "" means no id."""
+        """Carries out a command unless one with this id was, and returns its answer. Without an id ("") it always does."""
         if not identity:
             return do()
         with self._lock:
-            first = identity not in self._answers
-            slot = self._answers.setdefault(identity, Future())
-            while len(self._answers) > _KEPT:
+            is_first = identity not in self._answers
+            future = self._answers.setdefault(identity, Future())
+            while len(self._answers) > _MAX_ANSWERS:
                 self._answers.popitem(last=False)
-        if first:
+        if is_first:
             try:
-                slot.set_result(do())
+                future.set_result(do())
             except BaseException as error:  # no answer: a repeated command is carried out
                 with self._lock:
                     self._answers.pop(identity, None)
-                slot.set_exception(error)
+                future.set_exception(error)
         try:
-            return slot.result(timeout=self._timeout)
+            return future.result(timeout=self._timeout)
         except FutureTimeout:
             return Answer(False, "busy")

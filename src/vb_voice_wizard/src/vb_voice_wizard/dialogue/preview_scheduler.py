@@ -1,4 +1,4 @@
-"""Decides when the preview of saving has to be computed again, and collects the reasons to doubt a drawing; no ROS."""
+"""Decides when the preview of saving is computed again, and collects the reasons to doubt a drawing. No ROS."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class PreviewScheduler:
         self._retry_at: Optional[float] = None
 
     def delay(self, inputs: PreviewInputs, now: float) -> Optional[float]:
-        """Returns the time [s] until these inputs need a preview; 0: now; None: never unless they change."""
+        """Returns the time [s] until these inputs need a preview, 0 for now, or None for never unless they change."""
         if self.shown is None or inputs.interaction_id != self.shown.interaction_id:
             return 0.0
         if inputs == self.shown:
@@ -84,36 +84,37 @@ class PreviewScheduler:
 
 
 class DrawingWarnings:
-    """Collects the reasons to doubt a drawing, apart from the border's check, from the notices; not thread safe.
+    """Collects the reasons to doubt a drawing from the notices. Not thread safe.
 
     While a camera has an error, what it sees is missing from the line or misplaced, and remains so when the camera
     works again. Therefore a camera's error makes the drawing doubtful until the interaction ends.
     """
 
     def __init__(self) -> None:
-        self._standing: Tuple[Notice, ...] = ()
-        self._failed: Set[str] = set()
+        self._current: Tuple[Notice, ...] = ()
+        self._failed_cameras: Set[str] = set()  # since the drawing began
 
     def start(self) -> None:
         """Begins another interaction, which is not concerned by errors that were over before."""
-        self._failed = self._cameras()
+        self._failed_cameras = self._faulty_cameras()
 
     def update(self, notices: Sequence[Notice]) -> None:
         """Stores those of all current notices that concern the drawing."""
-        self._standing = tuple(
+        self._current = tuple(
             notice
             for notice in notices
             if notice.code in DOUBTS or (notice.camera and notice.severity is Severity.ERROR)
         )
-        self._failed |= self._cameras()
+        self._failed_cameras |= self._faulty_cameras()
 
     @property
     def all(self) -> Tuple[Notice, ...]:
         """The current warnings, then one for each camera whose error is over."""
-        over = sorted(self._failed - self._cameras())
-        return self._standing + tuple(
-            Notice("camera_failed_meanwhile", Severity.WARNING, camera=name, values={"camera": name}) for name in over
+        recovered = sorted(self._failed_cameras - self._faulty_cameras())
+        return self._current + tuple(
+            Notice("camera_failed_meanwhile", Severity.WARNING, camera=camera, values={"camera": camera})
+            for camera in recovered
         )
 
-    def _cameras(self) -> Set[str]:
-        return {notice.camera for notice in self._standing if notice.camera}
+    def _faulty_cameras(self) -> Set[str]:
+        return {notice.camera for notice in self._current if notice.camera}

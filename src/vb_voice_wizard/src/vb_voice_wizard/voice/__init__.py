@@ -1,1 +1,1 @@
-"""Recording, endpointing and scoring of speech."""
+"""Recording, endpointing, scoring and recognition of speech."""

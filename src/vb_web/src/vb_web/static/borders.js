@@ -1,12 +1,12 @@
-// The list of borders, and what can be done with one.
+// The list of borders, and the dialog of one border.
 "use strict";
 import { closeButton, leave, show, whenAnswered } from "./dialog.js";
 import { draft, edit, map } from "./editor.js";
-import { hello, operator, row, say, view, words } from "./state.js";
+import { hello, isOperator, row, say, view, words } from "./state.js";
 import { $, ask, button, element, fill, nameField, toast } from "./ui.js";
 
-// Why a border is not in force; "" if it is.
-function idle(border) {
+// Says why a border is not in force; "" if it is.
+function idleReason(border) {
   const code = !border.enabled
     ? "page_reason_disabled"
     : border.reason && !border.in_force
@@ -15,29 +15,30 @@ function idle(border) {
   return code && say(words.has(code) ? code : border.reason);
 }
 
-// How that is drawn, on the map and in the list.
-const idleLook = (border) => (idle(border) ? "off" : "");
+// The style class of a border, on the map and in the list.
+const idleClass = (border) => (idleReason(border) ? "off" : "");
 
-const markOf = (border) => element("span", { class: `mark ${idleLook(border)}` }, border.mark);
+const markOf = (border) => element("span", { class: `mark ${idleClass(border)}` }, border.mark);
 
-function why(border) {
-  const kind = row("zones", border.zone).limits_speed
+// Describes a border in the line below its name: first what is wrong with it, then area, zone and robots.
+function describe(border) {
+  const zone = row("zones", border.zone).limits_speed
     ? say(border.unkept ? "page_slow_meant" : "page_slow_at", { speed: words.number(border.max_speed, 2) })
     : border.zone === hello.zones[0].name
       ? ""
       : say(`page_zone_${border.zone}`);
-  const first = idle(border) || (border.kind === "wall" ? say("page_kind_wall") : `${words.number(border.area, 2)} m²`);
-  const only = border.robots.length ? say("page_only_for", { who: border.robots.join(", ") }) : "",
-    unkept = border.unkept && !idle(border) ? words.tell(border.unkept) : "";
+  const size = border.kind === "wall" ? say("page_kind_wall") : `${words.number(border.area, 2)} m²`;
+  const robots = border.robots.length ? say("page_only_for", { who: border.robots.join(", ") }) : "",
+    unkept = border.unkept && !idleReason(border) ? words.tell(border.unkept) : "";
   const waiting = border.in_force && border.reason && say(`page_reason_${border.reason}`);
-  return [unkept, first, waiting, kind, only].filter(Boolean).join(" · ");
+  return [unkept, idleReason(border) || size, waiting, zone, robots].filter(Boolean).join(" · ");
 }
 
 export function drawBorders() {
   if (!view.borders) return;
   const { list } = view.borders;
   map.setBorders(
-    list.map((border) => ({ ...border, idle: idleLook(border), note: idle(border) })),
+    list.map((border) => ({ ...border, idle: idleClass(border), note: idleReason(border) })),
     draft && draft.border,
   );
   fill(
@@ -65,7 +66,7 @@ export function drawBorders() {
               "span",
               {},
               words.border(border.name) || say("page_no_name"),
-              element("small", { class: border.unkept && !idle(border) ? "ill" : "" }, why(border)),
+              element("small", { class: border.unkept && !idleReason(border) ? "ill" : "" }, describe(border)),
             ),
           );
           return element("li", {}, open, toggle);
@@ -81,14 +82,15 @@ const toggleBorder = (border) =>
     { border: border.name },
   );
 
-export function borderDialog(id, typed = null) {
-  const find = () => view.borders.list.find((one) => one.id === id);
+// Shows a border's dialog, with a name that was typed before if there is one.
+export function borderDialog(id, typedName = null) {
+  const find = () => view.borders.list.find((border) => border.id === id);
   const border = find();
   if (!border) return;
   const heading = [markOf(border), words.border(border.name) || say("page_no_name")];
-  if (!operator()) return show(heading, element("p", { class: "muted" }, why(border)), closeButton());
+  if (!isOperator()) return show(heading, element("p", { class: "muted" }, describe(border)), closeButton());
   const target = { border: id, revision: view.borders.revision };
-  const name = nameField(typed === null ? words.border(border.name) : typed);
+  const name = nameField(typedName === null ? words.border(border.name) : typedName);
   name.addEventListener("focus", () => name.select());
   const form = element(
     "form",
@@ -96,10 +98,10 @@ export function borderDialog(id, typed = null) {
     element("label", {}, element("span", {}, say("page_name")), name),
     button("page_rename", () => form.requestSubmit()),
   );
-  const change = (asked) =>
-    whenAnswered(asked, ({ ok, code }) => {
+  const change = (promise) =>
+    whenAnswered(promise, ({ ok, code }) => {
       if (ok) $("dialog").close();
-      // somebody else's change is told and shown before it is built upon
+      // somebody else's change is shown first, and overwritten only by a second try
       else if (code === "revision_conflict") borderDialog(id, name.value);
     });
   form.addEventListener("submit", (event) => {
@@ -110,7 +112,7 @@ export function borderDialog(id, typed = null) {
   });
   show(
     heading,
-    element("p", { class: "muted" }, why(border)),
+    element("p", { class: "muted" }, describe(border)),
     element(
       "div",
       { class: "row" },

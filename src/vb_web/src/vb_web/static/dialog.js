@@ -1,9 +1,9 @@
-// Dialogs, which are not modal: stop has to be in reach all the time; and what Escape and a phone's Back do.
+// Dialogs, and what Escape and a phone's Back do. Dialogs are not modal, because stop must be in reach all the time.
 "use strict";
 import { page, say } from "./state.js";
 import { $, button, element, lock } from "./ui.js";
 
-// What a dialog lies on: whether something unsaved is there, and how it is left.
+// The part of the page below a dialog: whether it has unsaved changes, and how it is left. The editor fills this in.
 export const below = { isChanged: () => false, leave: () => {} };
 
 export function show(title, ...children) {
@@ -13,42 +13,41 @@ export function show(title, ...children) {
     ...children.filter(Boolean),
   );
   Object.assign(dialog, { unsaved: () => null, onBack: leave });
-  // not modal: stop has to be in reach all the time
   if (!dialog.open) dialog.show();
   lock(dialog);
-  keepBack();
+  catchBack();
   document.querySelector("main").inert = true;
-  // else a phone's keyboard comes up at once
+  // not the first field: a phone's keyboard would come up at once
   $("dialog-title").focus();
 }
 
-// Goes on when what a dialog asked for is answered, unless it was closed or another one has come up meanwhile.
-export async function whenAnswered(asked, next) {
+// Calls `next` with the answer to a dialog's request, unless the dialog was closed or replaced meanwhile.
+export async function whenAnswered(promise, next) {
   const title = $("dialog-title"),
-    answer = await asked;
+    answer = await promise;
   if ($("dialog").open && $("dialog-title") === title) next(answer);
 }
 
 export const closeButton = (code = "page_close") => button(code, () => leave());
 
-// Goes on to what follows a dialog or a drawing, and asks first if something unsaved would be lost: `unsaved` of a dialog
-// returns null, or what brings it back, as Back does from the question.
+// Leaves a dialog or a drawing for what follows, and asks first if something unsaved would be lost. A dialog's `unsaved`
+// returns null, or the function that brings the dialog back from that question.
 export function leave(next = () => $("dialog").close()) {
-  const again = $("dialog").open ? $("dialog").unsaved() : below.isChanged() ? () => $("dialog").close() : null;
-  if (!again) return next();
+  const comeBack = $("dialog").open ? $("dialog").unsaved() : below.isChanged() ? () => $("dialog").close() : null;
+  if (!comeBack) return next();
   show(
     say("page_unsaved"),
     element(
       "div",
       { class: "row" },
       button("page_discard_change", next, "danger"),
-      button("page_continue", again, "primary"),
+      button("page_continue", comeBack, "primary"),
     ),
   );
-  $("dialog").onBack = again;
+  $("dialog").onBack = comeBack;
 }
 
-// What lies on top goes by Escape and by a phone's Back, which leaves the page only when there is nothing.
+// Closes what lies on top, by Escape or by a phone's Back, which leaves the page only if nothing does.
 function goBack() {
   if ($("dialog").open) $("dialog").onBack();
   else if (page.mode !== "look")
@@ -58,14 +57,15 @@ function goBack() {
     });
 }
 
-export function keepBack() {
+// Adds an entry to the history for what lies on top, so that a phone's Back does not leave the page.
+export function catchBack() {
   if (!history.state && ($("dialog").open || page.mode !== "look")) history.pushState("on top", "");
 }
 
 window.addEventListener("popstate", () => {
   if (!history.state) {
     goBack();
-    keepBack();
+    catchBack();
   }
 });
 
@@ -74,7 +74,7 @@ document.addEventListener("keydown", (event) => {
 });
 
 $("dialog").addEventListener("close", () => {
-  // the event comes later than the closing: another dialog may have come up
+  // the event comes after the dialog was closed, when another one may be open
   if ($("dialog").open) return;
   document.querySelector("main").inert = false;
   lock(document.querySelector("main"));

@@ -1,22 +1,22 @@
-// Drawing and changing borders on the map, and sending robots to a place of it.
+// Draws and edits borders on the map, and sends robots to a place of it.
 //
-// page.mode is what a touch of the map means: "look" moves it and chooses borders; "draw" and "wall" put a line; "side" asks for
-// the side to be restricted; "review" moves corners of the draft; "go" sends a robot there.
+// page.mode is what a touch of the map means: "look" moves the map and chooses borders; "draw" and "wall" draw a line; "side"
+// chooses the side to be restricted; "review" moves corners of the draft; "go" sends a robot there.
 "use strict";
-import { below, keepBack } from "./dialog.js";
+import { below, catchBack } from "./dialog.js";
 import { MapView } from "./map.js";
 import { distance, inside, middle, pairs, simplify } from "./shapes.js";
-import { hello, operator, page, prompt, row, say, standing, view, what, words } from "./state.js";
-import { $, ask, button, element, figures, fill, issues, lock, nameField, select, toast } from "./ui.js";
+import { hello, isOperator, kindWord, page, promptCode, row, say, shownNotices, view, words } from "./state.js";
+import { $, areaLine, ask, button, element, fill, issueLines, lock, nameField, select, toast } from "./ui.js";
 
 export let draft = null;
-let turn = 0, // counts changes of mode
+let modeChanges = 0, // so far
   taps = [],
   chosenCorner = null,
-  check = null,
-  checking = null, // the newest question, which has no answer yet
-  asking = false; // whether one is under way
-// What the rest of the page does about a border that was tapped, and about another mode.
+  check = null, // the newest answer to what saving would do
+  newestQuestion = null, // what saving would do, while it has no answer
+  isAsking = false; // whether a question is under way
+// Called when a border was tapped, and after each change of mode.
 export const listeners = { pick: () => {}, mode: () => {} };
 
 export const map = new MapView(words, {
@@ -41,7 +41,7 @@ export const map = new MapView(words, {
     if (page.mode === "wall" && ended) return begin([points[0], points[points.length - 1]], "wall");
     if (page.mode !== "draw") return;
     if (!ended) return points.length > 1 ? showRough(points) : showRough(taps, "taps");
-    const size = Math.max(...points.map((p) => distance(p, points[0])));
+    const size = Math.max(...points.map((point) => distance(point, points[0])));
     if (size * map.view.scale < 20) return showRough(taps, "taps");
     const closed = distance(points[0], points[points.length - 1]) < 0.35 * size;
     let line = simplify(points, Math.max(0.03, 3 / map.view.scale));
@@ -68,24 +68,24 @@ export const map = new MapView(words, {
   },
 });
 
-// Puts corners in the place of others, as splice does; a polygon's seed follows while nobody has put it outside.
-function changeCorners(at, gone, corners, chosen) {
-  const follows = draft.kind === "polygon" && inside(draft.seed, draft.points);
-  draft.points.splice(at, gone, ...corners);
-  if (follows) draft.seed = middle(draft.points);
+// Replaces `count` corners from `start`, as splice does. A polygon's seed follows as long as nobody has moved it outside.
+function changeCorners(start, count, corners, chosen) {
+  const seedFollows = draft.kind === "polygon" && inside(draft.seed, draft.points);
+  draft.points.splice(start, count, ...corners);
+  if (seedFollows) draft.seed = middle(draft.points);
   map.setDraft(draft, (chosenCorner = chosen));
 }
 
 export function setMode(next) {
   page.mode = document.body.dataset.mode = next;
-  turn += 1;
+  modeChanges += 1;
   lock($("panel"));
-  keepBack();
-  if (next !== "look") toast(""); // of what was done before
+  catchBack();
+  if (next !== "look") toast(""); // which is about what was done before
   map.drawing = next === "draw" || next === "wall";
   map.picking = next === "side" || next === "go";
   if (next === "look") {
-    draft = check = checking = null;
+    draft = check = newestQuestion = null;
   }
   if (next === "look" || next === "draw" || next === "wall") {
     taps = [];
@@ -101,26 +101,28 @@ export function setMode(next) {
   if (["draw", "wall", "side", "go"].includes(next)) $("map").focus({ preventScroll: true });
 }
 
-let sent = ""; // the robot that goes
+const toMillimetres = (point) => point.map((coordinate) => Number(coordinate.toFixed(3)));
+
+let chosenRobot = ""; // the robot that is sent
 
 async function sendRobot(goal) {
-  const asked = turn;
-  const answer = await page.link.ask("send", { robot: sent, goal: goal.map((v) => Number(v.toFixed(3))) });
-  if (answer.ok && asked === turn) setMode("look");
+  const modeChangesBefore = modeChanges;
+  const answer = await page.link.ask("send", { robot: chosenRobot, goal: toMillimetres(goal) });
+  if (answer.ok && modeChanges === modeChangesBefore) setMode("look");
   toast(words.tell(answer), !answer.ok, answer.code);
 }
 
-function reviewGo(cancel) {
-  const goes = view.offer ? view.offer.goes : [];
-  if (!goes.includes(sent)) sent = goes.length ? goes[0] : "";
-  const choices = goes.map((name) =>
+function robotPanel(cancel) {
+  const robots = view.offer ? view.offer.goes : [];
+  if (!robots.includes(chosenRobot)) chosenRobot = robots.length ? robots[0] : "";
+  const choices = robots.map((name) =>
     element(
       "button",
       {
         "data-key": `go ${name}`,
-        "aria-pressed": String(name === sent),
+        "aria-pressed": String(name === chosenRobot),
         onclick: () => {
-          sent = name;
+          chosenRobot = name;
           drawReview();
         },
       },
@@ -130,7 +132,7 @@ function reviewGo(cancel) {
   return [
     element("h2", {}, say("page_title_go")),
     element("p", { class: "muted" }, say("page_help_go")),
-    goes.length > 1
+    robots.length > 1
       ? element("div", { class: "row", role: "group", "aria-label": say("page_robot") }, ...choices)
       : null,
     element("div", { class: "row" }, cancel),
@@ -143,11 +145,11 @@ function showRough(points, kind) {
   drawReview();
 }
 
-// What a touch of the map does; while it only chooses a border, the first thing that people should know comes before that.
+// Says what a touch of the map does. While it only chooses a border, the most important notice is shown instead.
 export function drawHint() {
-  const [first] = page.mode === "look" ? standing() : [];
-  const which =
-    page.mode === "look" && !operator()
+  const [notice] = page.mode === "look" ? shownNotices() : [];
+  const situation =
+    page.mode === "look" && !isOperator()
       ? "watch"
       : page.mode === "look" && view.borders && !view.borders.list.length
         ? "empty"
@@ -156,11 +158,12 @@ export function drawHint() {
           : taps.length && (page.mode === "draw" || page.mode === "wall")
             ? `${page.mode}_next`
             : page.mode;
-  const text = first ? words.tell(first) : say((page.mode === "look" && prompt()) || `page_hint_${which}`);
+  const text = notice ? words.tell(notice) : say((page.mode === "look" && promptCode()) || `page_hint_${situation}`);
   if ($("hint").textContent !== text) $("hint").firstChild.textContent = text;
-  $("hint").classList.toggle("warning", Boolean(first && first.severity));
+  $("hint").classList.toggle("warning", Boolean(notice && notice.severity));
 }
 
+// Begins a draft of a new border.
 function begin(points, kind) {
   draft = {
     points,
@@ -177,7 +180,8 @@ function begin(points, kind) {
   setMode(kind === "curve" ? "side" : "review");
 }
 
-export function draftOf(border) {
+// Makes a draft of a stored border, thinned out if it has too many corners to be moved one by one.
+function draftOf(border) {
   const line = pairs(border.points);
   return {
     points: line.length > 40 ? simplify(line, 0.02) : line,
@@ -200,86 +204,88 @@ export function edit(border) {
 }
 
 // Whether something has been drawn or changed that nobody has saved.
-const begun = () => (draft ? JSON.stringify(draftFields()) !== draft.stored : taps.length > 0);
+const isUnsaved = () => (draft ? JSON.stringify(draftFields()) !== draft.stored : taps.length > 0);
 
-// Whether it is still a polygon, or a line, without one of its corners.
-const spareCorners = () => draft.points.length > (draft.kind === "polygon" ? 3 : 2);
+// Whether the draft would still be a polygon, or a line, without one of its corners.
+const hasSpareCorners = () => draft.points.length > (draft.kind === "polygon" ? 3 : 2);
 
 function removeCorner(corner) {
-  if (!spareCorners()) return;
+  if (!hasSpareCorners()) return;
   changeCorners(corner, 1, [], null);
   examine();
 }
 
-export const draftFields = (of = draft) => ({
-  points: of.points.map((p) => p.map((v) => Number(v.toFixed(3)))),
-  kind: of.kind,
-  seed: of.seed.map((v) => Number(v.toFixed(3))),
-  name: of.name,
-  zone: of.zone,
-  max_speed: row("zones", of.zone).limits_speed ? of.max_speed : 0,
-  enabled: of.enabled,
-  robots: of.robots,
+// Returns the draft as a request's field.
+const draftFields = () => ({
+  points: draft.points.map(toMillimetres),
+  kind: draft.kind,
+  seed: toMillimetres(draft.seed),
+  name: draft.name,
+  zone: draft.zone,
+  max_speed: row("zones", draft.zone).limits_speed ? draft.max_speed : 0,
+  enabled: draft.enabled,
+  robots: draft.robots,
 });
 
-// Asks what saving would do, one question at a time, and after each answer only the newest, which counts. The last answer
-// stands until then: nothing jumps.
+// Asks what saving would do: one question at a time, and after each answer only the newest question, whose answer counts.
+// The previous answer is shown until then, so that nothing jumps.
 export async function examine() {
-  checking = {};
+  newestQuestion = {};
   drawReview();
-  if (asking) return;
-  asking = true;
+  if (isAsking) return;
+  isAsking = true;
   let question, answer;
   do {
-    question = checking;
+    question = newestQuestion;
     answer = await page.link.ask("preview", { draft: draftFields(), border: draft.border });
-  } while (checking && checking !== question);
-  asking = false;
-  if (!checking) return; // there is no draft any more
-  checking = null;
+  } while (newestQuestion && newestQuestion !== question);
+  isAsking = false;
+  if (!newestQuestion) return; // there is no draft any more
+  newestQuestion = null;
   check = answer;
-  map.picture("region", answer.region || "");
+  map.showPicture("region", answer.region || "");
   drawReview();
 }
 
 async function save() {
-  const saved = draft,
+  const savedDraft = draft,
     { border, revision } = draft;
-  if (!begun()) {
+  if (!isUnsaved()) {
     toast(say("page_saved"));
     return setMode("look");
   }
   const answer = border
     ? await ask("update", { draft: draftFields(), border, revision }, "page_saved")
     : await ask("add", { draft: draftFields() }, "page_saved");
-  if (draft !== saved) return; // an answer that comes late is not about what is drawn now
+  if (draft !== savedDraft) return; // a late answer is not about what is drawn now
   if (answer.ok) return setMode("look");
   check = answer;
   drawReview();
-  // somebody else's change is told and shown before it is built upon
+  // somebody else's change is shown first, and overwritten only by a second try
   if (["revision_conflict", "page_no_border"].includes(answer.code)) {
     lock($("panel")); // a double tap on Save is no second try
     draft.revision = view.borders.revision;
-    if (!view.borders.list.some((one) => one.id === border)) {
-      draft.border = draft.stored = ""; // what is drawn may be saved as another one
+    if (!view.borders.list.some(({ id }) => id === border)) {
+      draft.border = draft.stored = ""; // what is drawn may be saved as a new border
       toast(say("page_removed", { border: draft.name }), true);
     }
     examine();
   }
 }
 
-// What a border may do: what some robot keeps, and what it does already. "keep out" may always be drawn beforehand.
+// Lists the zones that a draft may have: those that some robot keeps, and its own. The first, "keep out", may be drawn before
+// any robot is connected.
 const zonesFor = ({ zone }) =>
   hello.zones
     .map(({ name }) => name)
-    .filter((one, at) => at === 0 || one === zone || !view.offer || view.offer.zones.includes(one));
+    .filter((name, index) => index === 0 || name === zone || !view.offer || view.offer.zones.includes(name));
 
-// Which robots a border is for: all, unless some are chosen.
+// Makes the choice of the robots that a border is for: all, unless some are chosen.
 function robotChoice() {
-  const known = [...new Set([...((view.offer && view.offer.robots) || []), ...draft.robots])].filter(Boolean);
-  if (known.length < 2) return null;
+  const allRobots = [...new Set([...((view.offer && view.offer.robots) || []), ...draft.robots])].filter(Boolean);
+  if (allRobots.length < 2) return null;
   const choose = (robots) => () => {
-    draft.robots = robots.length === known.length ? [] : robots;
+    draft.robots = robots.length === allRobots.length ? [] : robots;
     examine();
   };
   const choice = (label, pressed, robots) =>
@@ -292,9 +298,13 @@ function robotChoice() {
     "div",
     { class: "row robots", role: "group", "aria-label": say("page_for") },
     choice(say("page_for_all"), !draft.robots.length, []),
-    ...known.map((name) => {
-      const chosen = draft.robots.includes(name);
-      return choice(name, chosen, chosen ? draft.robots.filter((one) => one !== name) : [...draft.robots, name]);
+    ...allRobots.map((name) => {
+      const isChosen = draft.robots.includes(name);
+      return choice(
+        name,
+        isChosen,
+        isChosen ? draft.robots.filter((robot) => robot !== name) : [...draft.robots, name],
+      );
     }),
   );
 }
@@ -303,38 +313,47 @@ export function drawReview() {
   const box = $("review");
   box.hidden = page.mode === "look";
   if (page.mode === "look") {
-    map.picture("region", "");
+    map.showPicture("region", "");
     return fill(box, []);
   }
   const cancel = button("page_discard", () => setMode("look"));
-  if (page.mode === "go") return fill(box, reviewGo(cancel));
-  if (page.mode !== "review") {
-    const end = (kind, style, least) =>
-      button(`page_end_${kind}`, () => begin([...taps], kind), style, { disabled: taps.length < least });
-    const takeBack = button("page_take_back", () => showRough((taps = taps.slice(0, -1)), "taps"), "", {
-      disabled: !taps.length,
-    });
-    const close =
-      page.mode === "side" && draft.kind === "curve" && draft.points.length > 2
-        ? button("page_end_polygon", () => {
-            draft.kind = "polygon";
-            draft.seed = middle(draft.points);
-            setMode("review");
-          })
-        : null;
-    return fill(box, [
-      element("h2", {}, say(`page_title_${page.mode}`)),
-      page.mode === "side" ? null : element("p", { class: "muted" }, say(`page_help_${page.mode}`)),
-      element(
-        "div",
-        { class: "row" },
-        cancel,
-        ...(page.mode === "draw" ? [takeBack, end("curve", "", 2), end("polygon", "primary", 3)] : [close]),
-      ),
-    ]);
-  }
-  const wall = draft.kind === "wall";
-  const name = nameField(words.border(draft.name), say(wall ? "page_name_wall" : "page_name_free"));
+  fill(
+    box,
+    page.mode === "go" ? robotPanel(cancel) : page.mode === "review" ? reviewPanel(cancel) : drawingPanel(cancel),
+  );
+}
+
+// While a line is drawn, or a side is chosen.
+function drawingPanel(cancel) {
+  const end = (kind, style, minCorners) =>
+    button(`page_end_${kind}`, () => begin([...taps], kind), style, { disabled: taps.length < minCorners });
+  const takeBack = button("page_take_back", () => showRough((taps = taps.slice(0, -1)), "taps"), "", {
+    disabled: !taps.length,
+  });
+  const close =
+    page.mode === "side" && draft.kind === "curve" && draft.points.length > 2
+      ? button("page_end_polygon", () => {
+          draft.kind = "polygon";
+          draft.seed = middle(draft.points);
+          setMode("review");
+        })
+      : null;
+  return [
+    element("h2", {}, say(`page_title_${page.mode}`)),
+    page.mode === "side" ? null : element("p", { class: "muted" }, say(`page_help_${page.mode}`)),
+    element(
+      "div",
+      { class: "row" },
+      cancel,
+      ...(page.mode === "draw" ? [takeBack, end("curve", "", 2), end("polygon", "primary", 3)] : [close]),
+    ),
+  ];
+}
+
+// While a draft is reviewed: what saving would do, and what can be chosen.
+function reviewPanel(cancel) {
+  const isWall = draft.kind === "wall";
+  const name = nameField(words.border(draft.name), say(isWall ? "page_name_wall" : "page_name_free"));
   name.addEventListener("input", () => {
     draft.name = name.value;
   });
@@ -350,20 +369,20 @@ export function drawReview() {
     speed.value = draft.max_speed = Math.max(0.05, Math.min(1, Number(speed.value) || 0.2));
     examine();
   });
-  const refused = check && !check.ok;
-  fill(box, [
-    element("h2", {}, say(draft.border ? "page_title_edit" : "page_title_review", what(draft.kind))),
+  const isRefused = check && !check.ok;
+  return [
+    element("h2", {}, say(draft.border ? "page_title_edit" : "page_title_review", kindWord(draft.kind))),
     element("label", { class: "beside" }, element("span", {}, say("page_name")), name),
-    // what saving would do stands above what can be chosen: it is seen before one saves, also on a small screen
+    // what saving would do stands above what can be chosen, so that people see it before they save, also on a small screen
     check === null
       ? element("p", { class: "muted" }, say("page_checking"))
-      : refused
+      : isRefused
         ? element("p", { class: "issue error" }, words.tell(check))
-        : wall
+        : isWall
           ? null
-          : figures(check.area),
-    ...issues(refused ? [] : check && check.issues),
-    wall
+          : areaLine(check.area),
+    ...issueLines(isRefused ? [] : check && check.issues),
+    isWall
       ? null
       : select("page_zone", draft.zone, zonesFor(draft), (value) => {
           draft.zone = value;
@@ -374,21 +393,21 @@ export function drawReview() {
     element(
       "div",
       { class: "row" },
-      wall ? null : button("page_other_side", () => setMode("side")),
-      wall && draft.points.length === 2
+      isWall ? null : button("page_other_side", () => setMode("side")),
+      isWall && draft.points.length === 2
         ? null
         : button("page_remove_corner", () => removeCorner(chosenCorner), "", {
-            disabled: chosenCorner === null || !spareCorners(),
+            disabled: chosenCorner === null || !hasSpareCorners(),
           }),
     ),
     element(
       "div",
       { class: "row decide" },
       cancel,
-      button("page_save", save, "primary", { disabled: Boolean(!check || checking || refused) }),
+      button("page_save", save, "primary", { disabled: Boolean(!check || newestQuestion || isRefused) }),
     ),
-  ]);
+  ];
 }
 
-below.isChanged = () => page.mode !== "look" && begun();
+below.isChanged = () => page.mode !== "look" && isUnsaved();
 below.leave = () => setMode("look");

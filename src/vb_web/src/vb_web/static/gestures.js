@@ -1,6 +1,6 @@
-// What fingers, mouse and keys do on the map: they move it, draw, move corners and choose borders.
+// Turns what fingers, mouse and keys do on the map into its movements, and into calls of `map.on`: strokes, taps, drags.
 "use strict";
-import { distance, inside, toSegment } from "./shapes.js";
+import { distance, distanceToSegment, inside, mean } from "./shapes.js";
 
 export const HANDLE_PX = 24; // half of a finger
 
@@ -18,7 +18,8 @@ export class Gestures {
     this.map.on.stroke([], false);
   }
 
-  at(event) {
+  // Returns an event's position on the map's element [px].
+  positionOf(event) {
     const box = this.map.element.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
   }
@@ -33,7 +34,7 @@ export class Gestures {
       "wheel",
       (event) => {
         event.preventDefault();
-        this.map.zoom(Math.exp(-event.deltaY * 0.0015), this.at(event));
+        this.map.zoom(Math.exp(-event.deltaY * 0.0015), this.positionOf(event));
       },
       { passive: false },
     );
@@ -59,20 +60,20 @@ export class Gestures {
 
   down(event) {
     if (event.button > 0 || !this.map.info) return;
-    const here = this.at(event);
+    const position = this.positionOf(event);
     try {
       this.map.element.setPointerCapture(event.pointerId);
     } catch (_) {
       /* a pointer that is gone already */
     }
-    this.pointers.set(event.pointerId, here);
+    this.pointers.set(event.pointerId, position);
     if (this.pointers.size > 1) {
       this.gesture = "pinch";
       this.map.on.stroke([], false);
       return;
     }
     const handle = event.target.closest && event.target.closest("#handles g");
-    this.start = here;
+    this.start = position;
     this.moved = false;
     if (handle && handle.dataset.corner !== undefined) {
       this.gesture = "corner";
@@ -83,40 +84,42 @@ export class Gestures {
       this.corner = Number(handle.dataset.between);
     } else if (this.map.drawing) {
       this.gesture = "stroke";
-      this.strokePoints = [this.map.toWorld(here)];
+      this.strokePoints = [this.map.toWorld(position)];
     } else this.gesture = "pan";
   }
 
   move(event) {
-    const before = this.pointers.get(event.pointerId);
-    if (!before) return;
-    const here = this.at(event);
+    const previous = this.pointers.get(event.pointerId);
+    if (!previous) return;
+    const position = this.positionOf(event),
+      [right, down] = [position[0] - previous[0], position[1] - previous[1]];
     if (this.gesture === "pinch") {
-      const other = [...this.pointers.entries()].find(([id]) => id !== event.pointerId);
+      const [, other] = [...this.pointers.entries()].find(([id]) => id !== event.pointerId) || [];
       if (other) {
-        const [a, b] = [distance(before, other[1]), distance(here, other[1])];
-        this.map.pan((here[0] - before[0]) / 2, (here[1] - before[1]) / 2);
-        this.map.zoom(a > 10 ? b / a : 1, [(here[0] + other[1][0]) / 2, (here[1] + other[1][1]) / 2]);
+        const [previousSpan, span] = [distance(previous, other), distance(position, other)];
+        this.map.pan(right / 2, down / 2);
+        this.map.zoom(previousSpan > 10 ? span / previousSpan : 1, mean([position, other]));
       }
-    } else if (!this.moved && distance(here, this.start) < 6) return;
+    } else if (!this.moved && distance(position, this.start) < 6) return;
     else {
       this.moved = true;
       if (this.gesture === "pan") {
-        if (event.pointerType !== "touch") this.map.pan(here[0] - before[0], here[1] - before[1]);
+        if (event.pointerType !== "touch") this.map.pan(right, down);
       } else if (this.gesture === "stroke") {
-        const events = event.getCoalescedEvents ? event.getCoalescedEvents() : [event];
-        for (const one of events.length ? events : [event]) this.strokePoints.push(this.map.toWorld(this.at(one)));
+        const events = event.getCoalescedEvents ? event.getCoalescedEvents() : [];
+        for (const part of events.length ? events : [event])
+          this.strokePoints.push(this.map.toWorld(this.positionOf(part)));
         this.map.on.stroke(
           this.strokePoints.map((point) => this.map.onMap(point)),
           false,
         );
       } else if (this.gesture === "between") {
         this.gesture = "corner";
-        this.corner = this.map.on.between(this.corner, this.map.onMap(this.map.toWorld(here)));
+        this.corner = this.map.on.between(this.corner, this.map.onMap(this.map.toWorld(position)));
       } else if (this.gesture === "corner")
-        this.map.on.drag(this.corner, this.map.onMap(this.map.toWorld(here)), false);
+        this.map.on.drag(this.corner, this.map.onMap(this.map.toWorld(position)), false);
     }
-    this.pointers.set(event.pointerId, here);
+    this.pointers.set(event.pointerId, position);
   }
 
   up(event, regular) {
@@ -126,64 +129,64 @@ export class Gestures {
     this.gesture = null;
     // a corner stays where the finger was last, also when the browser takes the gesture away
     if (gesture === "corner" && this.moved)
-      this.map.on.drag(this.corner, this.map.onMap(this.map.toWorld(regular ? this.at(event) : last)), true);
+      this.map.on.drag(this.corner, this.map.onMap(this.map.toWorld(regular ? this.positionOf(event) : last)), true);
     if (gesture === "stroke" && !regular) this.map.on.stroke([], false);
     if (gesture === "pinch" || !regular) return;
-    const here = this.at(event);
-    const point = this.map.toWorld(here),
+    const point = this.map.toWorld(this.positionOf(event)),
       onMap = this.map.onMap(point),
-      beside = (one) => distance(one, this.map.onMap(one)) * this.map.view.scale > HANDLE_PX;
+      isOffMap = (place) => distance(place, this.map.onMap(place)) * this.map.view.scale > HANDLE_PX;
     if (gesture === "stroke" && this.moved) {
-      if (this.strokePoints.every(beside)) {
+      if (this.strokePoints.every(isOffMap)) {
         this.map.on.stroke([onMap], false);
         this.map.on.outside();
       } else
         this.map.on.stroke(
-          this.strokePoints.map((one) => this.map.onMap(one)),
+          this.strokePoints.map((place) => this.map.onMap(place)),
           true,
         );
     } else if (gesture === "between") this.map.on.between(this.corner, onMap);
     else if (!this.moved && (gesture === "pan" || gesture === "stroke")) {
-      if ((this.map.drawing || this.map.picking) && beside(point)) this.map.on.outside();
+      if ((this.map.drawing || this.map.picking) && isOffMap(point)) this.map.on.outside();
       else this.map.on.tap(onMap, this.pick(point));
     }
   }
 
-  // The border at a point: the nearest line within a finger's reach, else the smallest polygon around it.
+  // Returns the id of the border at a point: that of the nearest line within a finger's reach, else that of the smallest
+  // polygon around it, else null.
   pick(point) {
-    let best = null,
+    let nearest = null,
       reach = HANDLE_PX / this.map.view.scale;
     for (const border of this.map.borders) {
       const line = border.kind === "polygon" ? [...border.line, border.line[0]] : border.line;
       for (let i = 1; i < line.length; i++) {
-        const d = toSegment(point, line[i - 1], line[i]);
-        if (d < reach) [reach, best] = [d, border.id];
+        const d = distanceToSegment(point, line[i - 1], line[i]);
+        if (d < reach) [reach, nearest] = [d, border.id];
       }
     }
-    if (best) return best;
-    const around = this.map.borders
+    if (nearest) return nearest;
+    const polygonsAround = this.map.borders
       .filter((border) => border.kind === "polygon" && inside(point, border.line))
       .sort((a, b) => a.area - b.area);
-    return around.length ? around[0].id : null;
+    return polygonsAround.length ? polygonsAround[0].id : null;
   }
 
   key(event) {
     const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] },
-      step = arrows[event.key];
+      direction = arrows[event.key];
     const { corner, between } = event.target.dataset;
-    const press = event.key === "Enter" || event.key === " ";
-    const reach = event.shiftKey ? 0.25 : 0.05;
-    const next = (at) => this.map.onMap([at[0] + step[0] * reach, at[1] + step[1] * reach]);
+    const isPress = event.key === "Enter" || event.key === " ";
+    const step = event.shiftKey ? 0.25 : 0.05; // [m]
+    const next = ([x, y]) => this.map.onMap([x + direction[0] * step, y + direction[1] * step]);
     if (corner !== undefined) {
-      if (step) this.map.on.drag(Number(corner), next(event.target.at), true);
+      if (direction) this.map.on.drag(Number(corner), next(event.target.position), true);
       else if (event.key === "Delete" || event.key === "Backspace") this.map.on.removeCorner(Number(corner));
-      else if (press) this.map.on.choose(Number(corner));
+      else if (isPress) this.map.on.choose(Number(corner));
       else return;
-    } else if (between !== undefined && press) this.map.on.between(Number(between), event.target.at);
-    else if (step && (this.map.drawing || this.map.picking))
-      this.map.setCursor(next(this.map.cursor ? this.map.cursor.at : [this.map.view.x, this.map.view.y]));
-    else if (press && this.map.cursor) this.map.on.tap(this.map.cursor.at, null);
-    else if (step) this.map.pan(-60 * step[0], 60 * step[1]);
+    } else if (between !== undefined && isPress) this.map.on.between(Number(between), event.target.position);
+    else if (direction && (this.map.drawing || this.map.picking))
+      this.map.setCursor(next(this.map.cursor ? this.map.cursor.position : [this.map.view.x, this.map.view.y]));
+    else if (isPress && this.map.cursor) this.map.on.tap(this.map.cursor.position, null);
+    else if (direction) this.map.pan(-60 * direction[0], 60 * direction[1]);
     else if (event.key === "+" || event.key === "-") this.map.zoom(event.key === "+" ? 1.3 : 1 / 1.3);
     else return;
     event.preventDefault();

@@ -1,14 +1,14 @@
-// The rest of the panel: notices, cameras, robots and events; and the picture of the floor.
+// The rest of the panel: drives, notices, cameras, robots and events; and the picture of the floor.
 "use strict";
 import { drawHint, map } from "./editor.js";
-import { commandName, operator, robotName, say, sourceName, standing, view, words } from "./state.js";
-import { $, ask, button, dropStanding, element, fill, toast } from "./ui.js";
+import { commandName, isOperator, robotName, say, shownNotices, sourceName, view, words } from "./state.js";
+import { $, ask, button, dropRepeatedToast, element, fill, toast } from "./ui.js";
 
 export let floorOn = false;
-let floorSeers = "";
-export const watched = new Map(); // camera: its picture, while somebody looks at it
+let floorCameras = ""; // names of those in the floor's picture
+export const watched = new Map(); // the open pictures, by camera
 
-// Where robots are going, each with its own stop beside it.
+// Lists where robots are going, each with a button that ends its drive.
 export function drawDrives() {
   const drives = view.drives || {};
   map.setDrives(drives);
@@ -27,7 +27,7 @@ export function drawDrives() {
             y: words.number(goal[1] / 100, 1),
           }),
         ),
-        operator()
+        isOperator()
           ? button("page_end_drive", () => ask("halt", { robot: name }), "danger", { "data-key": `halt ${name}` })
           : null,
       ),
@@ -39,111 +39,114 @@ export function drawNotices() {
   drawHint();
   fill(
     $("notices"),
-    standing().map((notice) =>
+    shownNotices().map((notice) =>
       element("li", { class: ["info", "warning", "error"][notice.severity] || "error" }, words.tell(notice)),
     ),
   );
-  dropStanding();
+  dropRepeatedToast();
+}
+
+// Returns the camera or robot that a notice is about, or "". If there is only one robot, its name is in a value.
+function subjectOf({ camera, robot, values }) {
+  const robotOfNotice = robot || values.who;
+  return camera ? `camera ${camera}` : robotOfNotice ? `robot ${robotOfNotice}` : "";
+}
+
+// Counts the cameras and robots that have a problem, each once, no matter how many nodes report it.
+function countProblems(cameras, drivers) {
+  const warnings = [...(view.offer ? view.offer.lines : []), ...(view.notices || [])].filter(
+    ({ severity }) => severity,
+  );
+  return new Set([
+    ...cameras.filter((camera) => !camera.there).map((camera) => `camera ${camera.name}`),
+    ...Object.keys(drivers)
+      .filter((name) => !drivers[name].there)
+      .map((name) => `robot ${robotName(name)}`),
+    ...warnings.map(subjectOf).filter(Boolean),
+  ]).size;
 }
 
 export function drawHealth() {
   const cameras = view.cameras || [],
     drivers = view.drivers || {};
-  // each camera and robot with a problem once, no matter who tells it; a notice about the only robot has its name in a value
-  const about = (one) =>
-    one.camera ? `camera ${one.camera}` : one.robot || one.values.who ? `robot ${one.robot || one.values.who}` : "";
-  const told = [...(view.offer ? view.offer.lines : []), ...(view.notices || [])].filter((one) => one.severity);
-  const bad = new Set([
-    ...cameras.filter((one) => !one.there).map((one) => `camera ${one.name}`),
-    ...Object.keys(drivers)
-      .filter((name) => !drivers[name].there)
-      .map((name) => `robot ${robotName(name)}`),
-    ...told.map(about).filter(Boolean),
-  ]).size;
-  $("health-sum").textContent = bad
-    ? say(bad === 1 ? "page_problem" : "page_problems", { count: bad })
+  const problems = countProblems(cameras, drivers);
+  $("health-sum").textContent = problems
+    ? say(problems === 1 ? "page_problem" : "page_problems", { count: problems })
     : cameras.length || Object.keys(drivers).length || (view.offer && view.offer.state === "ready")
       ? say("page_all_well")
       : "";
-  $("health-sum").className = bad ? "ill" : "good";
-  const see = (one) => say(watched.has(one.name) ? "page_close" : "page_view");
-  fill(
-    $("cameras"),
-    cameras.map((one) =>
-      element(
-        "li",
-        {},
-        element(
-          "span",
-          {},
-          say("page_camera", { camera: one.name }),
-          element(
-            "small",
-            { class: "muted" },
-            one.there
-              ? say("page_camera_rate", { hz: words.number(one.hz, 0), ms: words.number(one.ms, 0) })
-              : say("page_camera_gone"),
-          ),
-        ),
-        operator()
-          ? element(
-              "button",
-              {
-                "data-key": `see ${one.name}`,
-                "aria-expanded": String(watched.has(one.name)),
-                "aria-label": `${see(one)}: ${say("page_camera", { camera: one.name })}`,
-                onclick: () => watch(one.name),
-              },
-              see(one),
-            )
-          : null,
-      ),
-    ),
-  );
-  // the same element again: a picture that is replaced flickers
+  $("health-sum").className = problems ? "ill" : "good";
+  fill($("cameras"), cameras.map(cameraLine));
+  // the same image elements again, as a picture that is replaced flickers
   [...$("cameras").children].forEach((line, i) => {
     const image = watched.get(cameras[i].name);
     if (image && image.parentNode !== line) line.append(image);
   });
+  const robots = new Set([...((view.offer && view.offer.robots) || []), ...Object.keys(drivers)]);
   fill(
     $("drivers"),
-    [...new Set([...((view.offer && view.offer.robots) || []), ...Object.keys(drivers)])].sort().map((name) => {
-      const one = drivers[name],
-        source = one && one.there ? `page_motion_source_${one.source}` : "",
-        lines = view.offer ? view.offer.lines.filter((line) => line.robot === name) : [];
-      return element(
-        "li",
-        {},
-        element(
-          "span",
-          {},
-          one && (source ? words.tell(one) : say("page_driver_gone", { who: robotName(name) })),
-          words.has(source) ? element("small", { class: "muted" }, say(source)) : null,
-          ...lines.map((line) => element("small", { class: line.severity ? "ill" : "muted" }, words.tell(line))),
-        ),
-      );
-    }),
+    [...robots].sort().map((name) => robotLine(name, drivers[name])),
+  );
+}
+
+function cameraLine({ name, there, hz, ms }) {
+  const label = say(watched.has(name) ? "page_close" : "page_view"),
+    rate = there
+      ? say("page_camera_rate", { hz: words.number(hz, 0), ms: words.number(ms, 0) })
+      : say("page_camera_gone");
+  const watchButton = element(
+    "button",
+    {
+      "data-key": `see ${name}`,
+      "aria-expanded": String(watched.has(name)),
+      "aria-label": `${label}: ${say("page_camera", { camera: name })}`,
+      onclick: () => toggleWatching(name),
+    },
+    label,
+  );
+  return element(
+    "li",
+    {},
+    element("span", {}, say("page_camera", { camera: name }), element("small", { class: "muted" }, rate)),
+    isOperator() ? watchButton : null,
+  );
+}
+
+// `driver` is the newest entry of the robot's driver, if there was one.
+function robotLine(name, driver) {
+  const source = driver && driver.there ? `page_motion_source_${driver.source}` : "",
+    lines = view.offer ? view.offer.lines.filter((line) => line.robot === name) : [];
+  return element(
+    "li",
+    {},
+    element(
+      "span",
+      {},
+      driver && (source ? words.tell(driver) : say("page_driver_gone", { who: robotName(name) })),
+      words.has(source) ? element("small", { class: "muted" }, say(source)) : null,
+      ...lines.map((line) => element("small", { class: line.severity ? "ill" : "muted" }, words.tell(line))),
+    ),
   );
 }
 
 // Opens a camera's picture below its line, or closes it.
-export function watch(camera) {
+export function toggleWatching(camera) {
   const image = watched.get(camera) || element("img", { alt: say("page_camera_image", { camera }) });
   if (watched.delete(camera)) image.remove();
   else {
     watched.set(camera, image);
-    const next = () => {
-      if (document.hidden) setTimeout(next, 400);
+    const fetchNext = () => {
+      if (document.hidden) setTimeout(fetchNext, 400);
       else if (watched.get(camera) === image) image.src = `camera/${encodeURIComponent(camera)}.jpg?${Date.now()}`;
     };
-    image.onload = () => setTimeout(next, 400);
+    image.onload = () => setTimeout(fetchNext, 400);
     image.onerror = () => {
       if (watched.get(camera) === image) {
-        watch(camera);
+        toggleWatching(camera);
         toast(say("page_no_image"), true);
       }
     };
-    next();
+    fetchNext();
   }
   drawHealth();
 }
@@ -162,11 +165,12 @@ export function drawEvents() {
         const values = { ...event.values };
         if (values.command) values.command = commandName(values.command);
         if (values.code) values.reason = say(values.code, values);
-        const at = new Date(event.at * 1000);
+        const date = new Date(event.at * 1000),
+          format = date.toDateString() === today ? clockTime : dated;
         return element(
           "li",
           {},
-          element("time", { datetime: at.toISOString() }, (at.toDateString() === today ? clockTime : dated).format(at)),
+          element("time", { datetime: date.toISOString() }, format.format(date)),
           element(
             "span",
             {},
@@ -178,18 +182,18 @@ export function drawEvents() {
   );
 }
 
-// A camera that comes or goes changes what there is to see of the floor.
+// Fetches the floor's picture again if a camera has come or gone, which changes what can be seen of the floor.
 export function refreshFloor() {
-  const seeing = view.cameras
-    .filter((one) => one.there && one.hz)
-    .map((one) => one.name)
+  const cameras = view.cameras
+    .filter(({ there, hz }) => there && hz)
+    .map(({ name }) => name)
     .join();
-  if (floorOn && seeing !== floorSeers) setFloor(true);
-  floorSeers = seeing;
+  if (floorOn && cameras !== floorCameras) setFloor(true);
+  floorCameras = cameras;
 }
 
 export function setFloor(on) {
   floorOn = on;
   $("floor-button").setAttribute("aria-pressed", String(on));
-  map.picture("floor", on ? `floor.webp?${Date.now()}` : "");
+  map.showPicture("floor", on ? `floor.webp?${Date.now()}` : "");
 }

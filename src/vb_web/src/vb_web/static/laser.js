@@ -1,30 +1,36 @@
-// The laser pointer: its state, commands and banners.
+// The laser pointer's state and commands, and the banners.
 "use strict";
 import { closeButton, show, whenAnswered } from "./dialog.js";
 import { map } from "./editor.js";
 import {
   commandName,
   hello,
+  isOperator,
+  kindWord,
   offers,
-  operator,
   page,
-  prompt,
+  promptCode,
   row,
   say,
   sourceName,
   view,
-  what,
   words,
 } from "./state.js";
-import { $, ask, button, clock, dropStanding, element, figures, fill, issues } from "./ui.js";
+import { $, areaLine, ask, button, clock, dropRepeatedToast, element, fill, issueLines } from "./ui.js";
 
-async function command(name) {
+// Whether a command is what most people do next: save, or else draw what is missing.
+const isNextStep = (command, available) =>
+  command === "save" ||
+  (command === "define_seed" && !available.has("save")) ||
+  (command === "define_border" && view.state.name !== "default");
+
+async function giveCommand(name) {
   if (name === "save" && view.preview && view.preview.available && !(view.state && view.state.confirm))
     return confirmSave();
   return ask("command", { command: name });
 }
 
-// What one does now, and below it what one says for it, where that is another word.
+// Returns a command button's content: what it does now, and below it the spoken command if that is another word.
 function commandLabel(name) {
   const label = name === "save" && view.state && view.state.confirm ? say("page_save_again") : commandName(name),
     { spoken } = row("commands", name);
@@ -35,101 +41,97 @@ function commandLabel(name) {
 
 function confirmSave() {
   const preview = view.preview;
-  const go = button(
+  const saveButton = button(
     preview.ok ? "page_save" : "page_try_save",
     () => whenAnswered(ask("command", { command: "save" }), () => $("dialog").close()),
     "primary",
   );
   show(
-    say("page_title_review", what("polygon")),
-    preview.ok ? figures(preview.area) : element("p", { class: "issue error" }, words.tell(preview)),
-    ...issues(preview.issues),
-    element("div", { class: "row" }, closeButton("page_back"), go),
+    say("page_title_review", kindWord("polygon")),
+    preview.ok ? areaLine(preview.area) : element("p", { class: "issue error" }, words.tell(preview)),
+    ...issueLines(preview.issues),
+    element("div", { class: "row" }, closeButton("page_back"), saveButton),
   );
 }
 
 export function drawState() {
   const state = view.state,
-    there = page.online && view.health && view.health.manager;
-  // where no manager belongs to the lab, nothing waits for one: the robots are what is ready or not
-  const alone = view.offer && !view.offer.interaction && !there;
-  const ready = alone && view.offer.state === "ready" ? "default" : alone && view.offer.state;
-  const name = !page.online ? "offline" : ready || (!state || !there ? "absent" : state.name);
+    hasManager = page.online && view.health && view.health.manager;
+  // where no manager belongs to the lab, nothing waits for one: the state is that of the robots
+  const needsNoManager = view.offer && !view.offer.interaction && !hasManager;
+  const robotsState = needsNoManager && view.offer.state === "ready" ? "default" : needsNoManager && view.offer.state;
+  const name = !page.online ? "offline" : robotsState || (!state || !hasManager ? "absent" : state.name);
   document.body.dataset.state = name;
-  document.body.style.setProperty("--state", prompt() ? row("states", name).color : "");
+  document.body.style.setProperty("--state", promptCode() ? row("states", name).color : "");
   const stopped = Boolean(page.online && state && state.stopped);
   document.body.classList.toggle("stopped", stopped);
   $("state-name").textContent = say(`page_state_${stopped ? "stopped" : name}`);
   $("stop").disabled = !page.online;
   $("stop").hidden = !offers("stop");
-  $("laser").hidden = (!state && !there) || !offers("define_border");
+  $("laser").hidden = (!state && !hasManager) || !offers("define_border");
   $("go").hidden = !view.offer || !offers("go");
-  const given = new Set(there && state ? state.available_commands.filter(offers) : []);
-  const places = new Map(); // of commands that share a place, the one that is available is shown, or else the first
-  for (const one of hello.commands.filter((command) => command.button_place))
-    if (given.has(one.name) || !places.has(one.button_place)) places.set(one.button_place, one.name);
-  const buttons = [...places.keys()].sort((a, b) => a - b).map((place) => places.get(place));
+  const available = new Set(hasManager && state ? state.available_commands.filter(offers) : []);
+  const places = new Map(); // if commands share a place, the available one is shown, or else the first
+  for (const { name, button_place } of hello.commands.filter((command) => command.button_place))
+    if (available.has(name) || !places.has(button_place)) places.set(button_place, name);
+  const commands = [...places.keys()].sort((a, b) => a - b).map((place) => places.get(place));
   $("laser-text").textContent = say(
-    !there ? "page_manager_gone" : !state ? "page_laser_absent" : prompt() || "page_laser_default",
+    !hasManager ? "page_manager_gone" : !state ? "page_laser_absent" : promptCode() || "page_laser_default",
   );
-  // also of a command by voice or from another phone: this is why nothing happened
+  // why nothing happened, also after a command by voice or from another phone
   const refused =
-    there && state && state.name !== "default" && state.last.command && !state.last.ok ? words.tell(state.last) : "";
+    hasManager && state && state.name !== "default" && state.last.command && !state.last.ok
+      ? words.tell(state.last)
+      : "";
   if ($("laser-refused").textContent !== refused) $("laser-refused").textContent = refused;
   fill(
     $("commands"),
-    buttons.map((one) =>
+    commands.map((command) =>
       element(
         "button",
         {
-          "data-key": one,
-          "data-command": one,
-          disabled: !given.has(one),
-          class: !given.has(one)
-            ? ""
-            : one === "save" ||
-                (one === "define_seed" && !given.has("save")) ||
-                (one === "define_border" && state.name !== "default")
-              ? "primary"
-              : "",
-          onclick: () => command(one),
+          "data-key": command,
+          "data-command": command,
+          disabled: !available.has(command),
+          class: available.has(command) && isNextStep(command, available) ? "primary" : "",
+          onclick: () => giveCommand(command),
         },
-        ...commandLabel(one),
+        ...commandLabel(command),
       ),
     ),
   );
   const preview =
-    there && state && state.name !== "default" && view.preview && view.preview.available ? view.preview : null;
+    hasManager && state && state.name !== "default" && view.preview && view.preview.available ? view.preview : null;
   fill(
     $("preview"),
     preview
       ? [
-          preview.ok ? figures(preview.area) : element("p", { class: "issue error" }, words.tell(preview)),
-          ...issues(preview.ok ? preview.issues : []),
+          preview.ok ? areaLine(preview.area) : element("p", { class: "issue error" }, words.tell(preview)),
+          ...issueLines(preview.ok ? preview.issues : []),
         ]
       : [],
   );
-  if (page.mode === "look") map.picture("region", preview && preview.region ? preview.region : "");
-  dropStanding();
+  if (page.mode === "look") map.showPicture("region", preview && preview.region ? preview.region : "");
+  dropRepeatedToast();
 }
 
 export function drawBanners() {
   const state = view.state,
     list = [];
-  const put = (kind, sentence, ...buttons) =>
-    list.push(element("p", { class: kind }, element("span", {}, sentence), ...(operator() ? buttons : [])));
-  if (!page.online) put("bad", say("page_offline"));
+  const add = (kind, sentence, ...buttons) =>
+    list.push(element("p", { class: kind }, element("span", {}, sentence), ...(isOperator() ? buttons : [])));
+  if (!page.online) add("bad", say("page_offline"));
   else {
-    // the person who draws is told by the state alone
+    // while somebody draws, only the state says it
     if (state && state.stopped && page.mode === "look")
-      put("bad", say("page_stopped", { who: sourceName(state.stopped_by) }));
-    // a manager that hangs is there and says nothing: what is shown is as old as that
+      add("bad", say("page_stopped", { who: sourceName(state.stopped_by) }));
+    // a manager that hangs is connected but silent: the state shown is as old as its last message
     if (view.health && view.health.manager && view.health.silent)
-      put("bad", say("page_state_old", { time: clock(view.health.silent) }));
-    if (view.health && !view.health.integrator) put("bad", say("page_integrator_gone"));
-    if (view.offer === null) put("bad", say("page_monitor_gone"));
+      add("bad", say("page_state_old", { time: clock(view.health.silent) }));
+    if (view.health && !view.health.integrator) add("bad", say("page_integrator_gone"));
+    if (view.offer === null) add("bad", say("page_monitor_gone"));
     if (view.borders && view.borders.unconfirmed)
-      put(
+      add(
         "",
         words.tell(view.borders),
         ...[
@@ -140,7 +142,7 @@ export function drawBanners() {
         ),
       );
     if (state && state.ends_in_s && state.name !== "default")
-      put("", say("page_ends", { time: clock(state.ends_in_s) }));
+      add("", say("page_ends", { time: clock(state.ends_in_s) }));
   }
-  fill($("banners"), list); // what is read out already is not read out again
+  fill($("banners"), list); // only a change, as a screen reader reads out what is replaced
 }

@@ -1,27 +1,30 @@
-// The link to the server: sections of the view come in, requests go out. A request keeps its id when it is sent again after
-// the link was lost, so that it is carried out once.
+// The link to the server: sections of the view come in, requests go out. A request that is sent again after the link was lost
+// keeps its id, so that it is carried out once.
 "use strict";
 
 const RESEND_MS = 8000,
   ANSWER_MS = 30000,
   SILENT_MS = 8000; // the server says something every two seconds
 
+const noAnswer = (code) => ({ ok: false, code, values: {}, message: "" });
+
 export class Link {
-  constructor(onView, onHello, onDown, onSession) {
+  // The callbacks get: the changed sections; the first message of each connection; nothing, when it is lost; {role, login}.
+  constructor({ onView, onHello, onDown, onSession }) {
     Object.assign(this, {
       onView,
       onHello,
       onDown,
       onSession,
-      waiting: new Map(),
-      underWay: new Map(),
+      waiting: new Map(), // requests without an answer, by id
+      underWay: new Map(), // promises of their answers, by what is asked for
       socket: null,
-      pause: 300,
-      heard: 0,
+      reconnectMs: 300,
+      heardAt: 0,
     });
     this.connect();
     setInterval(() => {
-      if (this.socket && Date.now() - this.heard > SILENT_MS) this.lost(this.socket);
+      if (this.socket && Date.now() - this.heardAt > SILENT_MS) this.lost(this.socket);
     }, 1000);
     window.addEventListener("online", () => this.connect());
   }
@@ -50,17 +53,17 @@ export class Link {
     url.protocol = url.protocol.replace("http", "ws");
     url.hash = "";
     const socket = (this.socket = new WebSocket(url));
-    this.heard = Date.now();
+    this.heardAt = Date.now();
     socket.onopen = () => {
-      this.pause = 300;
+      this.reconnectMs = 300;
       const now = Date.now();
-      for (const [id, one] of this.waiting) {
-        if (now - one.asked < RESEND_MS) socket.send(this.text(id, one));
-        else this.settle(id, { ok: false, code: "page_no_answer", values: {}, message: "" });
+      for (const [id, request] of this.waiting) {
+        if (now - request.askedAt < RESEND_MS) socket.send(this.text(id, request));
+        else this.settle(id, noAnswer("page_no_answer"));
       }
     };
     socket.onmessage = (event) => {
-      this.heard = Date.now();
+      this.heardAt = Date.now();
       const message = JSON.parse(event.data);
       if (message.hello) this.onHello(message.hello);
       else if (message.view) this.onView(message.view);
@@ -69,7 +72,7 @@ export class Link {
     socket.onclose = () => this.lost(socket);
   }
 
-  // A phone that slept, or has another network, may be told of the end of its connection minutes later, or never.
+  // Gives a connection up. A phone that slept or changed its network may hear of the end minutes later, or never.
   lost(socket) {
     if (this.socket !== socket) return;
     this.socket = null;
@@ -80,54 +83,51 @@ export class Link {
   down() {
     this.onDown();
     clearTimeout(this.timer);
-    this.timer = setTimeout(() => this.connect(), this.pause);
-    this.pause = Math.min(3000, this.pause * 1.6);
+    this.timer = setTimeout(() => this.connect(), this.reconnectMs);
+    this.reconnectMs = Math.min(3000, this.reconnectMs * 1.6);
   }
 
-  // A command says how long ago it was given.
-  text(id, { action, fields, asked }) {
-    const age = action === "command" ? { age: Math.min(Math.max(0, Date.now() - asked), 60000) / 1000 } : {};
+  // Returns a request as JSON. A command says how long ago it was given.
+  text(id, { action, fields, askedAt }) {
+    const age = action === "command" ? { age: Math.min(Math.max(0, Date.now() - askedAt), 60000) / 1000 } : {};
     return JSON.stringify({ do: action, id, ...fields, ...age });
   }
 
   settle(id, answer) {
-    const one = this.waiting.get(id);
-    if (!one) return;
+    const request = this.waiting.get(id);
+    if (!request) return;
     this.waiting.delete(id);
-    clearTimeout(one.timer);
-    one.resolve(answer);
+    clearTimeout(request.timer);
+    request.resolve(answer);
   }
 
-  // Resolves with the answer, never rejects. What is asked for again while it is under way, as by a double tap, is asked for
-  // once; only stop always goes out. "What" is the request and `shown`, what it is about where its fields do not say that.
-  ask(action, fields = {}, shown = null) {
-    const what = JSON.stringify([action, fields, shown]);
+  // Asks for an action, and resolves with the answer, never rejects. The same request is sent only once while it is under
+  // way, as after a double tap; only stop always goes out. `subject` tells requests apart whose fields do not.
+  ask(action, fields = {}, subject = null) {
+    const key = JSON.stringify([action, fields, subject]);
     if (fields.command === "stop") return this.send(action, fields);
-    if (!this.underWay.has(what))
+    if (!this.underWay.has(key))
       this.underWay.set(
-        what,
-        this.send(action, fields).finally(() => this.underWay.delete(what)),
+        key,
+        this.send(action, fields).finally(() => this.underWay.delete(key)),
       );
-    return this.underWay.get(what);
+    return this.underWay.get(key);
   }
 
   send(action, fields) {
     const id = Array.from(crypto.getRandomValues(new Uint8Array(12)), (byte) =>
       byte.toString(16).padStart(2, "0"),
     ).join("");
-    const one = { action, fields, asked: Date.now() };
+    const askedAt = Date.now();
     return new Promise((resolve) => {
-      const timer = setTimeout(
-        () => this.settle(id, { ok: false, code: "page_no_answer", values: {}, message: "" }),
-        ANSWER_MS,
-      );
-      this.waiting.set(id, Object.assign(one, { resolve, timer }));
-      if (this.socket && this.socket.readyState === WebSocket.OPEN) this.socket.send(this.text(id, one));
-      // "stop" that lies in a queue would be a lie: what is not on its way after a moment failed
+      const timer = setTimeout(() => this.settle(id, noAnswer("page_no_answer")), ANSWER_MS);
+      const request = { action, fields, askedAt, resolve, timer };
+      this.waiting.set(id, request);
+      if (this.socket && this.socket.readyState === WebSocket.OPEN) this.socket.send(this.text(id, request));
+      // a stop that waits in a queue would deceive people: a request that is not on its way after a moment has failed
       else
         setTimeout(() => {
-          if (!this.socket || this.socket.readyState !== WebSocket.OPEN)
-            this.settle(id, { ok: false, code: "page_offline", values: {}, message: "" });
+          if (!this.socket || this.socket.readyState !== WebSocket.OPEN) this.settle(id, noAnswer("page_offline"));
         }, 1500);
     });
   }

@@ -1,8 +1,8 @@
-// The map: pictures below, lines above, both moved by one view {x, y: metres in the middle, scale: pixels per metre}.
-// What is drawn in the world's metres (lines) scales with it; what is placed (robots, names, handles) keeps its size.
+// The map: pictures below, lines above. Both follow one view {x, y: centre [m], scale: pixels per metre}.
+// Lines are drawn in metres of the map frame and scale with the view; symbols (robots, names, handles) keep their size.
 "use strict";
 import { Gestures, HANDLE_PX } from "./gestures.js";
-import { MARK_PX, layWriting } from "./map_writing.js";
+import { MARK_PX, layOutTexts } from "./map_writing.js";
 import { distance, mean, pairs } from "./shapes.js";
 import { $ } from "./ui.js";
 
@@ -15,14 +15,15 @@ function make(name, attributes = {}, parent = null) {
   return element;
 }
 
-const path = (points, closed) =>
-  points.length ? "M" + points.map((p) => `${p[0]} ${p[1]}`).join("L") + (closed ? "Z" : "") : "";
-const short = (text) => (text.length > 26 ? `${text.slice(0, 25)}…` : text);
-const dots = (points) => points.map((p) => `M${p[0]} ${p[1]}h.001`).join("");
+// The data of an SVG path: a chain of points, or a dot at each of them.
+const chainData = (points, closed) =>
+  points.length ? "M" + points.map(([x, y]) => `${x} ${y}`).join("L") + (closed ? "Z" : "") : "";
+const dotsData = (points) => points.map(([x, y]) => `M${x} ${y}h.001`).join("");
+const shortened = (text) => (text.length > 26 ? `${text.slice(0, 25)}…` : text);
 
 export class MapView {
-  // `on` has tap(point, picked), stroke(points), drag(index, point, ended), between(index, point), choose(index),
-  // removeCorner(index), outside()
+  // `on` has what gestures call: tap(point, picked border's id), stroke(points, ended), drag(index, point, ended),
+  // between(index, point), choose(index), removeCorner(index), outside()
   constructor(words, on) {
     Object.assign(this, {
       words,
@@ -35,10 +36,10 @@ export class MapView {
     });
     this.element = $("map");
     this.world = $("world");
-    this.placedGroup = $("placed");
+    this.symbolGroup = $("placed");
     this.handleGroup = $("handles");
     this.layers = {};
-    for (const name of ["borders", "progress", "draft", "drives"]) this.layers[name] = { lines: [], placed: [] };
+    for (const name of ["borders", "progress", "draft", "drives"]) this.layers[name] = { lines: [], symbols: [] };
     this.gestures = new Gestures(this);
     new ResizeObserver(() => {
       this.gestures.drop();
@@ -61,14 +62,14 @@ export class MapView {
     return [this.view.x + (u - w / 2) / this.view.scale, this.view.y - (v - h / 2) / this.view.scale];
   }
 
-  // Between metres right of and above the map's lower left corner, and the world.
+  // Converts metres right of and above the map's lower left corner to the map frame, and back.
   fromCorner([right, up]) {
     const { x, y, cos, sin } = this.info;
     return [x + cos * right - sin * up, y + sin * right + cos * up];
   }
-  toCorner([px, py]) {
-    const { x, y, cos, sin } = this.info;
-    return [cos * (px - x) + sin * (py - y), cos * (py - y) - sin * (px - x)];
+  toCorner([x, y]) {
+    const { x: x0, y: y0, cos, sin } = this.info;
+    return [cos * (x - x0) + sin * (y - y0), cos * (y - y0) - sin * (x - x0)];
   }
 
   fit() {
@@ -80,9 +81,9 @@ export class MapView {
         [width, 0],
         [width, height],
         [0, height],
-      ].map((one) => this.fromCorner(one)),
-      xs = corners.map((p) => p[0]),
-      ys = corners.map((p) => p[1]);
+      ].map((corner) => this.fromCorner(corner)),
+      xs = corners.map(([x]) => x),
+      ys = corners.map(([, y]) => y);
     const [x0, x1, y0, y1] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
     $("map-area").style.setProperty("--aspect", ((y1 - y0) / (x1 - x0)).toFixed(3));
     this.view = {
@@ -118,34 +119,37 @@ export class MapView {
     this.update();
   }
 
-  // The point of the map that is nearest to a point of the world, so that every corner can be seen and gripped.
+  // Returns the point of the map that is nearest to a point: every corner of a drawing can be seen and gripped.
   onMap(point) {
     const { width, height } = this.info,
       [right, up] = this.toCorner(point);
     return this.fromCorner([Math.max(0, Math.min(width, right)), Math.max(0, Math.min(height, up))]);
   }
 
-  zoom(factor, at = null) {
+  // Zooms about a point of the screen, by default its centre: what is there stays there.
+  zoom(factor, position = null) {
     if (!this.info) return;
     const [w, h] = this.size(),
-      point = at || [w / 2, h / 2],
-      before = this.toWorld(point);
-    this.view.scale = Math.max(this.limits[0], Math.min(this.limits[1], this.view.scale * factor));
-    const after = this.toWorld(point);
-    this.view.x += before[0] - after[0];
-    this.view.y += before[1] - after[1];
+      [u, v] = position || [w / 2, h / 2],
+      [x, y] = this.toWorld([u, v]),
+      [minScale, maxScale] = this.limits;
+    this.view.scale = Math.max(minScale, Math.min(maxScale, this.view.scale * factor));
+    const [movedX, movedY] = this.toWorld([u, v]);
+    this.view.x += x - movedX;
+    this.view.y += y - movedY;
     this.keepInFrame();
   }
 
+  // Lays the map out before the next frame, however often it was changed until then.
   update() {
-    if (this.planned) return;
-    this.planned = requestAnimationFrame(() => {
-      this.planned = 0;
-      this.lay();
+    if (this.frameRequest) return;
+    this.frameRequest = requestAnimationFrame(() => {
+      this.frameRequest = 0;
+      this.layOut();
     });
   }
 
-  lay() {
+  layOut() {
     if (!this.info) return;
     const { x, y, scale } = this.view,
       [w, h] = this.size();
@@ -155,15 +159,16 @@ export class MapView {
     for (const image of $("pictures").children) {
       if (!image.naturalWidth) continue;
       // every picture begins at the map's lower left corner; they differ in how many cells a pixel has
-      const per =
+      const cellsPerPixel =
         { floor: this.info.floor, region: Math.max(1, Math.ceil(Math.max(rows, columns) / 700)) }[image.id] || cells;
-      const [c, s] = [cos, sin].map((one) => one * per * resolution * scale),
-        high = image.naturalHeight;
-      image.style.transform = `matrix(${c},${-s},${s},${c},${left - s * high},${bottom - c * high})`;
+      const magnification = cellsPerPixel * resolution * scale,
+        [c, s] = [cos * magnification, sin * magnification],
+        height = image.naturalHeight;
+      image.style.transform = `matrix(${c},${-s},${s},${c},${left - s * height},${bottom - c * height})`;
     }
-    for (const element of [...this.placedGroup.children, ...this.handleGroup.children]) {
-      if (!element.at) continue;
-      const [u, v] = this.toScreen(element.at);
+    for (const element of [...this.symbolGroup.children, ...this.handleGroup.children]) {
+      if (!element.position) continue;
+      const [u, v] = this.toScreen(element.position);
       element.setAttribute(
         "transform",
         `translate(${u.toFixed(1)} ${v.toFixed(1)})` +
@@ -171,13 +176,13 @@ export class MapView {
           (element.metres ? ` scale(${Math.max(12, element.metres * scale).toFixed(2)})` : ""),
       );
     }
-    layWriting(this);
+    layOutTexts(this);
   }
 
   // ------------------------------------------------------------- what is shown
   setMap(info) {
-    const other = ["rows", "columns", "resolution", "origin"].some(
-      (one) => String(this.info?.[one]) !== String(info[one]),
+    const hasOtherGeometry = ["rows", "columns", "resolution", "origin"].some(
+      (key) => String(this.info?.[key]) !== String(info[key]),
     );
     const {
       origin: [x, y, yaw],
@@ -188,13 +193,14 @@ export class MapView {
     const [width, height] = [columns * resolution, rows * resolution];
     this.info = { ...info, x, y, cos: Math.cos(yaw), sin: Math.sin(yaw), width, height };
     $("no-map").classList.add("gone");
-    this.picture("base", `picture/map/${info.picture}.png`);
-    this.picture("restricted", info.restricted ? `picture/restricted/${info.restricted}.png` : "");
-    if (other) this.fit();
+    this.showPicture("base", `picture/map/${info.picture}.png`);
+    this.showPicture("restricted", info.restricted ? `picture/restricted/${info.restricted}.png` : "");
+    if (hasOtherGeometry) this.fit();
     else this.update();
   }
 
-  picture(id, url) {
+  // Shows a picture below the lines, or none if its address is "".
+  showPicture(id, url) {
     const image = $(id);
     if (image.dataset.url === url) return;
     image.dataset.url = url;
@@ -206,9 +212,9 @@ export class MapView {
     this.fetchPicture(image, url, 1000);
   }
 
-  // Asks for a picture, and again as long as it is wanted and cannot be had: cameras may come later than the page.
+  // Fetches a picture, and tries again as long as it is wanted: cameras may start later than the page.
   fetchPicture(image, url, pause) {
-    const next = new Image(); // the one before stays until the new one is there
+    const next = new Image(); // the previous picture stays until the new one is there
     next.onload = () => {
       if (image.dataset.url === url) {
         image.src = url;
@@ -217,7 +223,7 @@ export class MapView {
           .catch(() => 0)
           .then(() => {
             image.classList.add("there");
-            this.lay();
+            this.layOut();
           });
       }
     };
@@ -229,61 +235,63 @@ export class MapView {
   }
 
   clear(layer) {
-    for (const element of [...this.layers[layer].lines, ...this.layers[layer].placed]) element.remove();
-    this.layers[layer] = { lines: [], placed: [] };
+    for (const element of [...this.layers[layer].lines, ...this.layers[layer].symbols]) element.remove();
+    this.layers[layer] = { lines: [], symbols: [] };
   }
-  line(layer, kind, d) {
-    this.layers[layer].lines.push(make("path", { class: kind, d }, this.world));
+  addLine(layer, kind, data) {
+    this.layers[layer].lines.push(make("path", { class: kind, d: data }, this.world));
   }
-  place(layer, kind, at, parts) {
-    const group = make("g", { class: kind }, this.placedGroup);
-    group.at = at;
+  // Adds a symbol at a position [m], made of [element's name, attributes, text].
+  addSymbol(layer, kind, position, parts) {
+    const group = make("g", { class: kind }, this.symbolGroup);
+    group.position = position;
     for (const [name, attributes, text] of parts) make(name, attributes, group).textContent = text || "";
-    if (layer) this.layers[layer].placed.push(group);
+    if (layer) this.layers[layer].symbols.push(group);
     this.update();
     return group;
   }
 
-  // Writes lines of text, one below the other, whose place layWriting finds.
-  write(layer, kind, texts) {
+  // Adds lines of text, one below the other, whose place layOutTexts finds.
+  addText(layer, kind, texts) {
     const lines = texts.filter(Boolean),
-      group = make("g", { class: kind }, this.placedGroup);
+      group = make("g", { class: kind }, this.symbolGroup);
     lines.forEach((text, i) => {
       const y = `${(0.35 + 1.3 * (i - (lines.length - 1) / 2)).toFixed(2)}em`;
       make("text", { class: i ? "note" : "", y }, group).textContent = text;
     });
     const half = Math.max(...[...group.children].map((text) => text.getComputedTextLength())) / 2 + 4;
     group.extent = { half, high: 3 + 9 * lines.length };
-    this.layers[layer].placed.push(group);
+    this.layers[layer].symbols.push(group);
     this.update();
     return group;
   }
 
-  // The length of a draft's side, written away from the draft's middle.
-  measure(side, centre) {
+  // Adds the length of a draft's side, which stands on the side away from the draft's centre.
+  addLength(side, centre) {
     const text = `${this.words.number(distance(...side), 2)} m`;
-    this.write("draft", "length", [text]).side = [...side, centre];
+    this.addText("draft", "length", [text]).side = [...side, centre];
   }
 
-  // `hidden` is the id of the border that is being changed; a border's `note` stands under its name.
-  setBorders(borders, hidden) {
+  // Draws the borders without the one that is being edited. A border's `note` stands under its name.
+  setBorders(borders, editedId) {
     this.borders = borders.map((border) => ({ ...border, line: pairs(border.points) }));
     this.clear("borders");
     for (const border of this.borders) {
-      if (border.id === hidden) continue;
-      // what a border that waits for a person closed off before, and what it will close off
-      for (const when of ["before", "after"]) {
-        if (border[when]?.length) this.line("borders", `border ${when}`, path(pairs(border[when]), true));
+      if (border.id === editedId) continue;
+      // the floor that a border closed off before, and what it will close off, while that waits for a person
+      for (const time of ["before", "after"]) {
+        if (border[time]?.length) this.addLine("borders", `border ${time}`, chainData(pairs(border[time]), true));
       }
-      this.line("borders", `border ${border.kind} ${border.idle || ""}`, path(border.line, border.kind === "polygon"));
-      const group = this.write("borders", "name", [
-        short(this.words.border(border.name) || this.words.say("page_no_name")),
-        short(border.note),
+      const line = chainData(border.line, border.kind === "polygon");
+      this.addLine("borders", `border ${border.kind} ${border.idle || ""}`, line);
+      const group = this.addText("borders", "name", [
+        shortened(this.words.border(border.name) || this.words.say("page_no_name")),
+        shortened(border.note),
       ]);
       group.border = border;
-      const sign = make("g", { class: `mark ${border.idle || ""}` }, group);
-      make("circle", { r: MARK_PX }, sign);
-      make("text", { y: "0.35em" }, sign).textContent = border.mark;
+      const mark = make("g", { class: `mark ${border.idle || ""}` }, group);
+      make("circle", { r: MARK_PX }, mark);
+      make("text", { y: "0.35em" }, mark).textContent = border.mark;
     }
     this.update();
   }
@@ -291,27 +299,27 @@ export class MapView {
   setProgress(progress) {
     this.clear("progress");
     if (!progress) return;
-    this.line("progress", "left-out", dots(pairs(progress.left_out)));
-    this.line("progress", "points", dots(pairs(progress.points)));
-    this.line("progress", "chain", path(pairs(progress.chain), progress.closed));
-    if (progress.seed.length) this.seed("progress", pairs(progress.seed)[0]);
+    this.addLine("progress", "left-out", dotsData(pairs(progress.left_out)));
+    this.addLine("progress", "points", dotsData(pairs(progress.points)));
+    this.addLine("progress", "chain", chainData(pairs(progress.chain), progress.closed));
+    if (progress.seed.length) this.addSeed("progress", pairs(progress.seed)[0]);
     this.update();
   }
 
-  seed(layer, at) {
-    this.place(layer, "seed", at, [["path", { d: "M-9 0A9 9 0 1 0 9 0A9 9 0 1 0-9 0M-4.5 0H4.5" }]]);
+  addSeed(layer, position) {
+    this.addSymbol(layer, "seed", position, [["path", { d: "M-9 0A9 9 0 1 0 9 0A9 9 0 1 0-9 0M-4.5 0H4.5" }]]);
   }
 
   setRobots(robots) {
     this.robots = this.robots || {};
-    for (const name of Object.keys(this.robots).filter((one) => !(one in robots))) {
+    for (const name of Object.keys(this.robots).filter((robot) => !(robot in robots))) {
       this.robots[name].remove();
       delete this.robots[name];
     }
     for (const [name, pose] of Object.entries(robots)) {
       let group = this.robots[name];
       if (!group) {
-        group = this.robots[name] = this.place(
+        group = this.robots[name] = this.addSymbol(
           null,
           "robot",
           [0, 0],
@@ -323,18 +331,18 @@ export class MapView {
         );
         group.metres = 0.18;
       }
-      group.at = [pose[0], pose[1]];
+      group.position = [pose[0], pose[1]];
       group.yaw = pose[2];
     }
     this.update();
   }
 
-  // Where robots are going, by name: the goal, and their navigation's path there.
+  // Draws where robots are going: by name, the goal and the path that their navigation has planned.
   setDrives(drives) {
     this.clear("drives");
-    for (const { goal, path: way } of Object.values(drives)) {
-      this.line("drives", "path", path(pairs(way), false));
-      this.place("drives", "goal", pairs(goal)[0], [
+    for (const { goal, path } of Object.values(drives)) {
+      this.addLine("drives", "path", chainData(pairs(path), false));
+      this.addSymbol("drives", "goal", pairs(goal)[0], [
         ["path", { d: "M0 0C-9-11-9-22 0-22S9-11 0 0ZM-3-14A3 3 0 1 0 3-14A3 3 0 1 0-3-14" }],
       ]);
     }
@@ -343,26 +351,26 @@ export class MapView {
 
   setSpots(spots) {
     this.spots = this.spots || {};
-    for (const [camera, spot] of Object.entries(spots)) {
-      const old = this.spots[camera];
-      if (old && old.stamp === spot[3]) continue;
-      const group = old || this.place(null, "spot", [0, 0], [["circle", { r: 6 }]]);
+    for (const [camera, [x, y, , stamp]] of Object.entries(spots)) {
+      const shown = this.spots[camera];
+      if (shown && shown.stamp === stamp) continue;
+      const group = shown || this.addSymbol(null, "spot", [0, 0], [["circle", { r: 6 }]]);
       this.spots[camera] = group;
-      // what came before this page was opened, or before the link was lost, is not seen now
-      const first = group.stamp === undefined;
-      group.stamp = spot[3];
-      group.at = [spot[0] / 100, spot[1] / 100];
-      group.style.opacity = first && !this.live ? 0 : 1;
+      group.stamp = stamp;
+      group.position = [x / 100, y / 100];
+      // a spot from before this page was opened, or before the link was lost, is not seen now
+      group.style.opacity = !shown && !this.live ? 0 : 1;
       clearTimeout(group.timer);
       group.timer = setTimeout(() => {
         group.style.opacity = 0;
       }, 500);
     }
     this.live = true;
-    this.lay();
+    this.layOut();
   }
 
-  // A draft's line, corners and seed; chosen is the corner that buttons and arrow keys are about.
+  // Draws a draft's line, corners and seed. `chosen` is the corner that buttons and arrow keys act on. A rough draft is not
+  // complete yet: "line" while a finger draws it, "taps" if its corners are tapped.
   setDraft(draft, chosen, rough) {
     this.clear("draft");
     const focused = document.activeElement && document.activeElement.dataset && document.activeElement.dataset.corner;
@@ -370,58 +378,56 @@ export class MapView {
     if (!draft) return this.update();
     const closed = draft.kind === "polygon",
       points = draft.points;
-    this.line("draft", "draft", path(points, closed && !rough));
+    this.addLine("draft", "draft", chainData(points, closed && !rough));
     if (rough) {
-      for (const p of points.slice(0, rough === "taps" ? 99 : 0))
-        this.place("draft", "knob", p, [["circle", { r: 7 }]]);
-      if (rough === "taps" && points.length > 1) this.measure(points.slice(-2), mean(points));
+      for (const point of points.slice(0, rough === "taps" ? 99 : 0))
+        this.addSymbol("draft", "knob", point, [["circle", { r: 7 }]]);
+      if (rough === "taps" && points.length > 1) this.addLength(points.slice(-2), mean(points));
       return this.update();
     }
     const count = points.length,
-      sides = points.map((p, i) => [p, points[(i + 1) % count]]).slice(0, closed ? count : count - 1);
+      sides = points.map((point, i) => [point, points[(i + 1) % count]]).slice(0, closed ? count : count - 1);
     sides.forEach((side, i) => {
       if (count === 2 || (chosen !== null && (i === chosen || (i + 1) % count === chosen)))
-        this.measure(side, mean(points));
+        this.addLength(side, mean(points));
+      if (count <= 24 && distance(...side) * this.view.scale > 60)
+        this.addHandle("between", mean(side), 5, {
+          between: i,
+          label: this.words.say("page_between", { number: i + 1 }),
+        });
     });
-    if (count <= 24)
-      for (let i = 0; i < (closed ? count : count - 1); i++) {
-        const next = points[(i + 1) % count];
-        if (distance(points[i], next) * this.view.scale > 60)
-          this.handle("between", [(points[i][0] + next[0]) / 2, (points[i][1] + next[1]) / 2], 5, {
-            between: i,
-            label: this.words.say("page_between", { number: i + 1 }),
-          });
-      }
-    points.forEach((p, i) =>
-      this.handle(i === chosen ? "chosen" : "", p, 8, {
+    points.forEach(([x, y], i) =>
+      this.addHandle(i === chosen ? "chosen" : "", [x, y], 8, {
         corner: i,
         label: this.words.say("page_corner", {
           number: i + 1,
-          x: this.words.number(p[0], 2),
-          y: this.words.number(p[1], 2),
+          x: this.words.number(x, 2),
+          y: this.words.number(y, 2),
         }),
       }),
     );
-    if (draft.kind !== "wall" && draft.seed) this.seed("draft", draft.seed);
-    this.lay();
+    if (draft.kind !== "wall" && draft.seed) this.addSeed("draft", draft.seed);
+    this.layOut();
     if (focused !== undefined) {
-      const again = this.handleGroup.querySelector(`[data-corner="${focused}"]`);
-      if (again) again.focus({ preventScroll: true });
+      const handle = this.handleGroup.querySelector(`[data-corner="${focused}"]`);
+      if (handle) handle.focus({ preventScroll: true });
     }
   }
 
-  handle(kind, at, radius, { corner, between, label }) {
+  // Adds a handle of a corner, or of the place between two corners, where another one can be pulled out.
+  addHandle(kind, position, radius, { corner, between, label }) {
     const group = make("g", { class: kind, tabindex: 0, role: "button", "aria-label": label }, this.handleGroup);
     if (corner !== undefined) group.dataset.corner = corner;
     else group.dataset.between = between;
-    group.at = at;
+    group.position = position;
     make("circle", { class: "hit", r: corner === undefined ? 16 : HANDLE_PX }, group);
     make("circle", { class: "knob", r: radius }, group);
   }
 
-  setCursor(at) {
+  // Shows the crosshair that arrow keys move, or none.
+  setCursor(position) {
     if (this.cursor) this.cursor.remove();
-    this.cursor = at && this.place(null, "crosshair", at, [["path", { d: "M-16 0H16M0-16V16" }]]);
-    if (this.cursor) this.lay();
+    this.cursor = position && this.addSymbol(null, "crosshair", position, [["path", { d: "M-16 0H16M0-16V16" }]]);
+    if (this.cursor) this.layOut();
   }
 }

@@ -1,12 +1,22 @@
-// The page: what the server's view says, as words and buttons; what people press, as requests.
+// The page: shows the server's view as words and buttons, and turns what people press into requests.
 "use strict";
 import { borderDialog, drawBorders } from "./borders.js";
 import { closeButton, show } from "./dialog.js";
 import { draft, drawHint, drawReview, examine, listeners, map, setMode } from "./editor.js";
-import { drawDrives, drawEvents, drawHealth, drawNotices, floorOn, refreshFloor, setFloor, watch, watched } from "./lab.js";
+import {
+  drawDrives,
+  drawEvents,
+  drawHealth,
+  drawNotices,
+  floorOn,
+  refreshFloor,
+  setFloor,
+  toggleWatching,
+  watched,
+} from "./lab.js";
 import { drawBanners, drawState } from "./laser.js";
 import { Link } from "./link.js";
-import { hello, operator, page, say, view, words } from "./state.js";
+import { hello, isOperator, page, say, view, words } from "./state.js";
 import { $, ask, button, element, toast } from "./ui.js";
 
 function drawAll() {
@@ -21,14 +31,15 @@ function drawAll() {
   drawDrives();
 }
 
-let floorTried = false; // it is switched on by itself once: who has switched it off keeps it off
+let wasFloorShown = false; // it is switched on once by itself, and stays off after somebody has switched it off
 
+// Draws what depends on a section of the view that has changed, in this order.
 const DRAW = {
   map(section) {
     map.setMap(section);
     $("floor-button").hidden = !section.floor;
-    if (section.floor && operator() && !floorOn && !floorTried) {
-      floorTried = true;
+    if (section.floor && isOperator() && !floorOn && !wasFloorShown) {
+      wasFloorShown = true;
       setFloor(true);
     }
   },
@@ -36,7 +47,7 @@ const DRAW = {
     drawHint();
     drawBorders();
     drawBanners();
-    for (const one of ["undo", "redo"]) $(one).disabled = !available_commands.includes(one);
+    for (const command of ["undo", "redo"]) $(command).disabled = !available_commands.includes(command);
   },
   state() {
     drawState();
@@ -70,39 +81,40 @@ const DRAW = {
   events: drawEvents,
 };
 
-// The language that was chosen here, or the first of the browser's that there is.
-async function speak() {
-  const asked = [localStorage.getItem("language"), ...navigator.languages, "en"].filter(Boolean);
-  for (const one of asked.map((tag) => tag.slice(0, 2))) if (one === words.language || (await words.load(one))) return;
+// Loads the language that was chosen here, or the first of the browser's languages that the page has.
+async function loadLanguage() {
+  const tags = [localStorage.getItem("language"), ...navigator.languages, "en"].filter(Boolean);
+  for (const language of tags.map((tag) => tag.slice(0, 2)))
+    if (language === words.language || (await words.load(language))) return;
 }
 
-async function settings() {
+function settingsDialog() {
   const languages = element(
     "div",
     { class: "row", role: "group", "aria-label": say("page_language") },
-    ...(hello.languages || []).map((one) =>
+    ...(hello.languages || []).map((language) =>
       element(
         "button",
         {
-          lang: one,
-          "aria-pressed": String(one === words.language),
+          lang: language,
+          "aria-pressed": String(language === words.language),
           onclick: async () => {
-            localStorage.setItem("language", one);
-            await words.load(one);
-            toast(""); // it is in the language before
+            localStorage.setItem("language", language);
+            await words.load(language);
+            toast(""); // which is in the previous language
             drawAll();
-            settings();
+            settingsDialog();
           },
         },
-        new Intl.DisplayNames([one], { type: "language" }).of(one),
+        new Intl.DisplayNames([language], { type: "language" }).of(language),
       ),
     ),
   );
-  const invite = operator()
+  const invite = isOperator()
     ? button("page_invite", async () => {
         const answer = await page.link.ask("invite");
         if (!answer.ok) return toast(words.tell(answer), true);
-        const lines = answer.operator
+        const codeLines = answer.operator
           ? [
               ["page_code_operator", answer.operator],
               ["page_code_viewer", answer.viewer],
@@ -110,8 +122,8 @@ async function settings() {
           : [element("p", { class: "muted" }, say("page_only_here"))];
         show(
           say("page_invite"),
-          ...answer.addresses.map((one) => element("p", {}, element("a", { href: one }, one))),
-          ...lines,
+          ...answer.addresses.map((address) => element("p", {}, element("a", { href: address }, address))),
+          ...codeLines,
           closeButton(),
         );
       })
@@ -125,7 +137,7 @@ async function settings() {
   show(say("page_settings"), languages, invite, leave, closeButton());
 }
 
-const REFUSED = { 401: "page_wrong_code", 429: "page_too_many_codes" }; // by status
+const LOGIN_REFUSALS = { 401: "page_wrong_code", 429: "page_too_many_codes" }; // by HTTP status
 
 async function logIn(code) {
   const { ok, status } = await fetch("session", {
@@ -136,7 +148,7 @@ async function logIn(code) {
   if (ok) {
     $("login").hidden = true;
     page.link.connect();
-  } else $("login-answer").textContent = say(REFUSED[status] || "page_no_answer");
+  } else $("login-answer").textContent = say(LOGIN_REFUSALS[status] || "page_no_answer");
 }
 
 listeners.pick = borderDialog;
@@ -145,30 +157,30 @@ listeners.mode = () => {
   drawBorders();
 };
 window.virtualBorders = { map, draft: () => draft, view }; // for tests and the console
-await speak();
+await loadLanguage();
 
-page.link = new Link(
-  (sections) => {
+page.link = new Link({
+  onView(sections) {
     Object.assign(view, sections);
     for (const name of Object.keys(DRAW)) if (name in sections) DRAW[name](sections[name]);
   },
-  (found) => {
-    Object.assign(hello, found);
+  onHello(message) {
+    Object.assign(hello, message);
     for (const section of Object.keys(view)) delete view[section]; // a server that was started again may know less
     document.body.dataset.role = hello.role;
     page.online = true;
-    if (!words.language) speak().then(drawAll); // the server was away when the page was opened
+    if (!words.language) loadLanguage().then(drawAll); // the server was away when the page was opened
     $("login").hidden = true;
     drawAll();
     if (page.mode === "review") examine();
   },
-  () => {
+  onDown() {
     page.online = false;
     drawState();
     drawBanners();
     map.live = false;
   },
-  (session) => {
+  onSession(session) {
     document.body.dataset.role = session.role;
     if (session.role !== "nobody") return;
     $("login").hidden = false;
@@ -181,7 +193,7 @@ page.link = new Link(
       logIn(code);
     }
   },
-);
+});
 
 $("login")
   .querySelector("form")
@@ -192,7 +204,7 @@ $("login")
 
 for (const command of ["stop", "resume", "undo", "redo"])
   $(command).addEventListener("click", () => ask("command", { command }));
-$("settings-button").addEventListener("click", settings);
+$("settings-button").addEventListener("click", settingsDialog);
 for (const mode of ["draw", "wall", "go"]) $(mode).addEventListener("click", () => setMode(mode));
 $("zoom-in").addEventListener("click", () => map.zoom(1.4));
 $("zoom-out").addEventListener("click", () => map.zoom(1 / 1.4));
@@ -200,11 +212,10 @@ $("zoom-fit").addEventListener("click", () => map.fit());
 $("floor-button").addEventListener("click", () => setFloor(!floorOn));
 
 $("health").addEventListener("toggle", () => {
-  if (!$("health").open) [...watched.keys()].forEach(watch);
+  if (!$("health").open) [...watched.keys()].forEach(toggleWatching);
 });
 
-// Stop and, as far from it as ever, the state with Resume keep place and size on the screen also while two fingers have
-// enlarged the page, which helps to read it.
+// Keeps the place and size of Stop and of the state with Resume on the screen while two fingers have enlarged the page.
 function keepOnScreen() {
   const { scale, offsetLeft, offsetTop } = window.visualViewport;
   for (const part of [$("stop"), $("standing")]) {
@@ -215,9 +226,9 @@ function keepOnScreen() {
   }
 }
 
-for (const change of ["resize", "scroll"]) window.visualViewport.addEventListener(change, keepOnScreen);
+for (const event of ["resize", "scroll"]) window.visualViewport.addEventListener(event, keepOnScreen);
 
-// a keyboard that shrinks the page covers no field that one types in
+// an on-screen keyboard, which shrinks the page, does not cover the field that is typed into
 window.addEventListener("resize", () => {
   if (document.activeElement.matches("input")) document.activeElement.scrollIntoView({ block: "center" });
 });

@@ -1,31 +1,34 @@
-// Lines and areas in the plane: points are [x, y] in metres.
+// Lines and areas in the plane. Points are [x, y] in metres.
 "use strict";
 
+// Converts the server's whole centimetres [x0, y0, x1, y1, ...] to points.
 export const pairs = (flat) =>
   Array.from({ length: flat.length / 2 }, (_, i) => [flat[2 * i] / 100, flat[2 * i + 1] / 100]);
 export const distance = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
 
-// How far a point is from a line between two others.
-export function toSegment(p, a, b) {
+// Returns the distance of a point from the segment between two others.
+export function distanceToSegment(p, a, b) {
   const [dx, dy] = [b[0] - a[0], b[1] - a[1]],
     square = dx * dx + dy * dy;
   const t = square ? Math.max(0, Math.min(1, ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy) / square)) : 0;
   return distance(p, [a[0] + t * dx, a[1] + t * dy]);
 }
 
-// Fewer points, none of the others further than `tolerance` [m] from the line.
+// Leaves out points of a line, none of them further than `tolerance` [m] from the line that remains (Douglas-Peucker).
 export function simplify(points, tolerance) {
   if (points.length < 3) return points;
-  let worst = 0,
-    at = 0;
+  let largest = 0,
+    farthest = 0;
   for (let i = 1; i < points.length - 1; i++) {
-    const d = toSegment(points[i], points[0], points[points.length - 1]);
-    if (d > worst) [worst, at] = [d, i];
+    const d = distanceToSegment(points[i], points[0], points[points.length - 1]);
+    if (d > largest) [largest, farthest] = [d, i];
   }
-  if (worst <= tolerance) return [points[0], points[points.length - 1]];
-  return [...simplify(points.slice(0, at + 1), tolerance).slice(0, -1), ...simplify(points.slice(at), tolerance)];
+  if (largest <= tolerance) return [points[0], points[points.length - 1]];
+  const [first, second] = [points.slice(0, farthest + 1), points.slice(farthest)];
+  return [...simplify(first, tolerance).slice(0, -1), ...simplify(second, tolerance)];
 }
 
+// Returns whether a point is inside a polygon: a ray from it crosses the outline an odd number of times.
 export function inside(p, polygon) {
   let odd = false;
   for (let i = 0, j = polygon.length - 1; i < polygon.length; j = i++) {
@@ -35,11 +38,11 @@ export function inside(p, polygon) {
   return odd;
 }
 
-// The point of what is inside a polygon and a box [left, right, low, high] that is furthest from their edges, of a grid of
-// 24 x 24; null if there is none.
+// Returns the point of a 24 x 24 grid that is inside a polygon and a box [left, right, low, high] and furthest from their
+// edges, or null if there is none.
 export function deepest(polygon, [left, right, low, high]) {
-  const xs = polygon.map((p) => p[0]),
-    ys = polygon.map((p) => p[1]);
+  const xs = polygon.map(([x]) => x),
+    ys = polygon.map(([, y]) => y);
   const [x0, x1] = [Math.max(left, Math.min(...xs)), Math.min(right, Math.max(...xs))];
   const [y0, y1] = [Math.max(low, Math.min(...ys)), Math.min(high, Math.max(...ys))];
   let best = null,
@@ -51,8 +54,8 @@ export function deepest(polygon, [left, right, low, high]) {
       if (!inside(p, polygon)) continue;
       let d = Math.min(p[0] - left, right - p[0], p[1] - low, high - p[1]);
       for (let k = 0; k < polygon.length; k++)
-        d = Math.min(d, toSegment(p, polygon[k], polygon[(k + 1) % polygon.length]));
-      d -= 0.02 * distance(p, [(x0 + x1) / 2, (y0 + y1) / 2]); // where several are as deep: the one in the middle
+        d = Math.min(d, distanceToSegment(p, polygon[k], polygon[(k + 1) % polygon.length]));
+      d -= 0.02 * distance(p, [(x0 + x1) / 2, (y0 + y1) / 2]); // of several that are as deep, the most central one
       if (d > depth) [best, depth] = [p, d];
     }
   return best;
@@ -60,5 +63,5 @@ export function deepest(polygon, [left, right, low, high]) {
 
 export const mean = (points) => [0, 1].map((axis) => points.reduce((sum, p) => sum + p[axis], 0) / points.length);
 
-// The point inside that is furthest from the edges; of a polygon that has no inside, its corners' mean.
+// Returns the point inside a polygon that is furthest from its edges, or its corners' mean if it has no inside.
 export const middle = (polygon) => deepest(polygon, [-Infinity, Infinity, -Infinity, Infinity]) || mean(polygon);

@@ -1,21 +1,22 @@
-// What every part of the page is made of: elements, answers and requests.
+// Elements, requests and their answers, of which every part of the page is made.
 "use strict";
-import { page, prompt, say, view, words } from "./state.js";
+import { page, promptCode, say, view, words } from "./state.js";
 
 export const $ = (id) => document.getElementById(id);
-const CHANGES = ["add", "update", "rename", "enable", "remove"]; // what undo takes back
+const CHANGES = ["add", "update", "rename", "enable", "remove"]; // actions that undo takes back
 const NAME_LENGTH = 60;
 
+// Makes an element. A true attribute has no value; false, null and undefined leave an attribute or a child out.
 export function element(tag, attributes = {}, ...children) {
-  const made = document.createElement(tag);
-  if (tag === "button") made.type = "button";
+  const node = document.createElement(tag);
+  if (tag === "button") node.type = "button";
   for (const [key, value] of Object.entries(attributes)) {
-    if (key === "onclick") made.addEventListener("click", value);
-    else if (value === true) made.setAttribute(key, "");
-    else if (value !== false && value !== null && value !== undefined) made.setAttribute(key, value);
+    if (key === "onclick") node.addEventListener("click", value);
+    else if (value === true) node.setAttribute(key, "");
+    else if (value !== false && value !== null && value !== undefined) node.setAttribute(key, value);
   }
-  made.append(...children.filter((child) => child !== null && child !== undefined));
-  return made;
+  node.append(...children.filter((child) => child !== null && child !== undefined));
+  return node;
 }
 
 export const button = (code, onclick, kind = "", attributes = {}) =>
@@ -23,45 +24,46 @@ export const button = (code, onclick, kind = "", attributes = {}) =>
 
 export const clock = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
 
-// Replaces a list's content if it changed: a button that is replaced under a finger is never pressed. What has the focus
-// keeps it, by data-key; a field that is being typed into stays, with its caret and half a number.
-const filled = new WeakMap();
+const contents = new WeakMap(); // the HTML that `fill` has put into each parent
 
+// Replaces an element's content if it has changed, as a button that is replaced under a finger is never pressed. What has
+// the focus keeps it, by its data-key. A field that is being typed into stays, with its caret and half a number.
 export function fill(parent, children) {
-  const made = children.filter(Boolean);
-  const text = made.map((child) => child.outerHTML).join("");
-  if (filled.get(parent) === text) return;
-  filled.set(parent, text);
+  const nodes = children.filter(Boolean);
+  const html = nodes.map((node) => node.outerHTML).join("");
+  if (contents.get(parent) === html) return;
+  contents.set(parent, html);
   const focused = parent.contains(document.activeElement) ? document.activeElement : parent;
   const key = `[data-key="${CSS.escape(focused.dataset.key || "")}"]`;
-  const at = made.findIndex((child) => child.matches(key) || child.querySelector(key));
-  if (at >= 0 && focused.matches("input")) {
+  const index = nodes.findIndex((node) => node.matches(key) || node.querySelector(key));
+  if (index >= 0 && focused.matches("input")) {
     const kept = [...parent.children].find((child) => child.contains(focused));
     for (const child of [...parent.children]) if (child !== kept) child.remove();
-    kept.before(...made.slice(0, at));
-    kept.after(...made.slice(at + 1));
+    kept.before(...nodes.slice(0, index));
+    kept.after(...nodes.slice(index + 1));
     return;
   }
-  parent.replaceChildren(...made);
-  if (at >= 0) parent.querySelector(key).focus({ preventScroll: true });
+  parent.replaceChildren(...nodes);
+  if (index >= 0) parent.querySelector(key).focus({ preventScroll: true });
 }
 
-// An answer that stands on the page, for instance as a notice, is not said twice.
-export function dropStanding() {
-  const standing = [...(view.notices || []).map((notice) => notice.code), prompt(), !page.online && "page_offline"];
-  if ($("laser-refused").textContent) standing.push(view.state.last.code);
-  const { code } = $("toast").dataset; // none where it is no answer
-  if (code && standing.includes(code)) $("toast").textContent = "";
+// Empties the toast if the page already says the same elsewhere, for instance as a notice.
+export function dropRepeatedToast() {
+  const codes = [...(view.notices || []).map((notice) => notice.code), promptCode(), !page.online && "page_offline"];
+  if ($("laser-refused").textContent) codes.push(view.state.last.code);
+  const { code } = $("toast").dataset; // "" if the toast is not an answer
+  if (code && codes.includes(code)) $("toast").textContent = "";
 }
 
-// A second tap at once, as one zooms a picture, presses nothing that the first has brought up or uncovered.
 const LOCKED_MS = 400;
-const unlocking = new Map(); // part: the timer that ends its lock; an animation would stand still in a page that is not painted
+const unlockTimers = new Map(); // by part; an animation would stand still in a page that is not painted
 
+// Locks a part of the page for a moment: a second tap at once, as people zoom a picture, presses nothing that the first
+// one has brought up or uncovered.
 export function lock(part) {
-  clearTimeout(unlocking.get(part));
+  clearTimeout(unlockTimers.get(part));
   part.classList.add("locked");
-  unlocking.set(
+  unlockTimers.set(
     part,
     setTimeout(() => part.classList.remove("locked"), LOCKED_MS),
   );
@@ -69,26 +71,28 @@ export function lock(part) {
 
 let toastTimer = 0;
 
-export function toast(text, bad = false, code = "", more = null) {
+// Shows a text for some seconds, with a button if one is given, or empties the toast. `code` is that of an answer.
+export function toast(text, bad = false, code = "", action = null) {
   clearTimeout(toastTimer);
   lock($("line"));
-  $("toast").replaceChildren(...(text ? [element("span", {}, text), more].filter(Boolean) : []));
+  $("toast").replaceChildren(...(text ? [element("span", {}, text), action].filter(Boolean) : []));
   $("toast").dataset.code = code;
-  dropStanding();
+  dropRepeatedToast();
   $("toast").classList.toggle("bad", bad);
-  if (text) toastTimer = setTimeout(() => toast(""), bad || more ? 9000 : 4500);
+  if (text) toastTimer = setTimeout(() => toast(""), bad || action ? 9000 : 4500);
 }
 
-export async function ask(action, fields, done = null, values = {}) {
+// Asks for an action and shows the answer, with the sentence of `doneCode` and its values if the action succeeded.
+export async function ask(action, fields, doneCode = null, values = {}) {
   // a command is void after a stop that was not shown here yet
-  const shown = (view.state && view.state.stop_number) || "";
-  const seen = action === "command" ? { seen_stop: fields.command === "stop" ? "" : shown } : {};
-  // undo and redo are about the borders as they are shown: pressed again once these have changed, they mean the next change
-  const about = ["undo", "redo"].includes(fields.command) ? (view.borders || {}).revision : null;
-  const answer = await page.link.ask(action, { ...fields, ...seen }, about);
-  if (answer.ok && done)
+  const shownStop = (view.state && view.state.stop_number) || "";
+  const seen = action === "command" ? { seen_stop: fields.command === "stop" ? "" : shownStop } : {};
+  // undo and redo mean the borders as they are shown: pressed again after these have changed, they mean the next change
+  const subject = ["undo", "redo"].includes(fields.command) ? (view.borders || {}).revision : null;
+  const answer = await page.link.ask(action, { ...fields, ...seen }, subject);
+  if (answer.ok && doneCode)
     toast(
-      say(done, values),
+      say(doneCode, values),
       false,
       "",
       CHANGES.includes(action) ? button("page_undo", () => ask("command", { command: "undo" })) : null,
@@ -97,33 +101,38 @@ export async function ask(action, fields, done = null, values = {}) {
   return answer;
 }
 
-export function issues(list) {
-  return (list || []).map((one) => element("p", { class: `issue ${one.severity ? "error" : ""}` }, words.tell(one)));
+export function issueLines(issues) {
+  return (issues || []).map((issue) =>
+    element("p", { class: `issue ${issue.severity ? "error" : ""}` }, words.tell(issue)),
+  );
 }
 
-export const figures = (area) =>
+export const areaLine = (area) =>
   element("p", { class: "figures" }, element("b", {}, `${words.number(area, 2)} m²`), ` ${say("page_area")}`);
 
 export function nameField(value, placeholder = "") {
-  const made = element("input", {
+  const field = element("input", {
     maxlength: NAME_LENGTH,
     value,
     placeholder,
     "data-key": "name",
     autocomplete: "off",
   });
-  made.addEventListener("input", () => {
-    if (made.value.length === NAME_LENGTH) toast(say("page_name_long", { count: NAME_LENGTH }), true);
+  field.addEventListener("input", () => {
+    if (field.value.length === NAME_LENGTH) toast(say("page_name_long", { count: NAME_LENGTH }), true);
   });
-  return made;
+  return field;
 }
 
+// Makes a labelled choice. The codes of its words are `code` and, for an option, `code` with the option's name.
 export function select(code, value, options, onchange) {
-  const made = element(
+  const choice = element(
     "select",
     { "data-key": code },
-    ...options.map((one) => element("option", { value: one, selected: one === value }, say(`${code}_${one}`))),
+    ...options.map((option) =>
+      element("option", { value: option, selected: option === value }, say(`${code}_${option}`)),
+    ),
   );
-  made.addEventListener("change", () => onchange(made.value));
-  return element("label", {}, element("span", {}, say(code)), made);
+  choice.addEventListener("change", () => onchange(choice.value));
+  return element("label", {}, element("span", {}, say(code)), choice);
 }

@@ -7,11 +7,11 @@ export class Words {
     this.language = "";
   }
 
-  // Returns whether the language is known; if not, the words stay as they are.
+  // Loads a language. Returns whether it is known; if not, the words stay as they are.
   async load(language) {
-    const found = await fetch(`words/${language}.json`).catch(() => null);
-    if (!found || !found.ok) return false;
-    this.table = await found.json();
+    const response = await fetch(`words/${language}.json`).catch(() => null);
+    if (!response || !response.ok) return false;
+    this.table = await response.json();
     this.language = language;
     document.documentElement.lang = language;
     for (const element of document.querySelectorAll("[data-word]"))
@@ -30,29 +30,31 @@ export class Words {
     return code in this.table;
   }
 
-  say(code, values = {}, otherwise = "") {
-    const sentence = this.table[code] || otherwise || String(code).replaceAll("_", " ");
-    return sentence.replace(/\{(\w+)\}/g, (_, name, at) =>
-      name in values ? this.value(name, values, at) : `(${name})`,
+  // Returns a code's sentence with its values, or `fallback` for an unknown code.
+  say(code, values = {}, fallback = "") {
+    const sentence = this.table[code] || fallback || String(code).replaceAll("_", " ");
+    return sentence.replace(/\{(\w+)\}/g, (_, name, offset) =>
+      name in values ? this.value(name, values, offset === 0) : `(${name})`,
     );
   }
 
-  // A value that begins with $ is itself a code, with the sentence's other values; where a sentence begins with it, so with a capital.
-  value(name, { [name]: given, ...others }, at) {
-    const text = name === "border" || name === "borders" ? this.border(given) : given;
+  // Returns a sentence's value. One that begins with $ is itself a code, with the sentence's other values, and begins with
+  // a capital where it begins the sentence.
+  value(name, { [name]: raw, ...others }, beginsSentence) {
+    const text = name === "border" || name === "borders" ? this.border(raw) : raw;
     if (!/^\$./.test(text)) return text;
-    const said = this.say(text.slice(1), others);
-    return at ? said : said.charAt(0).toUpperCase() + said.slice(1);
+    const phrase = this.say(text.slice(1), others);
+    return beginsSentence ? phrase.charAt(0).toUpperCase() + phrase.slice(1) : phrase;
   }
 
-  // A border or wall that nobody named is numbered in the reader's language.
+  // Returns a border's name. A border or wall that nobody named is numbered in the reader's language.
   border(name) {
     return name.replace(/\b(border|wall) (\d+)\b/g, (_, kind, number) => this.say(`unnamed_${kind}`, { number }));
   }
 
-  // Of anything that has code, values and message.
-  tell(said) {
-    return this.say(said.code, said.values, said.message);
+  // Returns the sentence of anything that has code, values and message.
+  tell({ code, values, message }) {
+    return this.say(code, values, message);
   }
 
   number(value, digits = 1) {

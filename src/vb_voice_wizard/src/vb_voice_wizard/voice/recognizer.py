@@ -3,9 +3,9 @@
 Endpointing finds the speech, and a network trained on people's speech tells how much more probable the utterance makes
 each command than silence does (speech_model). Several variants of the sound are scored, and the evidence is weighed
 against what else sounds like this command: two words are hardly ever heard by mistake, one syllable is. Even odds are
-enough to accept a command, but not to be certain of it: one that would move a robot, change the map or lose a drawing
-is then asked about, and confirmed with another phrase, "yes, save" (interaction.py). Talk and then a shouted *stop*
-are one utterance: so the end of an utterance that is not a command counts as a *stop* if it is one beyond doubt.
+enough to accept a command, but not to be certain of it. An uncertain command that would move a robot, change the map or
+lose a drawing is asked about, and confirmed with another phrase, "yes, save" (interaction.py). Talk and then a shouted
+*stop* are one utterance, so the end of an utterance that is not a command counts as a *stop* if it is one beyond doubt.
 Nothing is trained here; bench/voice/command_recognition.py measures the results.
 
 Use it to tell which command, if any, a piece of speech is; `voice.endpointing` cuts a microphone's stream into pieces.
@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import Deque, List, Optional, Sequence, Tuple
+from typing import Deque, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -37,28 +37,39 @@ PHRASES = {name: [spelled_out(name), *command.phrases] for name, command in COMM
 PHRASES.update({answer: ["yes, " + spelled_out(command)] for answer, command in ANSWERS.items()})
 # Evidence at which an utterance is as probably a command as something that sounds like it. In the development group,
 # about as many single words are then missed as wrongly accepted; nothing comes near two words (docs/results/voice).
-_EVEN, _EVEN_TWO_WORDS = -3.5, -6.0
+_EVEN_ONE_WORD = -3.5
+_EVEN_TWO_WORDS = -6.0
 # Odds from which a command is beyond doubt: nearly three times the highest that another utterance of the development
-# group reached for a command that matters.
+# group reached for a command with consequences.
 CERTAIN_ODDS = 10.0
 THRESHOLD = 0.5  # confidence from which a command is accepted: even odds
 # [s] of speech at an utterance's end that may be a "stop", as short and as long as people say it
 _ENDINGS = (0.4, 0.6, 0.8)
 _STOP_AT_END = -0.7  # evidence from which it is one: there are many ends in an hour of talk
-_STOP_EVEN = -3.7  # the same for a whole utterance, with fewer looks: a false stop does less harm than a missed one
+_STOP_WHOLE = -3.7  # the same for a whole utterance, with fewer variants: a false stop does less harm than a missed one
 _MIN_LENGTH = 0.2  # [s] with its padding: anything shorter is not a word
-# Looks, variants of each utterance: speed, then silence [s] added before and after it; negative: sound removed. Their
-# evidence is averaged: what noise, a breath before the word, or the network's whim hides in one look, another shows.
+
+
+class _Variant(NamedTuple):
+    """How an utterance is changed: its speed, and the silence [s] added before and after. Below 0, sound is removed."""
+
+    speed: float = 1.0
+    before: float = 0.0
+    after: float = 0.0
+
+
+# Their evidence is averaged: what noise, a breath before the word, or the network's whim hides in one, another shows.
 _VARIANTS = (
-    (1.0, 0.0, 0.0),
-    (0.94, 0.0, 0.0),
-    (1.07, 0.0, 0.0),
-    (1.0, -0.2, 0.0),
-    (1.0, -0.2, -0.15),
-    (1.0, 0.3, 0.0),
-    (1.0, 0.0, 0.3),
+    _Variant(),
+    _Variant(speed=0.94),
+    _Variant(speed=1.07),
+    _Variant(before=-0.2),
+    _Variant(before=-0.2, after=-0.15),
+    _Variant(before=0.3),
+    _Variant(after=0.3),
 )
-_CLOSEST = 4  # phrases that are scored in every look
+_STOP_VARIANTS = _VARIANTS[:3]
+_CLOSEST = 4  # phrases that are scored in every variant
 _MUTE_MARGIN = 0.3  # [s] how much later a sound may end, through the sound card's delay and echoes
 
 
@@ -68,10 +79,10 @@ class RecognitionResult:
 
     Attributes:
         command: the command that was understood, or None.
-        best: the command that fits best, understood or not; empty if none was sought.
+        best: the command that fits best, understood or not, or "" if none was sought.
         confidence: 0 .. 1.
-        certain: whether it is a command beyond doubt.
-        reason: "ok", or why not: "unlike_a_command", "too_long", "too_short", or a node's own.
+        certain: whether the utterance is a command beyond doubt.
+        reason: "ok", or why it is no command: "unlike_a_command", "too_long", "too_short", or a node's own reason.
     """
 
     command: Optional[str] = None
@@ -86,66 +97,67 @@ class RecognitionResult:
 
 
 class CommandRecognizer:
-    """Recognises commands; calls may come from one thread at a time.
+    """Recognises commands. For one thread at a time.
 
     Raises:
         CodedError: if a file of the speech model is missing.
     """
 
     def __init__(self) -> None:
-        said = [(command, text) for command, texts in PHRASES.items() for text in texts]
-        self._meanings = np.array([command for command, _ in said])
-        self._even = np.array([_EVEN_TWO_WORDS if " " in text else _EVEN for _, text in said])
-        self._model = SpeechModel([text.lower() for _, text in said])
+        phrases = [(command, text) for command, texts in PHRASES.items() for text in texts]
+        self._commands = np.array([command for command, _ in phrases])  # by the phrase's number
+        self._even_evidence = np.array([_EVEN_TWO_WORDS if " " in text else _EVEN_ONE_WORD for _, text in phrases])
+        self._model = SpeechModel([text.lower() for _, text in phrases])
 
     def classify(self, utterance: Utterance) -> RecognitionResult:
-        """Classifies one utterance: as a whole, and if that is not a command, whether it or its end may be a "stop"."""
+        """Classifies one utterance. If it is not a command as a whole, it or its end may still be a "stop"."""
         if len(utterance.pcm) < _MIN_LENGTH * SAMPLE_RATE:
             return RecognitionResult(reason="too_short")
-        result = RecognitionResult(reason="too_long") if utterance.too_long else self._judge(utterance.pcm)
+        result = RecognitionResult(reason="too_long") if utterance.too_long else self._classify_phrase(utterance.pcm)
         if result.command is None:
-            stops = np.flatnonzero(self._meanings == STOP)
-            pieces = [] if utterance.too_long else [(utterance.pcm, _STOP_EVEN)]
+            stops = np.flatnonzero(self._commands == STOP)
+            pieces = [] if utterance.too_long else [(utterance.pcm, _STOP_WHOLE)]
             pieces += [(utterance.pcm[-int((end + PADDING) * SAMPLE_RATE) :], _STOP_AT_END) for end in _ENDINGS]
             for pcm, needed in pieces:
-                _, evidence = self._weigh(pcm, stops, _VARIANTS[:3])
+                _, evidence = self._find_best_phrase(pcm, stops, _STOP_VARIANTS)
                 if evidence >= needed:
                     return RecognitionResult(STOP, STOP, float(1.0 / (1.0 + np.exp(needed - evidence))), True)
         return result
 
-    def _judge(self, pcm: np.ndarray) -> RecognitionResult:
-        """Classifies sound as one of the phrases."""
-        number, evidence = self._weigh(pcm, np.arange(len(self._meanings)), _VARIANTS)
-        odds, best = float(np.exp(evidence - self._even[number])), str(self._meanings[number])
+    def _classify_phrase(self, pcm: np.ndarray) -> RecognitionResult:
+        phrase, evidence = self._find_best_phrase(pcm, np.arange(len(self._commands)), _VARIANTS)
+        best = str(self._commands[phrase])
+        odds = float(np.exp(evidence - self._even_evidence[phrase]))
         confidence = odds / (1.0 + odds)
         if confidence < THRESHOLD:
             return RecognitionResult(best=best, confidence=confidence, reason="unlike_a_command")
         return RecognitionResult(best, best, confidence, odds >= CERTAIN_ODDS)
 
-    def _weigh(
-        self, pcm: np.ndarray, which: np.ndarray, looks: Sequence[Tuple[float, float, float]]
+    def _find_best_phrase(
+        self, pcm: np.ndarray, phrases: np.ndarray, variants: Sequence[_Variant]
     ) -> Tuple[int, float]:
-        """Returns which of some phrases, by number, fits best, and its evidence: a logarithm, averaged as odds."""
-        first = self._model.log_likelihood_ratios(_make_variant(pcm, *looks[0]), which)
+        """Returns the number of the best of some phrases, and its log likelihood ratio, averaged over the variants."""
+        first = self._model.log_likelihood_ratios(_make_variant(pcm, variants[0]), phrases)
         closest = np.argsort(-first)[:_CLOSEST]
-        found = [first[closest]]
-        found += [self._model.log_likelihood_ratios(_make_variant(pcm, *look), which[closest]) for look in looks[1:]]
-        evidence = np.log(np.mean(np.exp(found), axis=0))
+        ratios = [first[closest]] + [
+            self._model.log_likelihood_ratios(_make_variant(pcm, variant), phrases[closest]) for variant in variants[1:]
+        ]
+        evidence = np.log(np.mean(np.exp(ratios), axis=0))
         best = int(evidence.argmax())
-        return int(which[closest[best]]), float(evidence[best])
+        return int(phrases[closest[best]]), float(evidence[best])
 
 
-def _make_variant(pcm: np.ndarray, speed: float, before: float, after: float) -> np.ndarray:
-    """Returns an utterance at another speed, with silence [s] added before and after it; negative: sound removed."""
-    played = np.interp(np.arange(0.0, len(pcm) - 1, speed), np.arange(len(pcm)), pcm).astype(np.int16)
-    begin, end = int(before * SAMPLE_RATE), int(after * SAMPLE_RATE)
+def _make_variant(pcm: np.ndarray, variant: _Variant) -> np.ndarray:
+    played = np.interp(np.arange(0.0, len(pcm) - 1, variant.speed), np.arange(len(pcm)), pcm).astype(np.int16)
+    begin, end = int(variant.before * SAMPLE_RATE), int(variant.after * SAMPLE_RATE)
+    # a word that is nearly too short loses no sound
     if len(played) + min(0, begin) + min(0, end) >= _MIN_LENGTH * SAMPLE_RATE:
         played = played[max(0, -begin) : len(played) + min(0, end)]
     return np.pad(played, (max(0, begin), max(0, end)))
 
 
 @dataclass(frozen=True)
-class Heard:
+class RecognizedUtterance:
     """The result and the time of one utterance.
 
     Attributes:
@@ -172,27 +184,28 @@ class CommandListener:
     def __init__(self, recognizer: CommandRecognizer) -> None:
         self._recognizer = recognizer
         self._endpointer = Endpointer()
-        # more sounds than can play while audio waits to be processed
+        # start and end [s]; more sounds than can play while audio waits to be processed
         self._played: Deque[Tuple[float, float]] = deque(maxlen=100)
 
-    def play(self, sound: str, when: float) -> None:
-        """Records that one of the system's sounds begins at time `when` [s]; an unknown sound is ignored."""
+    def play(self, sound: str, start: float) -> None:
+        """Records that one of the system's sounds begins at time `start` [s]. An unknown sound is ignored."""
         if sound in SOUNDS and sound != TICK:  # too short for an utterance
-            self._played.append((when, when + SOUNDS[sound].seconds + _MUTE_MARGIN))
+            self._played.append((start, start + SOUNDS[sound].seconds + _MUTE_MARGIN))
 
-    def push(self, pcm: np.ndarray, when: float) -> List[Heard]:
+    def push(self, pcm: np.ndarray, now: float) -> List[RecognizedUtterance]:
         """Adds the stream's next samples, (N,) int16 at 16 kHz, and returns the results for utterances ending in them.
 
         Args:
-            when: [s] when the last of these samples arrived.
+            now: [s] when the last of these samples arrived.
         """
         utterances = self._endpointer.push(pcm)
-        stream_start = when - self._endpointer.length
+        stream_start = now - self._endpointer.length
         return [self._classify(utterance, stream_start) for utterance in utterances]
 
-    def _classify(self, utterance: Utterance, stream_start: float) -> Heard:
+    def _classify(self, utterance: Utterance, stream_start: float) -> RecognizedUtterance:
         result = self._recognizer.classify(utterance)
         start, end = stream_start + utterance.start, stream_start + utterance.end
-        if result.command != STOP and any(first <= start and end <= last for first, last in list(self._played)):
+        is_muted = any(first <= start and end <= last for first, last in list(self._played))
+        if is_muted and result.command != STOP:
             result = result.refused("muted")
-        return Heard(result, start, end)
+        return RecognizedUtterance(result, start, end)
