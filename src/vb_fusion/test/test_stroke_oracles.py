@@ -116,7 +116,7 @@ def test_what_is_near_each_other_in_a_time_bin_is_one_cluster(spots):
     seen = make_observations(points, times, cameras, None, cameras == 2)
     found = strokes.find_clusters(seen)
     groups = {}
-    bins = strokes.time_bins(seen.stamps).tolist()
+    bins = seen.bins.tolist()
     for index, number in enumerate(bins):
         groups.setdefault(number, []).append(index)
     places = list(groups.values())

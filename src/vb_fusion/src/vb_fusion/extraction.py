@@ -1,8 +1,17 @@
 """Extracts one border from the spots of all cameras, treating each stroke as one track through time.
 
-`extract_border` runs the stages 0 to 6 in order; each is described in its module and in docs/explanation/extraction.md.
-`ExtractionParams(mode="paper")` runs the paper's algorithms (paper_algorithms.py), which need no stamps. `LiveExtractor` keeps border
-and seed up to date while a person draws.
+`extract_border` is the list of all stages, each described in its module and in docs/explanation/extraction.md:
+
+    0  observations      the spots, checked, merged where they repeat each other, and in order of time
+    1  strokes           which of them are the pointer's, as strokes, and which strokes make the line
+    2  camera_offsets    the line without the errors of the cameras' poses
+    3  polygonal_chain   samples along the line, a tremor apart
+    4                    polygon or separating curve
+    5                    straight sides
+    6                    vertices
+
+`ExtractionParams(mode="paper")` runs the paper's algorithms instead (paper_algorithms.py), which need no stamps.
+`LiveExtractor` keeps border and seed up to date while a person draws.
 
 >>> import numpy as np
 >>> angle = np.linspace(0.0, 2.0 * np.pi, 200)                      # a circle drawn in eight seconds, seen 25 times a second
@@ -23,11 +32,12 @@ import numpy as np
 from vb_core import geometry, sentences
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
-from vb_fusion.spot_collector import CollectedSpots
-from vb_fusion.polygonal_chain import Closure, classify_closure, make_chain
-from vb_fusion.observations import Observations, make_observations, merge_observations, remove_offsets
+from vb_fusion.camera_offsets import remove_offsets
+from vb_fusion.observations import Observations, is_on_floor, make_observations
 from vb_fusion.paper_algorithms import run_algorithms
+from vb_fusion.polygonal_chain import Closure, classify_closure, make_chain
 from vb_fusion.seed_point import Dwell, choose_seed, extract_seed, find_dwells
+from vb_fusion.spot_collector import CollectedSpots
 from vb_fusion.strokes import find_drawn_line
 
 __all__ = ["BorderChain", "DrawnBorder", "ExtractionParams", "LiveExtractor", "extract_border", "extract_seed"]
@@ -101,34 +111,45 @@ def extract_border(
         CodedError: "no_spots", "too_few_spots", "no_line", "figure_too_small", "line_self_intersects" or "too_many_spots".
     """
     params = params or ExtractionParams()
-    paper = params.mode == "paper"
-    spots = make_observations(points, None if paper else stamps, cameras, confidences, mobile)
-    count = int(spots.spots.sum())
-    if count == 0:
-        raise CodedError("no_spots")
-    if count < params.min_size:
-        raise CodedError("too_few_spots", spots=count, needed=params.min_size)
-    if paper:
-        vertices = run_algorithms(spots.points, params)
+    if params.mode == "paper":
+        usable = np.asarray(points, dtype=float).reshape(-1, 2)
+        usable = usable[is_on_floor(usable)]
+        _require_spots(len(usable), params.min_size)
+        vertices = run_algorithms(usable, params)
         return _describe_chain(vertices, classify_closure(vertices))
     if stamps is None:
         raise ValueError("only the paper's mode needs no stamps")
-    observations = merge_observations(spots)  # stage 0, like make_observations
+    observations = make_observations(points, stamps, cameras, confidences, mobile)  # stage 0
+    _require_spots(int(observations.spots.sum()), params.min_size)
     drawn = find_drawn_line(observations, params.eps, params.min_exp, params.min_size)  # stage 1
-    line = remove_offsets(observations.select(drawn.rows))  # stage 2
+    line = remove_offsets(drawn.line)  # stage 2
     vertices, closure = make_chain(line, drawn.joined, params.eps)  # stages 3 to 6
     return _describe_chain(
         vertices,
         closure,
         unseen=_longest_unseen_gap(line, closure, drawn.joined, drawn.dropout),
-        left_out=observations.points[drawn.left_out],
-        left_out_spots=int(observations.spots[drawn.left_out].sum()),
+        left_out=drawn.left_out.points,
+        left_out_spots=int(drawn.left_out.spots.sum()),
     )
 
 
+def _require_spots(count: int, needed: int) -> None:
+    if count == 0:
+        raise CodedError("no_spots")
+    if count < needed:
+        raise CodedError("too_few_spots", spots=count, needed=needed)
+
+
 def _describe_chain(vertices: np.ndarray, closure: Closure, **attributes: Any) -> BorderChain:
-    length = geometry.chain_length(vertices, closure.closed)
-    return BorderChain(vertices, closure.closed, closure.code, length, closure.gap, closure.values, **attributes)
+    return BorderChain(
+        points=vertices,
+        closed=closure.closed,
+        code=closure.code,
+        values=closure.values,
+        length=geometry.chain_length(vertices, closure.closed),
+        gap=closure.gap,
+        **attributes,
+    )
 
 
 def _longest_unseen_gap(line: Observations, closure: Closure, joined: bool, dropout: float) -> float:
@@ -216,27 +237,23 @@ class LiveExtractor:
             return self.drawn
 
     def _extract(self, collection: CollectedSpots, border_new: bool, seed_new: bool) -> None:
-        changes = {}
+        drawn, border = self.drawn, _as_arguments(collection.border)
         if border_new:
             try:
-                rows = collection.border
-                changes.update(
-                    chain=extract_border(rows[:, 1:3], self._params, **_as_arguments(rows)), chain_error=None
-                )
+                drawn = replace(drawn, chain=extract_border(params=self._params, **border), chain_error=None)
             except CodedError as error:
-                changes.update(chain=None, chain_error=error)
+                drawn = replace(drawn, chain=None, chain_error=error)
         if seed_new:
             try:
-                rows, border_points = collection.seed, collection.border[:, 1:3]
-                dwells = find_dwells(rows[:, 1:3], before=border_points, **_as_arguments(rows))
-                changes.update(dwells=dwells, seed_error=None)
+                dwells = find_dwells(before=border["points"], **_as_arguments(collection.seed))
+                drawn = replace(drawn, dwells=dwells, seed_error=None)
             except CodedError as error:
-                changes.update(dwells=(), seed_error=error)
-        self.drawn = replace(self.drawn, **changes)
+                drawn = replace(drawn, dwells=(), seed_error=error)
+        self.drawn = drawn
         self._border_total, self._seed_total = collection.border_total, collection.seed_total
 
 
-def _as_arguments(rows: np.ndarray) -> Dict[str, np.ndarray]:
-    """Returns the keyword arguments of `extract_border` and `find_dwells` for a collection's rows (K, 6)."""
-    stamps, confidences, cameras, mobile = rows[:, [0, 3, 4, 5]].T
-    return {"stamps": stamps, "confidences": confidences, "cameras": cameras.astype(int), "mobile": mobile > 0.0}
+def _as_arguments(spots: np.ndarray) -> Dict[str, np.ndarray]:
+    """Returns the arguments of `extract_border` and `find_dwells` for collected spots (K,) of the type SPOT."""
+    names = {"points": "point", "stamps": "stamp", "cameras": "camera", "confidences": "confidence", "mobile": "mobile"}
+    return {argument: spots[name] for argument, name in names.items()}

@@ -15,8 +15,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from vb_core.errors import CodedError
-from vb_fusion.observations import TIME_BIN, TREMOR, find_dropout, make_observations, merge_observations, time_bins
-from vb_fusion.strokes import find_best_predecessors, find_clusters, backtrack
+from vb_fusion.observations import TIME_BIN, TREMOR, is_on_floor, make_observations
+from vb_fusion.strokes import backtrack, find_best_predecessors, find_clusters
 
 HAND_RADIUS = 1.5 * TREMOR  # [m] a hand held still stays within this of its mean, camera offsets included
 MIN_DWELL = 0.7  # [s] a hand that passes at 0.2 m/s, as slowly as people draw, is within HAND_RADIUS for this long
@@ -84,25 +84,26 @@ def find_dwells(
     Raises:
         CodedError: "no_spots" or "no_seed".
     """
+    before = np.asarray(before, dtype=float).reshape(-1, 2)
     observations = make_observations(points, stamps, cameras, confidences, mobile)
-    if len(observations.points) == 0:
+    count = int(observations.spots.sum())
+    if count == 0:
         raise CodedError("no_spots")
-    if len(observations.points) < MIN_SPOTS:
-        raise CodedError("no_seed", spots=len(observations.points), needed=MIN_SPOTS)
-    observations = merge_observations(observations)
+    if count < MIN_SPOTS:
+        raise CodedError("no_seed", spots=count, needed=MIN_SPOTS)
     clusters = find_clusters(observations)
     positions = clusters.points
     patch, earlier = _floor_patches(positions)
     # a balanced tree takes longer to build than its queries take
-    tree = cKDTree(make_observations(before).points, compact_nodes=False, balanced_tree=False)
+    tree = cKDTree(before[is_on_floor(before)], compact_nodes=False, balanced_tree=False)
     is_known = np.isfinite(tree.query(positions, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
     gains = np.where(is_known, KNOWN_PLACE_GAIN, NEW_PLACE_GAIN) * clusters.witnesses / (1.0 + TIME_BIN * earlier)
     track = backtrack(
-        *find_best_predecessors(positions, clusters.stamps, find_dropout(clusters.stamps), gains, NEW_PLACE_GAIN)
+        *find_best_predecessors(positions, clusters.stamps, clusters.dropout, gains, NEW_PLACE_GAIN)
     )
     path, is_known = positions[track], is_known[track]
     dwells = []
-    for first, last, count in _find_stays(patch[track], time_bins(clusters.stamps)[track]):
+    for first, last, count in _find_stays(patch[track], clusters.bins[track]):
         point, seconds = _middle(path, last), TIME_BIN * count
         followed = first > 0 and np.linalg.norm(path[first] - path[first - 1]) <= MAX_STEP
         if dwells and np.linalg.norm(point - dwells[-1].point) <= HAND_RADIUS:

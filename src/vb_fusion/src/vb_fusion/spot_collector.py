@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from array import array
 from collections import Counter
 from dataclasses import dataclass, replace
 from typing import Dict, List, Set, Tuple
@@ -30,7 +29,8 @@ class FloorSpot:
     mobile: bool = False  # seen by a camera on a robot
 
 
-COLUMNS = 6
+# a spot as it is stored; the camera by its index
+SPOT = np.dtype([("stamp", float), ("point", float, 2), ("confidence", float), ("camera", int), ("mobile", bool)])
 
 
 class SpotStore:
@@ -38,33 +38,50 @@ class SpotStore:
 
     When it is full, every other spot of each camera is dropped, so that memory is bounded and neither a part of the
     drawing nor a camera is lost.
+
+    Attributes:
+        total: number of spots that were appended.
     """
 
     def __init__(self) -> None:
-        self._data, self.total = array("d"), 0
+        self.total = 0
+        self._spots = np.empty(MAX_SPOTS, SPOT)
+        self._count = 0
 
     def append(self, spot: FloorSpot, camera: int) -> None:
-        """Keeps a spot seen by camera number `camera`."""
-        if len(self._data) >= MAX_SPOTS * COLUMNS:
-            rows = self.rows
-            order = np.argsort(rows[:, 4], kind="stable")
-            number = np.arange(len(order)) - np.searchsorted(rows[order, 4], rows[order, 4])
-            self._data = array("d", rows[np.sort(order[number % 2 == 0])].tobytes())
-        self._data.extend((spot.stamp, spot.x, spot.y, spot.confidence, camera, spot.mobile))
+        """Keeps a spot seen by the camera of this index."""
+        if self._count == len(self._spots):
+            self._drop_every_other()
+        self._spots[self._count] = (spot.stamp, (spot.x, spot.y), spot.confidence, camera, spot.mobile)
+        self._count += 1
         self.total += 1
 
+    def _drop_every_other(self) -> None:
+        by_camera = np.argsort(self._spots["camera"], kind="stable")
+        cameras = self._spots["camera"][by_camera]
+        number_in_camera = np.arange(len(cameras)) - np.searchsorted(cameras, cameras)
+        kept = self._spots[np.sort(by_camera[number_in_camera % 2 == 0])]
+        self._count = len(kept)
+        self._spots[: self._count] = kept
+
     @property
-    def rows(self) -> np.ndarray:
-        """(K, 6): stamp, x, y, confidence, camera, mobile; a copy, which later spots do not change."""
-        return np.array(self._data).reshape(-1, COLUMNS)
+    def spots(self) -> np.ndarray:
+        """(K,) of the type SPOT, in the order of their arrival; a copy, which later spots do not change."""
+        return self._spots[: self._count].copy()
 
 
 @dataclass(frozen=True)
 class CollectedSpots:
-    """The spots so far. Later spots do not change the arrays."""
+    """The spots of an interaction so far. Later spots do not change the arrays.
+
+    Attributes:
+        border, seed: (K,) of the type SPOT, in the order of their arrival.
+        cameras: names of the cameras, by their indices.
+        border_total, seed_total: number of spots collected, also of those that are no longer stored.
+    """
 
     interaction_id: str
-    border: np.ndarray  # (K, 6): stamp [s], x [m], y [m], confidence, index of the camera, 1 if it is a mobile one
+    border: np.ndarray
     seed: np.ndarray
     cameras: List[str]
     border_total: int
@@ -201,5 +218,5 @@ class SpotCollector:
         """Returns the spots collected so far."""
         border, seed = self._stores[BORDER.collects], self._stores[SEED.collects]
         return CollectedSpots(
-            self.interaction_id, border.rows, seed.rows, list(self._cameras), border.total, seed.total
+            self.interaction_id, border.spots, seed.spots, list(self._cameras), border.total, seed.total
         )

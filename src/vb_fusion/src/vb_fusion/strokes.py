@@ -27,8 +27,7 @@ from scipy.spatial.distance import cdist
 
 from vb_core import geometry
 from vb_core.errors import CodedError
-from vb_fusion.observations import LOCALIZATION_ERROR, MAX_DROPOUTS, TIME_BIN, TREMOR, Observations, find_dropout
-from vb_fusion.observations import time_bins
+from vb_fusion.observations import LOCALIZATION_ERROR, MAX_DROPOUTS, TIME_BIN, TREMOR, Observations
 
 CLUSTER_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a cluster covers; a stroke explains at least one
 UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen step costs as much floor as it crosses
@@ -43,17 +42,17 @@ LOOK_BACK = int(MAX_DROPOUTS + 1.0) * MAX_SIMULTANEOUS_CLUSTERS
 
 @dataclass(frozen=True)
 class DrawnLine:
-    """Which observations the border's line consists of.
+    """The line that becomes the border.
 
     Attributes:
-        rows: (N,) indices of the line's observations, in the order in which it runs.
-        left_out: (L,) indices of observations that may have been drawn, but are not part of the line.
+        line: the line's observations, in the order in which it runs.
+        left_out: observations that may have been drawn, but are not part of the line.
         joined: whether several strokes were joined.
         dropout: [s] time within which the moving pointer was seen again.
     """
 
-    rows: np.ndarray
-    left_out: np.ndarray
+    line: Observations
+    left_out: Observations
     joined: bool
     dropout: float
 
@@ -81,24 +80,24 @@ def find_drawn_line(observations: Observations, widest_gap: float, min_expansion
         raise CodedError("no_line", spots=int(observations.spots.sum()), shortest=f"{min_expansion:g}")
     line, unjoined, joined = _join_strokes(observations, candidates, widest_gap)
     left_out = np.setdiff1d(np.concatenate([np.zeros(0, dtype=int), *unjoined, *ends]), line)
-    return DrawnLine(line, left_out, joined, find_dropout(clusters.stamps))
+    return DrawnLine(observations.select(line), observations.select(left_out), joined, clusters.dropout)
 
 
 def find_clusters(observations: Observations) -> Observations:
     """Finds the strongest clusters of each time bin, at most MAX_SIMULTANEOUS_CLUSTERS, in order of time."""
-    group = time_bins(observations.stamps)
+    group = observations.bins
     # split at gaps along x, then along y, then along x again
     for axis in (0, 1, 0):
         order = np.lexsort((observations.points[:, axis], group))
         new = (np.diff(group[order]) != 0) | (np.diff(observations.points[order, axis]) > CLUSTER_WIDTH)
         group[order] = np.concatenate([[0], np.cumsum(new)])
     clusters = observations.merge(group)
-    y_and_x, bins = clusters.points.T[::-1], time_bins(clusters.stamps)
+    x, y = clusters.points.T
     # rounded, as another computer may sum equal weights in another order
-    order = np.lexsort((*y_and_x, -np.round(clusters.weights, 6), bins))
-    order = order[np.arange(len(order)) - np.searchsorted(bins[order], bins[order]) < MAX_SIMULTANEOUS_CLUSTERS]
-    clusters = clusters.select(order)
-    return clusters.select(np.lexsort((*clusters.points.T[::-1], clusters.stamps)))
+    strongest_first = np.lexsort((y, x, -np.round(clusters.weights, 6), clusters.bins))
+    bins = clusters.bins[strongest_first]
+    rank_in_bin = np.arange(len(bins)) - np.searchsorted(bins, bins)
+    return clusters.select(np.sort(strongest_first[rank_in_bin < MAX_SIMULTANEOUS_CLUSTERS]))
 
 
 def find_strokes(
@@ -115,8 +114,7 @@ def find_strokes(
         The indices of the observations of each stroke, in order of time; and those of each glint before or after them,
         which may be the beginning or the end of the drawing, but was seen too seldom to tell.
     """
-    points, stamps, dropout = clusters.points, clusters.stamps, find_dropout(clusters.stamps)
-    bins = time_bins(stamps)
+    points, stamps, bins, dropout = clusters.points, clusters.stamps, clusters.bins, clusters.dropout
     explained = floor_gains(points, stamps, dropout)
     # the more clusters are seen at once, the less likely each is the pointer; and a stationary camera's pose is known
     # better than that of a camera on a robot
