@@ -210,7 +210,7 @@ class BorderFusionNode:
             message.left_out_spots = chain.left_out_spots
             message.left_out = points_from_array(subsample_evenly(chain.left_out))
             message.code, message.message = "ok", chain.reason
-            message.values = values_from_mapping(chain.values)
+            message.values = values_from_mapping(chain.closure.values)
         if seed is not None:
             message.has_seed = True
             message.seed = Point(float(seed[0]), float(seed[1]), 0.0)

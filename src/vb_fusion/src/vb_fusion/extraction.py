@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, field, replace
-from typing import Any, Callable, Dict, Optional, Sequence
+from typing import Callable, Dict, Optional, Sequence
 
 import numpy as np
 
@@ -36,7 +36,7 @@ from vb_fusion.camera_offsets import remove_offsets
 from vb_fusion.observations import Observations, is_on_floor, make_observations
 from vb_fusion.paper_algorithms import run_algorithms
 from vb_fusion.polygonal_chain import Closure, classify_closure, make_chain
-from vb_fusion.seed_point import Dwell, choose_seed, extract_seed, find_dwells
+from vb_fusion.seed_point import Dwell, choose_seed, extract_seed, find_dwells, find_rival
 from vb_fusion.spot_collector import CollectedSpots
 from vb_fusion.strokes import find_drawn_line
 
@@ -63,29 +63,32 @@ class BorderChain:
 
     Attributes:
         points: (M, 2) float64 [m], M >= 2, in order; a closed chain's first point is not repeated.
-        closed: polygon (True) or separating curve (False).
-        code, values: code and values of the sentence that says why it is closed or open.
-        length: [m] length of the chain, with its closing segment if it is closed.
-        gap: [m] distance between the ends where the drawing left them.
+        closure: whether it is closed, and why.
         left_out: (L, 2) [m] positions of drawn spots that belong to no part of the chain.
         left_out_spots: number of spots at these positions.
         unseen: [m] length of the longest piece of the chain that no camera saw.
     """
 
     points: np.ndarray
-    closed: bool
-    code: str = ""
-    length: float = 0.0
-    gap: float = 0.0
-    values: Dict[str, str] = field(default_factory=dict)
+    closure: Closure
     left_out: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)), repr=False, compare=False)
     left_out_spots: int = 0
     unseen: float = 0.0
 
     @property
+    def closed(self) -> bool:
+        """Polygon (True) or separating curve (False)."""
+        return self.closure.closed
+
+    @property
+    def length(self) -> float:
+        """Length of the chain [m], with its closing segment if it is closed."""
+        return geometry.chain_length(self.points, self.closed)
+
+    @property
     def reason(self) -> str:
         """The English sentence that says why the chain is closed or open."""
-        return sentences.translate(self.code, self.values) if self.code else ""
+        return sentences.translate(self.closure.code, self.closure.values)
 
 
 def extract_border(
@@ -112,11 +115,11 @@ def extract_border(
     """
     params = params or ExtractionParams()
     if params.mode == "paper":
-        usable = np.asarray(points, dtype=float).reshape(-1, 2)
-        usable = usable[is_on_floor(usable)]
-        _require_spots(len(usable), params.min_size)
-        vertices = run_algorithms(usable, params)
-        return _describe_chain(vertices, classify_closure(vertices))
+        bare_points = np.asarray(points, dtype=float).reshape(-1, 2)
+        bare_points = bare_points[is_on_floor(bare_points)]
+        _require_spots(len(bare_points), params.min_size)
+        vertices = run_algorithms(bare_points, params)
+        return BorderChain(vertices, classify_closure(vertices))
     if stamps is None:
         raise ValueError("only the paper's mode needs no stamps")
     observations = make_observations(points, stamps, cameras, confidences, mobile)  # stage 0
@@ -124,13 +127,8 @@ def extract_border(
     drawn = find_drawn_line(observations, params.eps, params.min_exp, params.min_size)  # stage 1
     line = remove_offsets(drawn.line)  # stage 2
     vertices, closure = make_chain(line, drawn.joined, params.eps)  # stages 3 to 6
-    return _describe_chain(
-        vertices,
-        closure,
-        unseen=_longest_unseen_gap(line, closure, drawn.joined, drawn.dropout),
-        left_out=drawn.left_out.points,
-        left_out_spots=int(drawn.left_out.spots.sum()),
-    )
+    unseen = _longest_unseen_gap(line, closure, drawn.joined, drawn.dropout)
+    return BorderChain(vertices, closure, drawn.left_out.points, int(drawn.left_out.spots.sum()), unseen)
 
 
 def _require_spots(count: int, needed: int) -> None:
@@ -138,18 +136,6 @@ def _require_spots(count: int, needed: int) -> None:
         raise CodedError("no_spots")
     if count < needed:
         raise CodedError("too_few_spots", spots=count, needed=needed)
-
-
-def _describe_chain(vertices: np.ndarray, closure: Closure, **attributes: Any) -> BorderChain:
-    return BorderChain(
-        points=vertices,
-        closed=closure.closed,
-        code=closure.code,
-        values=closure.values,
-        length=geometry.chain_length(vertices, closure.closed),
-        gap=closure.gap,
-        **attributes,
-    )
 
 
 def _longest_unseen_gap(line: Observations, closure: Closure, joined: bool, dropout: float) -> float:
@@ -183,15 +169,7 @@ class DrawnBorder:
     @property
     def other_dwell(self) -> Optional[Dwell]:
         """Another place where the pointer dwelt, longer or later, which may have been meant as the seed."""
-        if not self.dwells:
-            return None
-        seed, is_later, other_dwell = choose_seed(self.dwells), False, None
-        for dwell in self.dwells:
-            if dwell is seed:
-                is_later = True
-            elif not dwell.known and (is_later or dwell.seconds > seed.seconds):
-                other_dwell = dwell
-        return other_dwell
+        return find_rival(self.dwells) if self.dwells else None
 
 
 class LiveExtractor:

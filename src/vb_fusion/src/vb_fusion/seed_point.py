@@ -8,14 +8,14 @@ single flashes do not attract the track.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import List, Optional, Sequence, Tuple
+from dataclasses import dataclass, replace
+from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from vb_core.errors import CodedError
-from vb_fusion.observations import TIME_BIN, TREMOR, is_on_floor, make_observations
+from vb_fusion.observations import TIME_BIN, TREMOR, Observations, is_on_floor, make_observations
 from vb_fusion.strokes import backtrack, find_best_predecessors, find_clusters
 
 HAND_RADIUS = 1.5 * TREMOR  # [m] a hand held still stays within this of its mean, camera offsets included
@@ -62,6 +62,18 @@ def choose_seed(dwells: Sequence[Dwell]) -> Dwell:
     return chosen
 
 
+def find_rival(dwells: Sequence[Dwell]) -> Optional[Dwell]:
+    """Finds the last dwell at a new place that was longer or later than the chosen one."""
+    seed = choose_seed(dwells)
+    order = [dwell is seed for dwell in dwells].index(True)
+    rivals = [
+        dwell
+        for number, dwell in enumerate(dwells)
+        if dwell is not seed and not dwell.known and (number > order or dwell.seconds > seed.seconds)
+    ]
+    return rivals[-1] if rivals else None
+
+
 def find_dwells(
     points: np.ndarray,
     *,
@@ -84,7 +96,6 @@ def find_dwells(
     Raises:
         CodedError: "no_spots" or "no_seed".
     """
-    before = np.asarray(before, dtype=float).reshape(-1, 2)
     observations = make_observations(points, stamps, cameras, confidences, mobile)
     count = int(observations.spots.sum())
     if count == 0:
@@ -92,39 +103,49 @@ def find_dwells(
     if count < MIN_SPOTS:
         raise CodedError("no_seed", spots=count, needed=MIN_SPOTS)
     clusters = find_clusters(observations)
-    positions = clusters.points
-    patch, earlier = _floor_patches(positions)
-    # a balanced tree takes longer to build than its queries take
-    tree = cKDTree(before[is_on_floor(before)], compact_nodes=False, balanced_tree=False)
-    is_known = np.isfinite(tree.query(positions, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
-    gains = np.where(is_known, KNOWN_PLACE_GAIN, NEW_PLACE_GAIN) * clusters.witnesses / (1.0 + TIME_BIN * earlier)
-    track = backtrack(
-        *find_best_predecessors(positions, clusters.stamps, clusters.dropout, gains, NEW_PLACE_GAIN)
+    patch, earlier = _floor_patches(clusters.points)
+    known = _was_lit(clusters.points, np.asarray(before, dtype=float).reshape(-1, 2))
+    gains = np.where(known, KNOWN_PLACE_GAIN, NEW_PLACE_GAIN) * clusters.witnesses / (1.0 + TIME_BIN * earlier)
+    totals, predecessors = find_best_predecessors(
+        clusters.points, clusters.stamps, clusters.dropout, gains, NEW_PLACE_GAIN
     )
-    path, is_known = positions[track], is_known[track]
-    dwells = []
-    for first, last, count in _find_stays(patch[track], clusters.bins[track]):
-        point, seconds = _middle(path, last), TIME_BIN * count
-        followed = first > 0 and np.linalg.norm(path[first] - path[first - 1]) <= MAX_STEP
-        if dwells and np.linalg.norm(point - dwells[-1].point) <= HAND_RADIUS:
+    track = backtrack(totals, predecessors)
+    pointer = clusters.select(track)
+    dwells: List[Dwell] = []
+    for stay in _find_stays(patch[track], pointer.bins):
+        dwell = _make_dwell(stay, pointer.points, bool(known[track[stay.last]]), observations)
+        if dwells and np.linalg.norm(dwell.point - dwells[-1].point) <= HAND_RADIUS:
             # a pointer that arrives slowly starts a floor patch at the edge of the place, which gets part of the dwell
             begun = dwells.pop()
-            seconds, followed = seconds + begun.seconds, begun.followed
-        is_near = ~observations.mobile & (np.linalg.norm(observations.points - point, axis=1) <= HAND_RADIUS)
-        witnesses = int((np.bincount(observations.cameras[is_near]) >= MIN_SPOTS).sum())
-        dwells.append(Dwell(point, seconds, bool(is_known[last]), bool(followed), witnesses))
+            dwell = replace(dwell, seconds=dwell.seconds + begun.seconds, followed=begun.followed)
+        dwells.append(dwell)
     return dwells
 
 
-def _find_stays(patch: np.ndarray, bins: np.ndarray) -> List[Tuple[int, int, int]]:
+def _was_lit(positions: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Returns, as (P,) bool, at which positions (P, 2) [m] there were spots before (K, 2) [m]."""
+    # a balanced tree takes longer to build than its queries take
+    tree = cKDTree(before[is_on_floor(before)], compact_nodes=False, balanced_tree=False)
+    return np.isfinite(tree.query(positions, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
+
+
+class Stay(NamedTuple):
+    """The light's stay on a floor patch: indices of its first and last cluster in the track, and how many there are."""
+
+    first: int
+    last: int
+    count: int
+
+
+def _find_stays(patch: np.ndarray, bins: np.ndarray) -> List[Stay]:
     """Finds where light stayed; brief flashes that recur at one place are not a dwell.
 
     Args:
         patch, bins: (P,) the floor patch and the time bin of each cluster of the pointer's track, in the order of time.
 
     Returns:
-        (first cluster, last cluster, number of clusters in the stays) of each patch with a stay of MIN_DWELL, in the
-        order of the last clusters; if there is none, only that of the longest stay.
+        One stay for each patch on which the light stayed for MIN_DWELL, in the order of their last clusters; if there
+        is none, only the longest stay's.
     """
     order = np.argsort(patch, kind="stable")
     breaks = (np.diff(patch[order]) != 0) | (np.diff(bins[order]) * TIME_BIN > MAX_BLINK)
@@ -133,8 +154,18 @@ def _find_stays(patch: np.ndarray, bins: np.ndarray) -> List[Tuple[int, int, int
     counts = np.bincount(patch[np.concatenate(held)])
     last = {patch[stay[-1]]: int(stay[-1]) for stay in held}
     return [
-        (int(np.argmax(patch == number)), last[number], int(counts[number])) for number in sorted(last, key=last.get)
+        Stay(int(np.argmax(patch == number)), last[number], int(counts[number]))
+        for number in sorted(last, key=last.get)
     ]
+
+
+def _make_dwell(stay: Stay, path: np.ndarray, known: bool, observations: Observations) -> Dwell:
+    """Makes the dwell of a stay on the pointer's path (P, 2) [m]."""
+    point = _middle(path, stay.last)
+    followed = stay.first > 0 and np.linalg.norm(path[stay.first] - path[stay.first - 1]) <= MAX_STEP
+    is_near = ~observations.mobile & (np.linalg.norm(observations.points - point, axis=1) <= HAND_RADIUS)
+    witnesses = int((np.bincount(observations.cameras[is_near]) >= MIN_SPOTS).sum())
+    return Dwell(point, TIME_BIN * stay.count, known, bool(followed), witnesses)
 
 
 def _middle(positions: np.ndarray, cluster: int) -> np.ndarray:
