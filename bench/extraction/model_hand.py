@@ -103,7 +103,7 @@ def ring(size: float, rng: np.random.Generator, sweep: float = 2.0 * np.pi, flat
 def hidden(width: float, rng: np.random.Generator) -> Scene:
     """Draws a box, of which no camera sees a piece."""
     scene = polygon(np.roll(BOX, rng.integers(4), axis=0), True, rng)
-    arc = np.append(0.0, np.cumsum(np.hypot(*np.diff(scene.way, axis=0).T)))
+    arc = geometry.arc_lengths(scene.way)
     scene.shown = np.abs(arc - rng.uniform(0.6, arc[-1] - 0.6)) > 0.5 * width
     return scene
 

@@ -80,7 +80,7 @@ def draw(shape: str, setting: Setting, rng: np.random.Generator) -> Stroke:
         extra = int(round((setting.overlap - setting.end_gap) / 0.005))
         dense = np.vstack([dense, dense[: extra + 1]]) if extra >= 0 else dense[:extra]
     way = np.vstack([dense if k % 2 == 0 or closed else dense[::-1] for k in range(setting.passes)])
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+    arc = geometry.arc_lengths(way)
     hidden = rng.uniform(0.2, 0.8) * arc[-1]
     duration = arc[-1] / setting.speed
     # whole steps, so that the number of random draws does not depend on the last bit of a length

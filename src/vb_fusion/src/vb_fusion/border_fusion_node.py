@@ -213,7 +213,7 @@ class BorderFusionNode:
             message.values = values_from_mapping(chain.closure.values)
         if seed is not None:
             message.has_seed = True
-            message.seed = Point(float(seed[0]), float(seed[1]), 0.0)
+            message.seed = Point(*seed, 0.0)
         missing = drawn.chain_error or (drawn.seed_error if self._collector.state == SEED else None)
         if missing is not None:
             message.code, message.message = missing.code, missing.message
@@ -223,7 +223,6 @@ class BorderFusionNode:
     def _on_get_drawn_border(self, request) -> GetDrawnBorderResponse:
         with self._lock:
             collection, lost = self._collector.collection(), self._collector.lost
-        response = GetDrawnBorderResponse()
         interaction = request.interaction_id or collection.interaction_id
         try:
             if not interaction or interaction != collection.interaction_id:
@@ -234,26 +233,24 @@ class BorderFusionNode:
             missing = drawn.chain_error or drawn.seed_error
             if missing is not None:
                 raise missing
-            chain, seed = drawn.chain, drawn.seed
         except Exception as error:
-            is_refusal = isinstance(error, CodedError)
-            failure = error if is_refusal else CodedError("extraction_failed", what=repr(error))
-            response.code, response.message = failure.code, failure.message
-            response.values = values_from_mapping(failure.values)
-            (rospy.loginfo if is_refusal else rospy.logerr)("%s: no border: %s", rospy.get_name(), failure)
-            return response
+            refusal = error if isinstance(error, CodedError) else CodedError("extraction_failed", what=repr(error))
+            log = rospy.loginfo if refusal is error else rospy.logerr
+            log("%s: no border: %s", rospy.get_name(), refusal)
+            values = values_from_mapping(refusal.values)
+            return GetDrawnBorderResponse(code=refusal.code, message=refusal.message, values=values)
+        chain = drawn.chain
         values = {"vertices": len(chain.points), "length": f"{chain.length:.2f}", "reason": chain.reason}
-        response.success, response.code = True, "ok"
-        response.message = sentences.translate("drawn_border_ready", values)
-        response.values = values_from_mapping(values)
-        border = response.border
-        border.points = points_from_array(chain.points)
-        border.kind = VirtualBorder.POLYGON if chain.closed else VirtualBorder.SEPARATING_CURVE
-        border.seed = Point(float(seed[0]), float(seed[1]), 0.0)
-        border.occupancy = 1.0
-        border.enabled = True
-        rospy.loginfo("%s: border of %d spots: %s", rospy.get_name(), collection.border_total, response.message)
-        return response
+        sentence = sentences.translate("drawn_border_ready", values)
+        rospy.loginfo("%s: border of %d spots: %s", rospy.get_name(), collection.border_total, sentence)
+        border = VirtualBorder(
+            points=points_from_array(chain.points),
+            kind=VirtualBorder.POLYGON if chain.closed else VirtualBorder.SEPARATING_CURVE,
+            seed=Point(*drawn.seed, 0.0),
+            occupancy=1.0,
+            enabled=True,
+        )
+        return GetDrawnBorderResponse(True, "ok", sentence, values_from_mapping(values), border)
 
     def close(self) -> None:
         """Ends the worker."""

@@ -151,7 +151,7 @@ def _means(points: np.ndarray, trust: np.ndarray, sample: np.ndarray, tremor: fl
 def _merge_repeats(stroke: ResampledStroke) -> ResampledStroke:
     """Ends the stroke where it no longer reaches new floor: a line drawn twice is one line, seen twice as often."""
     points = stroke.points
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    arc = geometry.arc_lengths(points)
     earlier, later = cKDTree(points).query_pairs(2.0 * stroke.tremor, output_type="ndarray").T
     # the stroke between them is longer than a mere bend would make it
     is_repeated = (
@@ -230,7 +230,7 @@ def _find_closing_points(points: np.ndarray, length: float) -> Tuple[int, int, f
 
     An overhang is cut off only if this brings the ends nearer by at least half of its length.
     """
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    arc = geometry.arc_lengths(points)
     head = np.flatnonzero(arc <= length / 3.0)
     tail = np.flatnonzero(arc >= 2.0 * length / 3.0)
     overhang = arc[head][:, None] + (length - arc[tail])[None, :]
@@ -245,12 +245,11 @@ def _closing_turn(points: np.ndarray, lever: float) -> float:
     Its directions at both ends are taken over `lever` [m].
     """
     line = points @ [1.0, 1.0j]
-    arc = np.append(0.0, np.cumsum(np.abs(np.diff(line))))
+    arc = geometry.arc_lengths(points)
     after_start, before_end = np.interp([lever, arc[-1] - lever], arc, line)
-    closing = line[0] - line[-1]
-    return float(
-        np.degrees(np.abs(np.angle(np.conj([line[-1] - before_end, closing]) * [closing, after_start - line[0]])).sum())
-    )
+    directions = np.array([line[-1] - before_end, line[0] - line[-1], after_start - line[0]])
+    turns = np.angle(directions[1:] * np.conj(directions[:-1]))
+    return float(np.degrees(np.abs(turns).sum()))
 
 
 # ------------------------------------------------------------------ 5: sides
@@ -280,7 +279,7 @@ def _divide(stroke: ResampledStroke, sums: np.ndarray) -> np.ndarray:
     usual = 2.0 ** np.round(np.log2(np.median(stroke.trust)))
     rest = np.maximum(stroke.trust, np.append(stroke.trust[1:], 0.0)) / usual
     corner = CORNER_MISFIT * stroke.tremor**3 * np.clip(2.0 / rest, 0.25, 1.0)
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    arc = geometry.arc_lengths(stroke.points)
     best, predecessor = np.zeros(count + 1), np.zeros(count + 1, dtype=int)
     starts = np.arange(0)
     for end in range(1, count + 1):

@@ -88,28 +88,72 @@ class CollectedSpots:
     seed_total: int
 
 
+class CameraClocks:
+    """Corrects the stamps of cameras whose clocks are set back while somebody draws, in one state of the interaction."""
+
+    def __init__(self) -> None:
+        # by camera [s]: by how much its clock was set back, its last stamp, and the last corrected stamp that was collected
+        self._set_back: Dict[str, float] = {}
+        self._previous: Dict[str, float] = {}
+        self._newest: Dict[str, float] = {}
+
+    def register(self, camera: str, stamp: float) -> bool:
+        """Registers a camera's next stamp. Returns whether it follows the previous one.
+
+        If it does not, it is from an old message, or the first since the clock was set back.
+        """
+        previous = self._previous.get(camera, -math.inf)
+        self._previous[camera] = stamp
+        return stamp >= previous - CLOCK_STEP
+
+    def correct(self, camera: str, stamp: float) -> float:
+        """Returns the stamp that the camera's clock would have given if it had not been set back."""
+        set_back, setbacks = self._set_back.get(camera, 0.0), self._set_back.values()
+        if camera in self._newest:
+            step = self._newest[camera] - stamp
+            if step - set_back > CLOCK_STEP:
+                # cameras on one computer share its clock: the camera with the newest spot gives the best estimate
+                set_back = max([step, *(setback for setback in setbacks if abs(setback - step) < CLOCK_STEP)])
+        else:
+            # the camera's first spot: if other cameras have later stamps, its clock was set back too
+            step = max(self._newest.values(), default=-math.inf) - stamp
+            if step - set_back > CLOCK_STEP:
+                set_back = min((setback for setback in setbacks if setback > step - CLOCK_STEP), default=set_back)
+        self._set_back[camera] = set_back
+        return stamp + set_back
+
+    def collect(self, camera: str, corrected_stamp: float) -> None:
+        """Remembers the corrected stamp of a spot that was collected: later stamps continue from it."""
+        self._newest[camera] = corrected_stamp
+
+
 class SpotCollector:
     """Collects spots in the states Border and Seed of one interaction.
 
     Changes of state arrive late, and so do spots; therefore each spot's own stamp is compared with the time at which
     the state was entered. If a clock is set back while somebody draws, the later stamps are corrected; a camera whose
     clock is off is ignored and reported.
+
+    Attributes:
+        interaction_id: the interaction's id; "" before the first one.
+        state: the interaction's state.
+        lost: whether a part of the drawing is missing, so that its border would differ from what was drawn.
+        can_forget: whether the drawing is over and was not saved, so that its spots may be dropped.
+        ignored: number of ignored spots, by the reason.
+        faults: pairs of the code of a fault and the camera that has it.
     """
 
     def __init__(self) -> None:
         self.interaction_id = ""
         self.state = DEFAULT
-        self.lost = False  # a part of the drawing is missing, so that its border would differ from what was drawn
+        self.lost = False
         self.ignored: Counter = Counter()
+        self.faults: Set[Tuple[str, str]] = set()
         self._heard_state = False
         self._entered = -math.inf
         self._cameras: List[str] = []
         self._last_seen: Dict[str, float] = {}
-        self.faults: Set[Tuple[str, str]] = set()  # (code of the fault, camera)
-        # per camera in this state [s]: by how much its clock was set back, its last stamp, and its last corrected stamp
-        self._set_back: Dict[str, float] = {}
-        self._previous: Dict[str, float] = {}
-        self._newest: Dict[str, float] = {}
+        self._clocks = CameraClocks()
         self.forget()
 
     def set_state(self, state: State, interaction_id: str, entered: float, outcome: str = "") -> bool:
@@ -135,7 +179,7 @@ class SpotCollector:
                 self.lost = any(self.counts[:2]) and not outcome
             self.can_forget = state == DEFAULT and (self.lost or outcome not in ("", "saved"))
             self.state, self._entered = state, entered
-            self._set_back, self._previous, self._newest = {}, {}, {}
+            self._clocks = CameraClocks()
         return is_new
 
     def ignore_frame(self, camera: str) -> None:
@@ -151,38 +195,21 @@ class SpotCollector:
             stamp is far later than its arrival, or well before the camera's previous stamp) or "before_state" (it was
             seen before the state was entered).
         """
-        reason = self._rejection_reason(spot, now)
         # updated in any case: after a jump back of the clock a camera must not count as seeing for ever
         self._last_seen[spot.camera] = spot.stamp
+        reason = self._rejection_reason(spot, now)
         if reason:
             self.ignored[reason] += 1
             return reason
         if spot.camera not in self._cameras:
             self._cameras.append(spot.camera)
-        stamp = spot.stamp + self._clock_setback(spot)
-        self._newest[spot.camera] = stamp
+        stamp = self._clocks.correct(spot.camera, spot.stamp)
+        self._clocks.collect(spot.camera, stamp)
         self._stores[self.state.collects].append(replace(spot, stamp=stamp), self._cameras.index(spot.camera))
         return ""
 
-    def _clock_setback(self, spot: FloorSpot) -> float:
-        """Returns, and stores, the time [s] by which a camera's clock was set back since the state was entered."""
-        set_back, setbacks = self._set_back.get(spot.camera, 0.0), self._set_back.values()
-        if spot.camera in self._newest:
-            step = self._newest[spot.camera] - spot.stamp
-            if step - set_back > CLOCK_STEP:
-                # cameras on one computer share its clock: the camera with the newest spot gives the best estimate
-                set_back = max([step, *(setback for setback in setbacks if abs(setback - step) < CLOCK_STEP)])
-        else:
-            # the camera's first spot: if other cameras have later stamps, its clock was set back too
-            step = max(self._newest.values(), default=-math.inf) - spot.stamp
-            if step - set_back > CLOCK_STEP:
-                set_back = min((setback for setback in setbacks if setback > step - CLOCK_STEP), default=set_back)
-        if set_back:
-            self._set_back[spot.camera] = set_back
-        return set_back
-
     def _rejection_reason(self, spot: FloorSpot, now: float) -> str:
-        """Returns why a spot is ignored, or "". Stores its stamp for the next spot, and records a clock that is off."""
+        """Returns why a spot is ignored, or "". Registers its stamp, and a clock that is off."""
         if not all(math.isfinite(value) for value in (spot.stamp, spot.x, spot.y)):
             return "not_finite"
         if not self.state.collects:
@@ -190,11 +217,9 @@ class SpotCollector:
         if spot.stamp > now + MAX_CLOCK_ERROR:
             self.faults.add(("camera_clock_off", spot.camera))
             return "clock"
-        previous_stamp = self._previous.get(spot.camera, -math.inf)
-        self._previous[spot.camera] = spot.stamp
-        if spot.stamp < previous_stamp - CLOCK_STEP:
-            return "clock"  # an old message, or the first since the clock was set back
-        if spot.stamp + self._clock_setback(spot) < self._entered - STAMP_TOLERANCE:
+        if not self._clocks.register(spot.camera, spot.stamp):
+            return "clock"
+        if self._clocks.correct(spot.camera, spot.stamp) < self._entered - STAMP_TOLERANCE:
             if now - spot.stamp > MAX_CLOCK_ERROR:
                 self.faults.add(("camera_clock_off", spot.camera))
             return "before_state"
@@ -202,7 +227,7 @@ class SpotCollector:
 
     def forget(self) -> None:
         """Drops all spots, but stays in the interaction."""
-        self.can_forget = False  # the drawing is over and was not saved: its spots may be dropped
+        self.can_forget = False
         self._stores = {state.collects: SpotStore() for state in STATES.values() if state.collects}
 
     def cameras_seeing(self, now: float, timeout: float) -> List[str]:
