@@ -276,28 +276,25 @@ def test_clusters_share_the_floor_they_add_and_standing_light_fades(steps, dropo
     ),
     st.sampled_from([0.05, 1.0]),
 )
-def test_the_best_track_equals_an_exhaustive_search(places, flick):
-    x, y, pauses, gains = np.array([*places, (1.0, 1.0, 0.1, 0.1)]).T
+def test_the_best_track_equals_an_exhaustive_search(clusters, free_jump):
+    x, y, pauses, gains = np.array([*clusters, (1.0, 1.0, 0.1, 0.1)]).T
     points, times = np.column_stack([x, y]), np.cumsum(pauses)
-    best = []  # of each place: (gain, the place before)
-    for place, own in enumerate(gains):
-        ways = [(0.0, -1)]
-        for before in range(max(0, place - strokes.LOOK_BACK), place):
-            time, way = times[place] - times[before], math.dist(points[place], points[before])
-            if time > 0.0:
-                effort = max(way - TREMOR, 0.0) ** 2 / (min(time, 0.4) * strokes.UNSEEN_SPEED)
-                ways.append((best[before][0] - flick * math.log1p(effort / flick), before))
-        gain, before = max(ways)
-        best.append((own + gain, before))
-    found, previous = strokes.find_best_predecessors(points, times, 0.4, gains, flick)
-    assert found == pytest.approx([gain for gain, _ in best])
-    wanted = [int(np.argmax(found))]
-    while previous[wanted[0]] >= 0:
-        wanted.insert(0, int(previous[wanted[0]]))
-    assert strokes.backtrack(found, previous).tolist() == wanted
-    # of two ways with the same gain, either is right
-    steps = [found[b] - found[a] - gains[b] for a, b in zip(wanted[:-1], wanted[1:])]
-    assert all(step <= 1e-9 for step in steps) and found[wanted[0]] == gains[wanted[0]]
+
+    def step_cost(start, end):
+        time = times[end] - times[start]
+        if time <= 0.0 or end - start > strokes.LOOK_BACK:
+            return math.inf
+        effort = max(math.dist(points[start], points[end]) - TREMOR, 0.0) ** 2
+        return free_jump * math.log1p(effort / (min(time, 0.4) * strokes.UNSEEN_SPEED) / free_jump)
+
+    totals = []  # of the best track that ends at each cluster
+    for end, gain in enumerate(gains):
+        totals.append(gain + max([0.0, *(totals[start] - step_cost(start, end) for start in range(end))]))
+    for count in range(1, len(points) + 1):
+        track, total = strokes.find_best_track(points[:count], times[:count], 0.4, gains[:count], free_jump)
+        assert total == pytest.approx(max(totals[:count]))
+        steps = zip(track[:-1], track[1:])
+        assert gains[track].sum() - sum(step_cost(*step) for step in steps) == pytest.approx(total)
 
 
 @settings(STEADY, max_examples=60)

@@ -198,8 +198,5 @@ def look_ahead(path: np.ndarray, place, distance: float) -> Tuple[np.ndarray, fl
     nearest = int(np.argmin(distances))
     remainder = path[nearest:]
     along = arc_lengths(remainder)
-    return (
-        remainder[min(int(np.searchsorted(along, distance)), len(remainder) - 1)],
-        float(distances[nearest]),
-        float(along[-1]),
-    )
+    ahead = min(int(np.searchsorted(along, distance)), len(remainder) - 1)
+    return remainder[ahead], float(distances[nearest]), float(along[-1])

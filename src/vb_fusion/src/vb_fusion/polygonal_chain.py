@@ -153,10 +153,9 @@ def _merge_repeats(stroke: ResampledStroke) -> ResampledStroke:
     points = stroke.points
     arc = geometry.arc_lengths(points)
     earlier, later = cKDTree(points).query_pairs(2.0 * stroke.tremor, output_type="ndarray").T
+    chord = np.linalg.norm(points[later] - points[earlier], axis=1)
     # the stroke between them is longer than a mere bend would make it
-    is_repeated = (
-        arc[later] - arc[earlier] > 2.0 * np.linalg.norm(points[later] - points[earlier], axis=1) + stroke.tremor
-    )
+    is_repeated = arc[later] - arc[earlier] > 2.0 * chord + stroke.tremor
     new = np.ones(len(points), dtype=bool)
     new[later[is_repeated]] = False
     # two samples beside the line may be an overshoot; three are new floor

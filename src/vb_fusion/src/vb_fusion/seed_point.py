@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from vb_core.errors import CodedError
 from vb_fusion.observations import TIME_BIN, TREMOR, Observations, is_on_floor, make_observations
-from vb_fusion.strokes import backtrack, find_best_predecessors, find_clusters
+from vb_fusion.strokes import find_best_track, find_clusters
 
 HAND_RADIUS = 1.5 * TREMOR  # [m] a hand held still stays within this of its mean, camera offsets included
 MIN_DWELL = 0.7  # [s] a hand that passes at 0.2 m/s, as slowly as people draw, is within HAND_RADIUS for this long
@@ -103,17 +103,14 @@ def find_dwells(
     if count < MIN_SPOTS:
         raise CodedError("no_seed", spots=count, needed=MIN_SPOTS)
     clusters = find_clusters(observations)
-    patch, earlier = _floor_patches(clusters.points)
-    known = _was_lit(clusters.points, np.asarray(before, dtype=float).reshape(-1, 2))
+    positions = clusters.points
+    patch, earlier = _floor_patches(positions)
+    known = _was_lit(positions, np.asarray(before, dtype=float).reshape(-1, 2))
     gains = np.where(known, KNOWN_PLACE_GAIN, NEW_PLACE_GAIN) * clusters.witnesses / (1.0 + TIME_BIN * earlier)
-    totals, predecessors = find_best_predecessors(
-        clusters.points, clusters.stamps, clusters.dropout, gains, NEW_PLACE_GAIN
-    )
-    track = backtrack(totals, predecessors)
-    pointer = clusters.select(track)
+    track, _ = find_best_track(positions, clusters.stamps, clusters.dropout, gains, NEW_PLACE_GAIN)
     dwells: List[Dwell] = []
-    for stay in _find_stays(patch[track], pointer.bins):
-        dwell = _make_dwell(stay, pointer.points, bool(known[track[stay.last]]), observations)
+    for stay in _find_stays(patch[track], clusters.bins[track]):
+        dwell = _make_dwell(stay, positions[track], bool(known[track[stay.last]]), observations)
         if dwells and np.linalg.norm(dwell.point - dwells[-1].point) <= HAND_RADIUS:
             # a pointer that arrives slowly starts a floor patch at the edge of the place, which gets part of the dwell
             begun = dwells.pop()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass, replace
-from typing import Dict, List, Set, Tuple
+from typing import Dict, List, Optional, Set, Tuple
 
 import numpy as np
 
@@ -97,28 +97,24 @@ class CameraClocks:
         self._previous: Dict[str, float] = {}
         self._newest: Dict[str, float] = {}
 
-    def register(self, camera: str, stamp: float) -> bool:
-        """Registers a camera's next stamp. Returns whether it follows the previous one.
+    def correct(self, camera: str, stamp: float) -> Optional[float]:
+        """Returns the stamp that the camera's clock would have given if it had not been set back.
 
-        If it does not, it is from an old message, or the first since the clock was set back.
+        None if the stamp is well before the previous one: from an old message, or the first since the clock was set back.
         """
         previous = self._previous.get(camera, -math.inf)
         self._previous[camera] = stamp
-        return stamp >= previous - CLOCK_STEP
-
-    def correct(self, camera: str, stamp: float) -> float:
-        """Returns the stamp that the camera's clock would have given if it had not been set back."""
+        if stamp < previous - CLOCK_STEP:
+            return None
         set_back, setbacks = self._set_back.get(camera, 0.0), self._set_back.values()
-        if camera in self._newest:
-            step = self._newest[camera] - stamp
-            if step - set_back > CLOCK_STEP:
-                # cameras on one computer share its clock: the camera with the newest spot gives the best estimate
-                set_back = max([step, *(setback for setback in setbacks if abs(setback - step) < CLOCK_STEP)])
-        else:
-            # the camera's first spot: if other cameras have later stamps, its clock was set back too
-            step = max(self._newest.values(), default=-math.inf) - stamp
-            if step - set_back > CLOCK_STEP:
-                set_back = min((setback for setback in setbacks if setback > step - CLOCK_STEP), default=set_back)
+        newest = self._newest.get(camera, max(self._newest.values(), default=-math.inf))
+        step = newest - stamp
+        if step - set_back > CLOCK_STEP and camera in self._newest:
+            # cameras on one computer share its clock: the camera with the newest spot gives the best estimate
+            set_back = max([step, *(setback for setback in setbacks if abs(setback - step) < CLOCK_STEP)])
+        elif step - set_back > CLOCK_STEP:
+            # the camera's first spot, but other cameras have later stamps: its clock was set back too
+            set_back = min((setback for setback in setbacks if setback > step - CLOCK_STEP), default=set_back)
         self._set_back[camera] = set_back
         return stamp + set_back
 
@@ -184,8 +180,12 @@ class SpotCollector:
 
     def ignore_frame(self, camera: str) -> None:
         """Counts a camera's spot that is not in the map frame."""
-        self.ignored["frame"] += 1
         self.faults.add(("spots_wrong_frame", camera))
+        self._ignore("frame")
+
+    def _ignore(self, reason: str) -> str:
+        self.ignored[reason] += 1
+        return reason
 
     def add(self, spot: FloorSpot, now: float = math.nan) -> str:
         """Adds a spot that arrives at the time `now` [s].
@@ -197,32 +197,24 @@ class SpotCollector:
         """
         # updated in any case: after a jump back of the clock a camera must not count as seeing for ever
         self._last_seen[spot.camera] = spot.stamp
-        reason = self._rejection_reason(spot, now)
-        if reason:
-            self.ignored[reason] += 1
-            return reason
-        if spot.camera not in self._cameras:
-            self._cameras.append(spot.camera)
-        stamp = self._clocks.correct(spot.camera, spot.stamp)
-        self._clocks.collect(spot.camera, stamp)
-        self._stores[self.state.collects].append(replace(spot, stamp=stamp), self._cameras.index(spot.camera))
-        return ""
-
-    def _rejection_reason(self, spot: FloorSpot, now: float) -> str:
-        """Returns why a spot is ignored, or "". Registers its stamp, and a clock that is off."""
         if not all(math.isfinite(value) for value in (spot.stamp, spot.x, spot.y)):
-            return "not_finite"
+            return self._ignore("not_finite")
         if not self.state.collects:
-            return "state"
+            return self._ignore("state")
         if spot.stamp > now + MAX_CLOCK_ERROR:
             self.faults.add(("camera_clock_off", spot.camera))
-            return "clock"
-        if not self._clocks.register(spot.camera, spot.stamp):
-            return "clock"
-        if self._clocks.correct(spot.camera, spot.stamp) < self._entered - STAMP_TOLERANCE:
+            return self._ignore("clock")
+        stamp = self._clocks.correct(spot.camera, spot.stamp)
+        if stamp is None:
+            return self._ignore("clock")
+        if stamp < self._entered - STAMP_TOLERANCE:
             if now - spot.stamp > MAX_CLOCK_ERROR:
                 self.faults.add(("camera_clock_off", spot.camera))
-            return "before_state"
+            return self._ignore("before_state")
+        self._clocks.collect(spot.camera, stamp)
+        if spot.camera not in self._cameras:
+            self._cameras.append(spot.camera)
+        self._stores[self.state.collects].append(replace(spot, stamp=stamp), self._cameras.index(spot.camera))
         return ""
 
     def forget(self) -> None:

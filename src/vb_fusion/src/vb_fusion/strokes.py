@@ -72,10 +72,12 @@ def find_drawn_line(observations: Observations, widest_gap: float, min_expansion
     clusters = find_clusters(observations)
     strokes, ends = find_strokes(observations, clusters, widest_gap)
     # strokes that could be a line alone, widest first: moving back and forth explains much floor, but is not a border
-    wide = [(geometry.bounding_diagonal(observations.points[stroke]), stroke) for stroke in strokes]
-    wide = [(size, stroke) for size, stroke in wide if size > min_expansion - 2.0 * TREMOR]
-    wide = [(size, stroke) for size, stroke in wide if observations.spots[stroke].sum() >= min_spots]
-    candidates = [stroke for _, stroke in sorted(wide, key=lambda sized_stroke: -sized_stroke[0])]
+    sized = [(geometry.bounding_diagonal(observations.points[stroke]), stroke) for stroke in strokes]
+    candidates = [
+        stroke
+        for size, stroke in sorted(sized, key=lambda sized_stroke: -sized_stroke[0])
+        if size > min_expansion - 2.0 * TREMOR and observations.spots[stroke].sum() >= min_spots
+    ]
     if not candidates:
         raise CodedError("no_line", spots=int(observations.spots.sum()), shortest=f"{min_expansion:g}")
     line, unjoined, joined = _join_strokes(observations, candidates, widest_gap)
@@ -125,10 +127,10 @@ def find_strokes(
     ends: List[np.ndarray] = []
     free = np.arange(len(points))
     while gains[free].sum() >= CLUSTER_WIDTH:
-        totals, predecessors = find_best_predecessors(points[free], stamps[free], dropout, gains[free], TREMOR)
-        if totals.max() < CLUSTER_WIDTH:
+        track, gain = find_best_track(points[free], stamps[free], dropout, gains[free], TREMOR)
+        if gain < CLUSTER_WIDTH:
             break
-        line = free[backtrack(totals, predecessors)]
+        line = free[track]
         pieces, glints = _divide(line, points[line], stamps[line], explained[line], dropout, widest_gap + TREMOR)
         if pieces and not strokes:
             ends = [_observations_near(observations, clusters, glint) for glint in glints]
@@ -181,14 +183,13 @@ def _observations_near(observations: Observations, clusters: Observations, line:
 
     As there is one pointer, a robot's spot that is off by no more than the localisation error is still the pointer.
     """
-    times = clusters.stamps[line]
-    first, last = np.searchsorted(observations.stamps, (times[0] - TIME_BIN, times[-1] + TIME_BIN))
-    x, y, mobile = (
-        np.interp(observations.stamps[first:last], times, column[line])
-        for column in (*clusters.points.T, clusters.mobile)
-    )
-    reach = CLUSTER_WIDTH + LOCALIZATION_ERROR * np.maximum(mobile, observations.mobile[first:last])
-    distances = np.hypot(*(observations.points[first:last] - np.column_stack([x, y])).T)
+    pointer = clusters.select(line)
+    began, ended = pointer.stamps[[0, -1]]
+    first, last = np.searchsorted(observations.stamps, (began - TIME_BIN, ended + TIME_BIN))
+    nearby = observations.select(slice(first, last))
+    x, y, mobile = (np.interp(nearby.stamps, pointer.stamps, column) for column in (*pointer.points.T, pointer.mobile))
+    reach = CLUSTER_WIDTH + LOCALIZATION_ERROR * np.maximum(mobile, nearby.mobile)
+    distances = np.hypot(*(nearby.points - np.column_stack([x, y])).T)
     return first + np.flatnonzero(distances <= reach)
 
 
@@ -205,9 +206,8 @@ def _join_strokes(
     joined = False
     while others:
         # the nearest pair of an end of the line and an end of another stroke
-        distances = np.array(
-            [cdist(observations.points[line[[0, -1]]], observations.points[other[[0, -1]]]) for other in others]
-        )
+        line_ends = observations.points[line[[0, -1]]]
+        distances = np.array([cdist(line_ends, observations.points[other[[0, -1]]]) for other in others])
         number, line_end, other_end = np.unravel_index(int(np.argmin(distances)), distances.shape)
         if distances[number, line_end, other_end] > widest_gap + TREMOR:
             break
@@ -286,15 +286,15 @@ def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
     return swept
 
 
-def find_best_predecessors(
+def find_best_track(
     points: np.ndarray, stamps: np.ndarray, dropout: float, gains: np.ndarray, free_jump: float
-) -> Tuple[np.ndarray, np.ndarray]:
-    """Finds the best track that ends at each of the clusters (P, 2) [m], given in order of time.
+) -> Tuple[np.ndarray, float]:
+    """Finds the track that gains most among clusters (P, 2) [m], given in order of time.
 
     Beyond `free_jump` [m] the cost of a jump grows only logarithmically.
 
     Returns:
-        (P,) the gain [m] of each track, and (P,) the preceding cluster; -1 where a track begins.
+        The indices of the track's clusters, and its gain [m].
     """
     count = len(points)
     candidates = np.arange(count)[:, None] - np.arange(1, LOOK_BACK + 1)
@@ -304,19 +304,14 @@ def find_best_predecessors(
     cost = np.maximum(distance - TREMOR, 0.0) ** 2 / (np.clip(time, 1e-9, dropout) * UNSEEN_SPEED)
     cost = free_jump * np.log1p(cost / free_jump)
     cost[(candidates < 0) | (time <= 0.0)] = np.inf
-    best, best_predecessor = gains.copy(), np.full(count, -1)
+    totals, best_predecessor = gains.copy(), np.full(count, -1)  # of the best track that ends at each cluster
     for cluster in range(count):
-        value = best[predecessor[cluster]] - cost[cluster]
+        value = totals[predecessor[cluster]] - cost[cluster]
         chosen = int(value.argmax())
         if value[chosen] > 0.0:
-            best[cluster] += value[chosen]
+            totals[cluster] += value[chosen]
             best_predecessor[cluster] = predecessor[cluster, chosen]
-    return best, best_predecessor
-
-
-def backtrack(totals: np.ndarray, predecessors: np.ndarray) -> np.ndarray:
-    """Returns the indices of the clusters of the track that gains most, from the result of `find_best_predecessors`."""
     track = [int(totals.argmax())]
-    while predecessors[track[-1]] >= 0:
-        track.append(int(predecessors[track[-1]]))
-    return np.array(track[::-1])
+    while best_predecessor[track[-1]] >= 0:
+        track.append(int(best_predecessor[track[-1]]))
+    return np.array(track[::-1]), float(totals.max())
