@@ -309,11 +309,9 @@ def test_light_stays_where_it_is_seen_again_within_half_a_second(steps):
                 stays.append([])
             stays[-1].append(place)
     held = [stay for stay in stays if len(stay) >= 7] or [max(stays, key=len)]
-    wanted = []
-    for number in {patch[stay[0]] for stay in held}:
-        at_it = [stay for stay in held if patch[stay[0]] == number]
-        wanted.append((patch.tolist().index(number), at_it[-1][-1], sum(map(len, at_it))))
-    assert seed_point._find_stays(patch, bins) == sorted(wanted, key=lambda stay: stay[1])
+    wanted = [sum((stay for stay in held if patch[stay[0]] == number), []) for number in range(4)]
+    found = [clusters.tolist() for clusters in seed_point._find_stays(patch, bins)]
+    assert found == sorted(filter(None, wanted), key=lambda clusters: clusters[-1])
 
 
 @settings(STEADY, max_examples=60)

@@ -34,7 +34,7 @@ from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 from vb_fusion.camera_offsets import remove_offsets
 from vb_fusion.observations import Observations, is_on_floor, make_observations
-from vb_fusion.paper_algorithms import run_algorithms
+from vb_fusion.paper_algorithms import find_cluster, generate_polygon, thin_points
 from vb_fusion.polygonal_chain import Closure, classify_closure, make_chain
 from vb_fusion.seed_point import Dwell, choose_seed, extract_seed, find_dwells, find_rival
 from vb_fusion.spot_collector import CollectedSpots
@@ -115,11 +115,7 @@ def extract_border(
     """
     params = params or ExtractionParams()
     if params.mode == "paper":
-        bare_points = np.asarray(points, dtype=float).reshape(-1, 2)
-        bare_points = bare_points[is_on_floor(bare_points)]
-        _require_spots(len(bare_points), params.min_size)
-        vertices = run_algorithms(bare_points, params)
-        return BorderChain(vertices, classify_closure(vertices))
+        return _extract_as_in_paper(np.asarray(points, dtype=float).reshape(-1, 2), params)
     if stamps is None:
         raise ValueError("only the paper's mode needs no stamps")
     observations = make_observations(points, stamps, cameras, confidences, mobile)  # stage 0
@@ -129,6 +125,19 @@ def extract_border(
     vertices, closure = make_chain(line, drawn.joined, params.eps)  # stages 3 to 6
     unseen = _longest_unseen_gap(line, closure, drawn.joined, drawn.dropout)
     return BorderChain(vertices, closure, drawn.left_out.points, int(drawn.left_out.spots.sum()), unseen)
+
+
+def _extract_as_in_paper(points: np.ndarray, params: ExtractionParams) -> BorderChain:
+    """Runs Algorithms 1 to 3 of the paper on points (N, 2) [m]."""
+    points = points[is_on_floor(points)]
+    _require_spots(len(points), params.min_size)
+    chain = points[find_cluster(points, params.eps, params.min_pts, params.min_exp, params.min_size)]
+    if len(chain):
+        thinned = thin_points(chain, params.thinning_dist)
+        chain = thinned[generate_polygon(thinned, params.polygon_dist)]
+    if len(chain) < 2:
+        raise CodedError("no_line", spots=len(points), shortest=f"{params.min_exp:g}")
+    return BorderChain(chain, classify_closure(chain))
 
 
 def _require_spots(count: int, needed: int) -> None:
@@ -192,7 +201,7 @@ class LiveExtractor:
         """Forgets everything, for a new interaction."""
         with self._lock:
             self._next_extraction_at = 0.0
-            self._border_total = self._seed_total = -1
+            self._totals = (-1, -1)  # of border and seed spots at the last extraction
             self.drawn = DrawnBorder()
 
     def update(self, collection: CollectedSpots, clock: Callable[[], float], force: bool = False) -> DrawnBorder:
@@ -203,32 +212,31 @@ class LiveExtractor:
             force: whether it is due regardless of what the last extraction cost.
         """
         with self._lock:
-            border_new = collection.border_total != self._border_total
-            seed_new = collection.seed_total != self._seed_total
-            if (border_new or seed_new) and (force or clock() >= self._next_extraction_at):
+            totals = collection.border_total, collection.seed_total
+            if totals != self._totals and (force or clock() >= self._next_extraction_at):
                 started = clock()
                 try:
-                    self._extract(collection, border_new, seed_new)
+                    self._extract(collection)
+                    self._totals = totals
                 finally:  # a failed attempt costs as much
                     finished = clock()
                     self._next_extraction_at = finished + (finished - started) * (1.0 / self._share - 1.0)
             return self.drawn
 
-    def _extract(self, collection: CollectedSpots, border_new: bool, seed_new: bool) -> None:
+    def _extract(self, collection: CollectedSpots) -> None:
         drawn, border = self.drawn, _as_arguments(collection.border)
-        if border_new:
+        if collection.border_total != self._totals[0]:
             try:
                 drawn = replace(drawn, chain=extract_border(params=self._params, **border), chain_error=None)
             except CodedError as error:
                 drawn = replace(drawn, chain=None, chain_error=error)
-        if seed_new:
+        if collection.seed_total != self._totals[1]:
             try:
                 dwells = find_dwells(before=border["points"], **_as_arguments(collection.seed))
                 drawn = replace(drawn, dwells=dwells, seed_error=None)
             except CodedError as error:
                 drawn = replace(drawn, dwells=(), seed_error=error)
         self.drawn = drawn
-        self._border_total, self._seed_total = collection.border_total, collection.seed_total
 
 
 def _as_arguments(spots: np.ndarray) -> Dict[str, np.ndarray]:

@@ -262,17 +262,16 @@ def fit_sides(stroke: ResampledStroke, joined: bool) -> np.ndarray:
     Returns:
         The line's vertices (M, 2) [m].
     """
-    x, y = (stroke.points - stroke.points[0]).T
-    terms = stroke.weights * np.array([np.ones_like(x), x, y, x * x, y * y, x * y])
-    sums = np.concatenate([np.zeros((6, 1)), np.cumsum(terms, axis=1)], axis=1)
-    starts = _divide(stroke, sums)
+    starts = _divide(stroke)
     return _fit_vertices(stroke, starts, joined and len(starts) > 2)
 
 
-def _divide(stroke: ResampledStroke, sums: np.ndarray) -> np.ndarray:
+def _divide(stroke: ResampledStroke) -> np.ndarray:
     """Divides a stroke into sides, and returns the first sample of each."""
-    x, y = stroke.points.T
+    x, y = (stroke.points - stroke.points[0]).T
     count = len(x)
+    terms = stroke.weights * np.array([np.ones_like(x), x, y, x * x, y * y, x * y])
+    sums = np.concatenate([np.zeros((6, 1)), np.cumsum(terms, axis=1)], axis=1)
     # people mark corners by stopping: where the spot was seen more than twice as long as usual, a smaller
     # detail suffices; the usual value is rounded, so that it seldom changes while a line grows
     usual = 2.0 ** np.round(np.log2(np.median(stroke.trust)))

@@ -8,8 +8,10 @@ single flashes do not attract the track.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import List, NamedTuple, Optional, Sequence, Tuple
+import math
+from dataclasses import dataclass
+from itertools import groupby
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -108,14 +110,19 @@ def find_dwells(
     known = _was_lit(positions, np.asarray(before, dtype=float).reshape(-1, 2))
     gains = np.where(known, KNOWN_PLACE_GAIN, NEW_PLACE_GAIN) * clusters.witnesses / (1.0 + TIME_BIN * earlier)
     track, _ = find_best_track(positions, clusters.stamps, clusters.dropout, gains, NEW_PLACE_GAIN)
+    path, path_patch, path_known = positions[track], patch[track], known[track]
     dwells: List[Dwell] = []
-    for stay in _find_stays(patch[track], clusters.bins[track]):
-        dwell = _make_dwell(stay, positions[track], bool(known[track[stay.last]]), observations)
-        if dwells and np.linalg.norm(dwell.point - dwells[-1].point) <= HAND_RADIUS:
+    for stay in _find_stays(path_patch, clusters.bins[track]):
+        point, seconds = _middle(path, stay[-1]), TIME_BIN * len(stay)
+        arrival = int(np.argmax(path_patch == path_patch[stay[-1]]))
+        followed = arrival > 0 and math.dist(path[arrival], path[arrival - 1]) <= MAX_STEP
+        if dwells and math.dist(point, dwells[-1].point) <= HAND_RADIUS:
             # a pointer that arrives slowly starts a floor patch at the edge of the place, which gets part of the dwell
             begun = dwells.pop()
-            dwell = replace(dwell, seconds=dwell.seconds + begun.seconds, followed=begun.followed)
-        dwells.append(dwell)
+            seconds, followed = seconds + begun.seconds, begun.followed
+        dwells.append(
+            Dwell(point, seconds, bool(path_known[stay[-1]]), followed, _count_witnesses(observations, point))
+        )
     return dwells
 
 
@@ -126,43 +133,28 @@ def _was_lit(positions: np.ndarray, before: np.ndarray) -> np.ndarray:
     return np.isfinite(tree.query(positions, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
 
 
-class Stay(NamedTuple):
-    """The light's stay on a floor patch: indices of its first and last cluster in the track, and how many there are."""
-
-    first: int
-    last: int
-    count: int
-
-
-def _find_stays(patch: np.ndarray, bins: np.ndarray) -> List[Stay]:
+def _find_stays(patch: np.ndarray, bins: np.ndarray) -> List[np.ndarray]:
     """Finds where light stayed; brief flashes that recur at one place are not a dwell.
 
     Args:
         patch, bins: (P,) the floor patch and the time bin of each cluster of the pointer's track, in the order of time.
 
     Returns:
-        One stay for each patch on which the light stayed for MIN_DWELL, in the order of their last clusters; if there
-        is none, only the longest stay's.
+        The clusters on each patch on which light stayed for MIN_DWELL, without the flashes, in the order of the last
+        clusters; if there is none, only those of the longest stay.
     """
     order = np.argsort(patch, kind="stable")
     breaks = (np.diff(patch[order]) != 0) | (np.diff(bins[order]) * TIME_BIN > MAX_BLINK)
     stays = np.split(order, np.flatnonzero(breaks) + 1)
     held = [stay for stay in stays if len(stay) * TIME_BIN >= MIN_DWELL] or [max(stays, key=len)]
-    counts = np.bincount(patch[np.concatenate(held)])
-    last = {patch[stay[-1]]: int(stay[-1]) for stay in held}
-    return [
-        Stay(int(np.argmax(patch == number)), last[number], int(counts[number]))
-        for number in sorted(last, key=last.get)
-    ]
+    on_one_patch = [list(group) for _, group in groupby(held, key=lambda stay: patch[stay[0]])]
+    return sorted(map(np.concatenate, on_one_patch), key=lambda clusters: clusters[-1])
 
 
-def _make_dwell(stay: Stay, path: np.ndarray, known: bool, observations: Observations) -> Dwell:
-    """Makes the dwell of a stay on the pointer's path (P, 2) [m]."""
-    point = _middle(path, stay.last)
-    followed = stay.first > 0 and np.linalg.norm(path[stay.first] - path[stay.first - 1]) <= MAX_STEP
+def _count_witnesses(observations: Observations, point: np.ndarray) -> int:
+    """Counts the stationary cameras that saw light at a point (2,) [m]."""
     is_near = ~observations.mobile & (np.linalg.norm(observations.points - point, axis=1) <= HAND_RADIUS)
-    witnesses = int((np.bincount(observations.cameras[is_near]) >= MIN_SPOTS).sum())
-    return Dwell(point, TIME_BIN * stay.count, known, bool(followed), witnesses)
+    return int((np.bincount(observations.cameras[is_near]) >= MIN_SPOTS).sum())
 
 
 def _middle(positions: np.ndarray, cluster: int) -> np.ndarray:
