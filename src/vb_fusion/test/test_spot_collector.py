@@ -97,11 +97,11 @@ def test_a_full_store_keeps_the_whole_drawing_and_every_camera(count, monkeypatc
     assert collector.counts[0] == count
     collector.set_state(BORDER, "b", 0.02 * count)
     collector.add(spot(0.02 * count))
-    assert early["stamp"].tolist() == [0.02 * k for k in range(150)]  # later spots do not change an earlier collection
+    assert early["stamps"].tolist() == [0.02 * k for k in range(150)]  # later spots do not change an earlier collection
     assert len(spots) <= 200
-    assert spots["point"][0, 0] < 0.05
-    assert spots["point"][-1, 0] > 0.95
-    red, green = np.bincount(spots["camera"])
+    assert spots["points"][0, 0] < 0.05
+    assert spots["points"][-1, 0] > 0.95
+    red, green = np.bincount(spots["cameras"])
     assert red == pytest.approx(green, rel=0.1)
 
 
@@ -122,16 +122,16 @@ def test_a_clock_that_is_set_back_while_somebody_draws_is_undone_for_every_camer
     spots = collector.collection().border
     assert len(spots) == count - 1
     assert collector.ignored["clock"] == 2  # the first spot of red and of green after it
-    x = spots["point"][np.argsort(spots["stamp"], kind="stable"), 0]
+    x = spots["points"][np.argsort(spots["stamps"], kind="stable"), 0]
     assert np.diff(x).min() > -0.05
-    assert np.ptp(spots["stamp"]) == pytest.approx(0.02 * count, abs=0.2)
+    assert np.ptp(spots["stamps"]) == pytest.approx(0.02 * count, abs=0.2)
 
 
 def test_one_old_message_is_no_clock_that_was_set_back():
     collector = in_border(100.0)
     stamps = [110.0, 80.0, 110.1, 110.2]
     assert [collector.add(spot(stamp)) for stamp in stamps] == ["", "clock", "", ""]
-    assert collector.collection().border["stamp"].tolist() == [110.0, 110.1, 110.2]
+    assert collector.collection().border["stamps"].tolist() == [110.0, 110.1, 110.2]
 
 
 def test_a_camera_with_wrong_clock_or_frame_is_ignored_and_named():
@@ -180,7 +180,7 @@ def test_live_and_final_border_are_the_same(monkeypatch):
     drawn = live.update(collector.collection(), float, force=True).chain
     again = LiveExtractor(ExtractionParams(), share=1.0).update(collector.collection(), float, force=True).chain
     spots = collector.collection().border
-    final = extract_border(spots["point"], stamps=spots["stamp"], cameras=spots["camera"])
+    final = extract_border(spots["points"], stamps=spots["stamps"], cameras=spots["cameras"])
     assert len(spots) < len(stroke.points)
     assert final.closed
     assert drawn.points == pytest.approx(final.points, abs=1e-9)

@@ -199,8 +199,8 @@ class BorderFusionNode:
         message.interaction_id = collection.interaction_id
         message.border_spots, message.seed_spots, message.ignored_spots = self._collector.counts
         shown = subsample_evenly(collection.border)
-        message.points = points_from_array(shown["point"])
-        message.point_cameras = bytes(np.minimum(shown["camera"], 255).astype(np.uint8))
+        message.points = points_from_array(shown["points"])
+        message.point_cameras = bytes(np.minimum(shown["cameras"], 255).astype(np.uint8))
         message.cameras = collection.cameras
         message.cameras_seeing_spot = self._cameras_seeing()
         chain, seed = drawn.chain, drawn.seed

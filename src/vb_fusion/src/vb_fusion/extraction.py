@@ -241,5 +241,4 @@ class LiveExtractor:
 
 def _as_arguments(spots: np.ndarray) -> Dict[str, np.ndarray]:
     """Returns the arguments of `extract_border` and `find_dwells` for collected spots (K,) of the type SPOT."""
-    names = {"points": "point", "stamps": "stamp", "cameras": "camera", "confidences": "confidence", "mobile": "mobile"}
-    return {argument: spots[name] for argument, name in names.items()}
+    return {name: spots[name] for name in spots.dtype.names}

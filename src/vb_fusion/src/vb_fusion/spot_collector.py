@@ -29,8 +29,8 @@ class FloorSpot:
     mobile: bool = False  # seen by a camera on a robot
 
 
-# a spot as it is stored; the camera by its index
-SPOT = np.dtype([("stamp", float), ("point", float, 2), ("confidence", float), ("camera", int), ("mobile", bool)])
+# how spots are stored: the columns have the names of `extract_border`'s arguments, and a camera is an index
+SPOT = np.dtype([("points", float, 2), ("stamps", float), ("cameras", int), ("confidences", float), ("mobile", bool)])
 
 
 class SpotStore:
@@ -52,17 +52,16 @@ class SpotStore:
         """Keeps a spot seen by the camera of this index."""
         if self._count == len(self._spots):
             self._drop_every_other()
-        self._spots[self._count] = (spot.stamp, (spot.x, spot.y), spot.confidence, camera, spot.mobile)
+        self._spots[self._count] = ((spot.x, spot.y), spot.stamp, camera, spot.confidence, spot.mobile)
         self._count += 1
         self.total += 1
 
     def _drop_every_other(self) -> None:
-        by_camera = np.argsort(self._spots["camera"], kind="stable")
-        cameras = self._spots["camera"][by_camera]
-        number_in_camera = np.arange(len(cameras)) - np.searchsorted(cameras, cameras)
-        kept = self._spots[np.sort(by_camera[number_in_camera % 2 == 0])]
-        self._count = len(kept)
-        self._spots[: self._count] = kept
+        kept = np.ones(len(self._spots), dtype=bool)
+        for camera in np.unique(self._spots["cameras"]):
+            kept[np.flatnonzero(self._spots["cameras"] == camera)[1::2]] = False
+        self._count = np.count_nonzero(kept)
+        self._spots[: self._count] = self._spots[kept]
 
     @property
     def spots(self) -> np.ndarray:

@@ -315,21 +315,25 @@ class Worker:
 
     A `CodedError` means a faulty item, and is logged. Exceptions of topics that close during shutdown are ignored. Any
     other exception is a fault of the node, which ends.
+
+    Args:
+        source: its `get` waits for the next item, and returns None once there will be none.
+        handle: handles one item.
     """
 
-    def __init__(self, mailbox: Any, handle: Callable[[Any], None]) -> None:
-        self._mailbox = mailbox
-        self._do = handle
+    def __init__(self, source: Any, handle: Callable[[Any], None]) -> None:
+        self._source = source
+        self._handle = handle
         self._thread = start_thread(self._work)
 
     def join(self, timeout: float) -> None:
-        """Waits until a closed mailbox's last item is handled, at most for a time [s]."""
+        """Waits until a closed source's last item is handled, at most for a time [s]."""
         self._thread.join(timeout)
 
     def _work(self) -> None:
-        for item in iter(self._mailbox.get, None):
+        for item in iter(self._source.get, None):
             try:
-                self._do(item)
+                self._handle(item)
             except CodedError as error:
                 rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
             except rospy.ROSException:
