@@ -20,7 +20,7 @@ Stage 6, vertices: those that change nothing are dropped, and a closed chain bec
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Dict, Tuple
 
 import numpy as np
@@ -174,17 +174,24 @@ class Closure:
 
     Attributes:
         closed: polygon (True) or separating curve (False).
-        code: why; `values` has the values that its sentence names.
+        code: code of the sentence that says why; its values are in `values`.
         gap: [m] distance between the ends.
+        length: [m] length of the line between its ends.
         first, last: indices of outermost points that belong to the line, without an overhang past the closing point.
     """
 
     closed: bool
     code: str
     gap: float
+    length: float
     first: int
     last: int
-    values: Dict[str, str] = field(default_factory=dict)
+
+    @property
+    def values(self) -> Dict[str, str]:
+        """The values that the sentence names."""
+        percent = 100.0 * self.gap / self.length if self.length else 0.0
+        return {"gap": f"{self.gap:.2f}", "percent": f"{percent:.0f}", "length": f"{self.length:.2f}"}
 
 
 def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
@@ -199,7 +206,7 @@ def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
     length = geometry.chain_length(points)
     apart = float(np.linalg.norm(points[-1] - points[0]))
     if len(points) < 3 or length == 0.0:
-        return Closure(False, "open_two_points", apart, 0, end, _gap_values(apart, length))
+        return Closure(False, "open_two_points", apart, length, 0, end)
     first, last, opening = _find_closing_points(points, length)
     cut = points[first : last + 1]
     gap = float(np.linalg.norm(cut[-1] - cut[0]))
@@ -215,13 +222,8 @@ def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
     else:
         code = "closed_trimmed" if last - first < end else "closed_gap"
     if code.startswith("open"):
-        return Closure(False, code, apart, 0, end, _gap_values(apart, length))
-    return Closure(True, code, gap, first, last, _gap_values(gap, length_within))
-
-
-def _gap_values(gap: float, length: float) -> Dict[str, str]:
-    percent = 100.0 * gap / length if length else 0.0
-    return {"gap": f"{gap:.2f}", "percent": f"{percent:.0f}", "length": f"{length:.2f}"}
+        return Closure(False, code, apart, length, 0, end)
+    return Closure(True, code, gap, length_within, first, last)
 
 
 def _find_closing_points(points: np.ndarray, length: float) -> Tuple[int, int, float]:

@@ -218,9 +218,24 @@ def _join_strokes(
 
 
 def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.ndarray:
-    """Returns the floor (P,) [m] that each cluster adds: clusters on the same floor share it.
+    """Returns the floor (P,) [m] that each cluster adds: clusters on the same floor share it."""
+    nodes, shares = _lattice_shares(points)
+    # the number of clusters at each cluster, itself included, independent of where it lies between the nodes
+    crowding = (np.bincount(nodes.ravel(), shares.ravel())[nodes] * shares).sum(axis=0) / (shares**2).sum(axis=0)
+    # along a line, these are on average 1.5 times the clusters in a width: together they add the line's length
+    new = CLUSTER_WIDTH / np.maximum(crowding / 1.5, 2.0)
+    longest_stay = _stationary_times(points, stamps, dropout, nodes.ravel(), shares.ravel())[nodes].max(axis=0)
+    dwell_factor = np.minimum(1.0, MAX_DWELL / np.maximum(longest_stay, TIME_BIN)) ** 2
+    gains = np.maximum(new, _swept(points, stamps, dropout)) * dwell_factor
+    # rounded to 0.1 mm, so that equal clusters are equal on every computer; never exactly zero
+    return np.round(gains, 4) + 1e-5
 
-    A cluster is shared among the four lattice nodes round it, bilinearly, so that gains are continuous in position.
+
+def _lattice_shares(points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """Shares each cluster among the four lattice nodes round it, bilinearly, so that gains are continuous in position.
+
+    Returns:
+        (4, P) the nodes, numbered from 0, and (4, P) their shares of the cluster, which add up to 1.
     """
     scaled = points / CLUSTER_WIDTH
     cell = np.floor(scaled).astype(np.int64)
@@ -228,39 +243,33 @@ def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.nd
     cell -= cell.min(axis=0)
     stride = int(cell[:, 1].max()) + 2
     corners = [(dx, dy) for dx in (0, 1) for dy in (0, 1)]
-    nodes = np.concatenate([(cell[:, 0] + dx) * stride + cell[:, 1] + dy for dx, dy in corners])
-    shares = np.concatenate([np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1]) for dx, dy in corners])
-    order = np.lexsort((np.tile(stamps, 4), nodes))
-    pause = np.append(0.0, np.diff(np.tile(stamps, 4)[order]))
-    first = np.append(True, np.diff(nodes[order]) != 0)
-    node = np.empty(len(order), dtype=np.int64)
-    node[order] = np.cumsum(first) - 1
-    # the number of clusters at each cluster, itself included, independent of where it lies between the nodes
-    crowding = (np.bincount(node, shares)[node] * shares).reshape(4, -1).sum(axis=0) / (shares**2).reshape(4, -1).sum(
-        axis=0
-    )
-    # along a line, these are on average 1.5 times the clusters in a width: together they add the line's length
-    new = CLUSTER_WIDTH / np.maximum(crowding / 1.5, 2.0)
-    # light not seen for longer than a dropout was not there
-    lit_time = np.bincount(node[order], np.where(first, TIME_BIN, np.minimum(pause, dropout)))
-    moved = np.minimum(1.0, (_moved(points, stamps, shares, node) / CLUSTER_WIDTH) ** 2)
-    stationary_time = lit_time * (1.0 - moved)
-    longest_stay = stationary_time[node].reshape(4, -1).max(axis=0)
-    dwell_factor = np.minimum(1.0, MAX_DWELL / np.maximum(longest_stay, TIME_BIN)) ** 2
-    gains = np.maximum(new, _swept(points, stamps, dropout)) * dwell_factor
-    # rounded to 0.1 mm, so that equal clusters are equal on every computer; never exactly zero
-    return np.round(gains, 4) + 1e-5
+    keys = [(cell[:, 0] + dx) * stride + cell[:, 1] + dy for dx, dy in corners]
+    shares = [np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1]) for dx, dy in corners]
+    return np.unique(keys, return_inverse=True)[1].reshape(4, -1), np.array(shares)
 
 
-def _moved(points: np.ndarray, stamps: np.ndarray, shares: np.ndarray, node: np.ndarray) -> np.ndarray:
-    """Returns how far [m] the light at each node moved while it was there: the trend of its position over time."""
-    total = np.maximum(np.bincount(node, shares), 1e-9)
+def _stationary_times(
+    points: np.ndarray, stamps: np.ndarray, dropout: float, nodes: np.ndarray, shares: np.ndarray
+) -> np.ndarray:
+    """Returns for how long [s] light stayed at each node. Light that moved on slowly counts less, or not at all.
+
+    Args:
+        nodes, shares: (4 P,) as from `_lattice_shares`.
+    """
     t, x, y = (np.tile(values - values.mean(), 4) for values in (stamps, *points.T))
-    t = t - (np.bincount(node, shares * t) / total)[node]
-    spread = np.bincount(node, shares * t * t)
-    # a uniform movement lasts for sqrt(12) standard deviations of its times
-    trend = [np.bincount(node, shares * t * axis) for axis in (x, y)]
-    return np.sqrt(12.0 / total / np.maximum(spread, 1e-12)) * np.hypot(*trend)
+    order = np.lexsort((t, nodes))
+    is_first = np.append(True, np.diff(nodes[order]) != 0)
+    # light not seen for longer than a dropout was not there
+    pauses = np.append(0.0, np.minimum(np.diff(t[order]), dropout))
+    lit_times = np.bincount(nodes[order], np.where(is_first, TIME_BIN, pauses))
+    # the distance moved is the trend of the light's position over time; a uniform movement lasts for sqrt(12) standard
+    # deviations of its times
+    total = np.maximum(np.bincount(nodes, shares), 1e-9)
+    t = t - (np.bincount(nodes, shares * t) / total)[nodes]
+    spread = np.bincount(nodes, shares * t * t)
+    trend = np.hypot(*(np.bincount(nodes, shares * t * axis) for axis in (x, y)))
+    moved = np.sqrt(12.0 / total / np.maximum(spread, 1e-12)) * trend
+    return lit_times * (1.0 - np.minimum(1.0, (moved / CLUSTER_WIDTH) ** 2))
 
 
 def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
