@@ -71,10 +71,8 @@ class BorderFusionNode:
         self._notices = NoticePublisher()
         self._progress = rospy.Publisher(names.PROGRESS, BorderProgress, queue_size=5, latch=True)
         # 4 cameras at 25 Hz fill a queue of 400 in 4 s, longer than any extraction takes
-        self._state_subscriber = rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=20)
-        self._spot_subscriber = rospy.Subscriber(
-            names.SPOTS, LaserSpot, self._on_spot, queue_size=400, tcp_nodelay=True
-        )
+        self._state_input = rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=20)
+        self._spot_input = rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=400, tcp_nodelay=True)
         self._service = rospy.Service(names.GET_DRAWN_BORDER, GetDrawnBorder, self._on_get_drawn_border)
         self._worker = node.start_thread(self._work)
 

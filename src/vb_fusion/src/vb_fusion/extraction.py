@@ -2,13 +2,10 @@
 
 `extract_border` is the list of all stages, each described in its module and in docs/explanation/extraction.md:
 
-    0  observations      the spots, checked, merged where they repeat each other, and in order of time
-    1  strokes           which of them are the pointer's, as strokes, and which strokes make the line
-    2  camera_offsets    the line without the errors of the cameras' poses
-    3  polygonal_chain   samples along the line, a tremor apart
-    4                    polygon or separating curve
-    5                    straight sides
-    6                    vertices
+    0       observations      the spots, checked, merged where they repeat each other, and in order of time
+    1       strokes           which of them are the pointer's, as strokes, and which strokes make the line
+    2       camera_offsets    the line without the errors of the cameras' poses
+    3 to 6  polygonal_chain   samples along the line; polygon or separating curve; straight sides; vertices
 
 `ExtractionParams(mode="paper")` runs the paper's algorithms instead (paper_algorithms.py), which need no stamps.
 `LiveExtractor` keeps border and seed up to date while a person draws.
@@ -36,11 +33,11 @@ from vb_fusion.camera_offsets import remove_offsets
 from vb_fusion.observations import Observations, is_on_floor, make_observations
 from vb_fusion.paper_algorithms import find_cluster, generate_polygon, thin_points
 from vb_fusion.polygonal_chain import Closure, classify_closure, make_chain
-from vb_fusion.seed_point import Dwell, choose_seed, extract_seed, find_dwells, find_rival
+from vb_fusion.seed_point import Dwell, choose_seed, find_dwells, find_rival
 from vb_fusion.spot_collector import CollectedSpots
 from vb_fusion.strokes import find_drawn_line
 
-__all__ = ["BorderChain", "DrawnBorder", "ExtractionParams", "LiveExtractor", "extract_border", "extract_seed"]
+__all__ = ["BorderChain", "DrawnBorder", "ExtractionParams", "LiveExtractor", "extract_border"]
 
 
 # ------------------------------------------------------------------ one border

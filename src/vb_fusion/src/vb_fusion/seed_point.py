@@ -46,13 +46,8 @@ class Dwell:
     witnesses: int
 
 
-def extract_seed(points: np.ndarray, **columns) -> np.ndarray:
-    """Finds the seed point s (paper, Sect. 3): where the pointer dwelt last, (2,) float64 [m]; see `find_dwells`."""
-    return choose_seed(find_dwells(points, **columns)).point
-
-
 def choose_seed(dwells: Sequence[Dwell]) -> Dwell:
-    """Chooses the last dwell as the one that is meant, unless too few cameras confirm it.
+    """Chooses the dwell that is meant as the seed point s (paper, Sect. 3): the last, unless too few cameras confirm it.
 
     Every camera sees the pointer's light on the floor, only one sees a false light; and to a mobile camera every bright
     object is new. So light that appears elsewhere needs at least as many stationary cameras as the light before it.
@@ -67,12 +62,9 @@ def choose_seed(dwells: Sequence[Dwell]) -> Dwell:
 def find_rival(dwells: Sequence[Dwell]) -> Optional[Dwell]:
     """Finds the last dwell at a new place that was longer or later than the chosen one."""
     seed = choose_seed(dwells)
-    order = [dwell is seed for dwell in dwells].index(True)
-    rivals = [
-        dwell
-        for number, dwell in enumerate(dwells)
-        if dwell is not seed and not dwell.known and (number > order or dwell.seconds > seed.seconds)
-    ]
+    chosen = [dwell is seed for dwell in dwells].index(True)
+    longer = [dwell for dwell in dwells[:chosen] if dwell.seconds > seed.seconds]
+    rivals = [dwell for dwell in [*longer, *dwells[chosen + 1 :]] if not dwell.known]
     return rivals[-1] if rivals else None
 
 
@@ -107,30 +99,25 @@ def find_dwells(
     clusters = find_clusters(observations)
     positions = clusters.points
     patch, earlier = _floor_patches(positions)
-    known = _was_lit(positions, np.asarray(before, dtype=float).reshape(-1, 2))
+    before = np.asarray(before, dtype=float).reshape(-1, 2)
+    # a balanced tree takes longer to build than its queries take
+    tree = cKDTree(before[is_on_floor(before)], compact_nodes=False, balanced_tree=False)
+    known = np.isfinite(tree.query(positions, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
     gains = np.where(known, KNOWN_PLACE_GAIN, NEW_PLACE_GAIN) * clusters.witnesses / (1.0 + TIME_BIN * earlier)
     track, _ = find_best_track(positions, clusters.stamps, clusters.dropout, gains, NEW_PLACE_GAIN)
     path, path_patch, path_known = positions[track], patch[track], known[track]
     dwells: List[Dwell] = []
     for stay in _find_stays(path_patch, clusters.bins[track]):
-        point, seconds = _middle(path, stay[-1]), TIME_BIN * len(stay)
-        arrival = int(np.argmax(path_patch == path_patch[stay[-1]]))
+        last = stay[-1]
+        point, seconds = _middle(path, last), TIME_BIN * len(stay)
+        arrival = int(np.argmax(path_patch == path_patch[last]))
         followed = arrival > 0 and math.dist(path[arrival], path[arrival - 1]) <= MAX_STEP
         if dwells and math.dist(point, dwells[-1].point) <= HAND_RADIUS:
             # a pointer that arrives slowly starts a floor patch at the edge of the place, which gets part of the dwell
             begun = dwells.pop()
             seconds, followed = seconds + begun.seconds, begun.followed
-        dwells.append(
-            Dwell(point, seconds, bool(path_known[stay[-1]]), followed, _count_witnesses(observations, point))
-        )
+        dwells.append(Dwell(point, seconds, bool(path_known[last]), followed, _count_witnesses(observations, point)))
     return dwells
-
-
-def _was_lit(positions: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Returns, as (P,) bool, at which positions (P, 2) [m] there were spots before (K, 2) [m]."""
-    # a balanced tree takes longer to build than its queries take
-    tree = cKDTree(before[is_on_floor(before)], compact_nodes=False, balanced_tree=False)
-    return np.isfinite(tree.query(positions, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
 
 
 def _find_stays(patch: np.ndarray, bins: np.ndarray) -> List[np.ndarray]:

@@ -38,13 +38,10 @@ class SpotStore:
 
     When it is full, every other spot of each camera is dropped, so that memory is bounded and neither a part of the
     drawing nor a camera is lost.
-
-    Attributes:
-        total: number of spots that were appended.
     """
 
     def __init__(self) -> None:
-        self.total = 0
+        self.total = 0  # spots that were appended
         self._spots = np.empty(MAX_SPOTS, SPOT)
         self._count = 0
 
@@ -130,8 +127,6 @@ class SpotCollector:
     clock is off is ignored and reported.
 
     Attributes:
-        interaction_id: the interaction's id; "" before the first one.
-        state: the interaction's state.
         lost: whether a part of the drawing is missing, so that its border would differ from what was drawn.
         can_forget: whether the drawing is over and was not saved, so that its spots may be dropped.
         ignored: number of ignored spots, by the reason.

@@ -224,7 +224,7 @@ def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.nd
     crowding = (np.bincount(nodes.ravel(), shares.ravel())[nodes] * shares).sum(axis=0) / (shares**2).sum(axis=0)
     # along a line, these are on average 1.5 times the clusters in a width: together they add the line's length
     new = CLUSTER_WIDTH / np.maximum(crowding / 1.5, 2.0)
-    longest_stay = _stationary_times(points, stamps, dropout, nodes.ravel(), shares.ravel())[nodes].max(axis=0)
+    longest_stay = _stationary_times(points, stamps, dropout, nodes, shares)[nodes].max(axis=0)
     dwell_factor = np.minimum(1.0, MAX_DWELL / np.maximum(longest_stay, TIME_BIN)) ** 2
     gains = np.maximum(new, _swept(points, stamps, dropout)) * dwell_factor
     # rounded to 0.1 mm, so that equal clusters are equal on every computer; never exactly zero
@@ -251,11 +251,8 @@ def _lattice_shares(points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
 def _stationary_times(
     points: np.ndarray, stamps: np.ndarray, dropout: float, nodes: np.ndarray, shares: np.ndarray
 ) -> np.ndarray:
-    """Returns for how long [s] light stayed at each node. Light that moved on slowly counts less, or not at all.
-
-    Args:
-        nodes, shares: (4 P,) as from `_lattice_shares`.
-    """
+    """Returns for how long [s] light stayed at each node. Light that moved on slowly counts less, or not at all."""
+    nodes, shares = nodes.ravel(), shares.ravel()
     t, x, y = (np.tile(values - values.mean(), 4) for values in (stamps, *points.T))
     order = np.lexsort((t, nodes))
     is_first = np.append(True, np.diff(nodes[order]) != 0)

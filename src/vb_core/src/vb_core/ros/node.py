@@ -315,10 +315,6 @@ class Worker:
 
     A `CodedError` means a faulty item, and is logged. Exceptions of topics that close during shutdown are ignored. Any
     other exception is a fault of the node, which ends.
-
-    Args:
-        source: its `get` waits for the next item, and returns None once there will be none.
-        handle: handles one item.
     """
 
     def __init__(self, source: Any, handle: Callable[[Any], None]) -> None:
