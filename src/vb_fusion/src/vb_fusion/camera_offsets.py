@@ -36,16 +36,18 @@ def remove_offsets(observations: Observations) -> Observations:
     bins = observations.bins
     # a stationary camera has one offset, that of second 0; a robot has one in each second in which it saw the pointer
     seconds = np.where(observations.mobile, 1 + bins // 10 - bins.min() // 10, 0)
-    unknowns, offset_index = np.unique(np.column_stack([observations.cameras, seconds]), axis=0, return_inverse=True)
+    span = int(seconds.max()) + 1
+    unknowns, offset_index = np.unique(observations.cameras * span + seconds, return_inverse=True)
     bin_index = np.unique(bins, return_inverse=True)[1]
     rows, ones = np.arange(len(bins)), np.ones(len(bins))
-    offset_of_row = csr_matrix((ones, (rows, offset_index)))
-    bin_of_row = csr_matrix((ones, (rows, bin_index)))
-    # multiplied by it, values of the rows become deviations from the mean of their time bin
-    centering = identity(len(bins)) - bin_of_row @ diags(1.0 / np.bincount(bin_index)) @ bin_of_row.T
-    # least squares: centred offsets equal centred positions with an error of TREMOR, and offsets are small
-    design = centering @ offset_of_row
-    precision = design.T @ design / TREMOR**2 + _offset_precision(*unknowns.T)
+    # 1 in column k of an observation's row if it has offset k, or is in time bin k
+    has_offset = csr_matrix((ones, (rows, offset_index)))
+    in_bin = csr_matrix((ones, (rows, bin_index)))
+    # turns values of the observations into deviations from the mean of their time bin
+    centering = identity(len(bins)) - in_bin @ diags(1.0 / np.bincount(bin_index)) @ in_bin.T
+    # least squares: centred offsets equal centred positions with an error of TREMOR, and offsets are probably small
+    design = centering @ has_offset
+    precision = design.T @ design / TREMOR**2 + _offset_precision(*np.divmod(unknowns, span))
     offsets = spsolve(precision.tocsc(), design.T @ (centering @ observations.points) / TREMOR**2).reshape(-1, 2)
     # rounded to 0.1 mm, so that positions found before stay the same while more is seen
     return replace(observations, points=observations.points - np.round(offsets, 4)[offset_index])
