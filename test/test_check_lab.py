@@ -15,7 +15,7 @@ from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map, write_map
 from vb_core.node_graph import NodeGraph
 from vb_core.notices import Notice, Severity
-from vb_core.lab_offer import offer
+from vb_core.lab_offer import derive_offer
 from vb_core.ros.robot_status import connections_from_message
 from vb_laser_detect.camera import report
 from vb_laser_detect.camera.source import Shot
@@ -173,7 +173,7 @@ def test_what_a_robot_lacks_is_one_line_though_robot_monitor_reports_it_too(monk
     good = RobotStatus(robot="ada", move_base="/ada/move_base", plans_round_borders=True, localized=True)
     bad = RobotStatus(robot="bob", move_base="/bob/move_base", localized=True)
     newest = {names.ROBOTS: RobotStatusArray(robots=[good, bad])}
-    notices = offer(connections_from_message(newest[names.ROBOTS])).notices()
+    notices = derive_offer(connections_from_message(newest[names.ROBOTS])).notices()
     monkeypatch.setattr(check_lab, "_listen", lambda seconds: (newest, {}, notices))
     monkeypatch.setattr(check_lab, "read_graph", lambda: NodeGraph([], []))
     monkeypatch.setattr(check_lab.rospy, "get_param", lambda _name, default: default)

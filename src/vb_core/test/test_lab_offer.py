@@ -7,7 +7,8 @@ import pytest
 
 from vb_core import sentences
 from vb_core.notices import Severity
-from vb_core.lab_offer import NO_ROBOT, READY, UNREADY, ConnectedRobot, Connections, effective, find_unkept, offer
+from vb_core.lab_offer import NO_ROBOT, READY, UNREADY, ConnectedRobot, Connections
+from vb_core.lab_offer import derive_offer, effective_commands, find_unkept
 from vb_core.zones import ZONES
 
 PLANS = dict(plans_round_borders=True)
@@ -35,7 +36,7 @@ def robot(connected, name="ada", localized=True):
 
 def offered_to(*robots, cameras=False):
     """Returns what a lab with these robots offers."""
-    return offer(Connections(robots, cameras, interaction=cameras))
+    return derive_offer(Connections(robots, cameras, interaction=cameras))
 
 
 @for_each_robot
@@ -109,8 +110,8 @@ def test_a_lab_without_a_robot_has_no_warnings():
 
 
 def test_commands_without_an_effect_are_not_offered():
-    offered = offer(Connections((robot(DRIVER),), interaction=True))
-    assert effective(offered, ("define_border", "guide_robot", "stop", "undo")) == ("stop", "undo")
+    offered = derive_offer(Connections((robot(DRIVER),), interaction=True))
+    assert effective_commands(offered, ("define_border", "guide_robot", "stop", "undo")) == ("stop", "undo")
 
 
 @pytest.mark.parametrize(

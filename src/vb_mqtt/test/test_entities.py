@@ -13,7 +13,7 @@ from geometry_msgs.msg import Point
 from vb_core import sentences
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
-from vb_core.lab_offer import ConnectedRobot, Connections, offer
+from vb_core.lab_offer import ConnectedRobot, Connections, derive_offer
 from vb_core.vocabulary import COMMANDS
 from vb_mqtt import entities
 from vb_mqtt.entities import Lab, describe, key_in, key_of, leftovers
@@ -143,13 +143,13 @@ def test_a_borders_state_has_its_name_area_and_zone():
 
 
 def test_a_robots_problems_are_its_own():
-    lines = offer(Connections((ConnectedRobot("ada", driver=True, localized=True), ConnectedRobot("bob")))).lines
+    lines = derive_offer(Connections((ConnectedRobot("ada", driver=True, localized=True), ConnectedRobot("bob")))).lines
     notices = [Notice("robot_stopped", Severity.WARNING, robot="ada", values={"who": "ada"})]
     notices.append(Notice("camera_silent", Severity.ERROR, camera="red", values={"camera": "red"}))
     assert entities.robot_problems("ada", lines, notices, "en") == [notices[0].sentence()]
     assert len(entities.robot_problems("bob", lines, notices, "en")) == 1  # bob is not connected
     # the only robot has no name, and a notice without a robot is about it
-    alone = offer(Connections((ConnectedRobot("", driver=True, localized=True),))).lines
+    alone = derive_offer(Connections((ConnectedRobot("", driver=True, localized=True),))).lines
     notices.append(Notice("robot_stopped", Severity.WARNING, values={"who": "$the_robot"}))
     assert entities.robot_problems("", alone, notices, "en") == [notices[2].sentence()]
 

@@ -28,7 +28,7 @@ from vb_bringup.launch_check import read_parameters
 from vb_bringup.new_lab import parse_source
 from vb_core import names, sentences
 from vb_core.errors import CodedError
-from vb_core.lab_offer import offer
+from vb_core.lab_offer import derive_offer
 from vb_core.node_graph import NodeGraph
 from vb_core.notices import Notice, Severity
 from vb_core.robot_profile import Scanner
@@ -72,7 +72,7 @@ def observe_lab(seconds: float) -> List[Notice]:
         values = {"in_force": sum(border.in_force for border in borders), "count": len(borders)}
         lines.append(Notice("lab_borders_ok", Severity.INFO, values=values))
     if names.ROBOTS in newest:
-        lines += offer(connections_from_message(newest[names.ROBOTS])).lines
+        lines += derive_offer(connections_from_message(newest[names.ROBOTS])).lines
         for robot in newest[names.ROBOTS].robots:
             lines += _check_robot(robot, newest)
     lines += _check_computer(running)

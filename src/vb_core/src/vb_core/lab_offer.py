@@ -1,12 +1,12 @@
 """Derives which commands and zones a lab can offer from what is connected to it. No ROS.
 
 Which buttons may the page show? That depends on whether the lab has cameras, and on whether a robot plans on the map
-with borders, is driven by this stack's driver, and is localised. One pure function, `offer`, derives which commands
-have an effect, which zones each robot keeps, and the sentences that say so. Page, display, check_lab and notices all
+with borders, is driven by this stack's driver, and is localised. One pure function, `derive_offer`, says which commands
+have an effect, which zones each robot keeps, and the sentences for people. Page, display, check_lab and notices all
 use it, so that none of them offers a Stop that stops nothing, or claims a zone that no robot keeps.
 
 >>> mine = ConnectedRobot("", navigation=True, plans_round_borders=True, localized=True)
->>> offer(Connections((mine,))).commands
+>>> derive_offer(Connections((mine,))).commands
 ('go',)
 """
 
@@ -42,7 +42,7 @@ class ConnectedRobot:
     unheard: Tuple[str, ...] = ()
 
     @property
-    def is_there(self) -> bool:
+    def is_connected(self) -> bool:
         """Whether navigation or a driver is connected that could drive it."""
         return self.navigation or self.driver
 
@@ -95,9 +95,9 @@ class Offer:
         return [line for line in self.lines if line.severity >= Severity.WARNING]
 
 
-def offer(connections: Connections) -> Offer:
+def derive_offer(connections: Connections) -> Offer:
     """Derives what is offered from what is connected."""
-    connected = [robot for robot in connections.robots if robot.is_there]
+    connected = [robot for robot in connections.robots if robot.is_connected]
     ignored = {zone: tuple(robot.name for robot in connected if not robot.keeps(zone)) for zone in ZONES}
     goes = tuple(robot.name for robot in connected if robot.plans and robot.keeps(KEEP_OUT.name))
     pointing = connections.interaction and connections.cameras
@@ -118,7 +118,7 @@ def offer(connections: Connections) -> Offer:
     )
 
 
-def effective(offered: Offer, commands: Sequence[str]) -> Tuple[str, ...]:
+def effective_commands(offered: Offer, commands: Sequence[str]) -> Tuple[str, ...]:
     """Returns those of an interaction's available commands that have an effect in this lab."""
     judged = {name for name, command in COMMANDS.items() if command.needs}
     return tuple(name for name in commands if name in offered.commands or name not in judged)
@@ -146,7 +146,7 @@ def _lines(robot: ConnectedRobot) -> List[Notice]:
     def line(severity: Severity, code: str, **more_values: str) -> Notice:
         return Notice(code, severity, robot.name, values={**values, **more_values})
 
-    if not robot.is_there:
+    if not robot.is_connected:
         return [line(Severity.INFO, "robot_not_connected")]
     lines = []
     if robot.missing_maps:

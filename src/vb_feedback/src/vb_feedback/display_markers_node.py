@@ -12,7 +12,7 @@ from nav_msgs.msg import OccupancyGrid
 from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_core.lab_offer import effective
+from vb_core.lab_offer import effective_commands
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters, robot_profile
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_grid
@@ -179,7 +179,7 @@ class DisplayMarkersNode:
         content = display_messages.panel_from_state(known.state, cameras_seeing_spot, shown, has_map, params.language)
         connected = self._robots.current()
         if connected is not None:
-            content = replace(content, commands=effective(connected[1], content.commands))
+            content = replace(content, commands=effective_commands(connected[1], content.commands))
         shapes = list(self._part("words", (layout, content), lambda: words(layout, content)))
         sentence = sentences.translate("display_off", {}, params.language)
         shapes += self._part(

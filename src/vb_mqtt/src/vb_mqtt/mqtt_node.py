@@ -17,9 +17,9 @@ from vb_msgs.srv import SetBorderEnabled, SetBorderEnabledRequest
 
 from vb_core import names, sentences
 from vb_core.errors import CodedError, ParameterError
-from vb_core.rate_limiter import Limiter
+from vb_core.rate_limiter import RateLimiter
 from vb_core.notices import Notice, Severity
-from vb_core.lab_offer import effective
+from vb_core.lab_offer import effective_commands
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters, services
 from vb_core.ros.commands import CommandSender, send
@@ -77,7 +77,7 @@ class MqttNode:
         self._language = params.language
         self._lab = Lab(params.device, params.language, tuple(params.cameras))
         self._lock = threading.Lock()
-        self._inbox, self._answer_limiter = Inbox(time.time()), Limiter(RATE, BURST)
+        self._inbox, self._answer_limiter = Inbox(time.time()), RateLimiter(RATE, BURST)
         self._refused: Dict[str, int] = {}  # number of refusals, by code
         self._described: Set[str] = set()  # topics on the broker that describe entities of this lab
         self._borders: Optional[Dict[str, VirtualBorder]] = None  # by key; None: not known yet
@@ -161,7 +161,7 @@ class MqttNode:
 
     def _put_health(self) -> None:
         manager, robots = self._is_heard(MANAGER), self._robots.current()
-        offered = effective(robots[1], tuple(COMMANDS)) if robots is not None else COMMANDS
+        offered = effective_commands(robots[1], tuple(COMMANDS)) if robots is not None else COMMANDS
         health = {command: manager and command in offered for command in COMMANDS}
         health.update(
             {MANAGER: manager, entities.MONITOR: robots is not None, entities.CONFIRM: manager and self._asked}

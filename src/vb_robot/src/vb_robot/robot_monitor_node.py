@@ -105,7 +105,7 @@ class RobotMonitorNode:
         self._speed_limits: Optional[GridMap] = None
         self._slow_zones: Optional[bool] = None  # whether there are any, known before their map; None if not yet known
         self._cameras: Dict[str, None] = {}
-        self._offer = lab_offer.offer(lab_offer.Connections())
+        self._offer = lab_offer.derive_offer(lab_offer.Connections())
         self._faulty_since: Dict[Any, float] = {}
         self._logged: Tuple[Any, ...] = ()
         self._started = self._published_at = rospy.get_time()
@@ -304,7 +304,7 @@ class RobotMonitorNode:
                 self._published, self._published_at = (message.robots, message.cameras), now
                 message.header.stamp = rospy.Time.from_sec(now)
                 self._status.publish(message)
-            self._offer = lab_offer.offer(connections_from_message(message))
+            self._offer = lab_offer.derive_offer(connections_from_message(message))
             faults = self._lasting(self._offer.notices(), now)
             self._log(now)
             notices = [notice for robot in self._robots.values() for notice in robot.notices(now)]

@@ -7,7 +7,7 @@ from typing import Callable, Optional, Tuple
 import rospy
 
 from vb_core import names
-from vb_core.lab_offer import ConnectedRobot, Connections, Offer, offer
+from vb_core.lab_offer import ConnectedRobot, Connections, Offer, derive_offer
 from vb_msgs.msg import RobotStatus, RobotStatusArray
 
 _SILENCE = 4.0  # [s] ROS time; robot_monitor publishes every second
@@ -54,5 +54,5 @@ class OfferListener:
         return newest[1:]
 
     def _on_robots(self, message: RobotStatusArray) -> None:
-        self._newest = (rospy.get_time(), message, offer(connections_from_message(message)))
+        self._newest = (rospy.get_time(), message, derive_offer(connections_from_message(message)))
         self._on_message()
