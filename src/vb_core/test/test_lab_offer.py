@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import replace
+from typing import NamedTuple
 
 import pytest
 
@@ -14,19 +15,33 @@ from vb_core.zones import ZONES
 PLANS = dict(plans_round_borders=True)
 STOP, STOP_AND_SPEED = dict(obeys_stop=True), dict(obeys_stop=True, obeys_speed=True)  # by robot_monitor
 DRIVER = dict(driver=True)
-# what is connected; the zones that the robot keeps, whether it goes to a place, whether it stops, what people are told
-ROBOTS = [
-    ({}, [], False, False, ["robot_ignores_borders", "robot_obeys_borders_only"]),
-    (STOP, [], False, True, ["robot_ignores_borders", "robot_obeys_stop_only"]),
-    (STOP_AND_SPEED, ["slow"], False, True, ["robot_ignores_borders", "robot_obeys_by_navigation"]),
-    (DRIVER, ["keep_out", "slow"], False, True, ["robot_plans_through_borders", "robot_has_driver"]),
-    (PLANS, ["keep_out", "avoid"], True, False, ["robot_plans_round_borders", "robot_obeys_borders_only"]),
-    ({**PLANS, **STOP}, ["keep_out", "avoid"], True, True, ["robot_plans_round_borders", "robot_obeys_stop_only"]),
-    ({**PLANS, **STOP_AND_SPEED}, [*ZONES], True, True, ["robot_plans_round_borders", "robot_obeys_by_navigation"]),
-    ({**PLANS, **DRIVER}, [*ZONES], True, True, ["robot_plans_round_borders", "robot_has_driver"]),
+
+
+class Case(NamedTuple):
+    """A robot by what is connected to it: the zones that it keeps, and what it does."""
+
+    connected: dict
+    zones: list
+    goes: bool
+    stops: bool
+    told: str  # what people are told about it: codes without their beginning, robot_
+
+    def codes(self):
+        return ["robot_" + code for code in self.told.split()]
+
+
+CASES = [
+    Case({}, zones=[], goes=False, stops=False, told="ignores_borders obeys_borders_only"),
+    Case(STOP, zones=[], goes=False, stops=True, told="ignores_borders obeys_stop_only"),
+    Case(STOP_AND_SPEED, zones=["slow"], goes=False, stops=True, told="ignores_borders obeys_by_navigation"),
+    Case(DRIVER, zones=["keep_out", "slow"], goes=False, stops=True, told="plans_through_borders has_driver"),
+    Case(PLANS, zones=["keep_out", "avoid"], goes=True, stops=False, told="plans_round_borders obeys_borders_only"),
+    Case({**PLANS, **STOP}, ["keep_out", "avoid"], goes=True, stops=True, told="plans_round_borders obeys_stop_only"),
+    Case({**PLANS, **STOP_AND_SPEED}, [*ZONES], goes=True, stops=True, told="plans_round_borders obeys_by_navigation"),
+    Case({**PLANS, **DRIVER}, zones=[*ZONES], goes=True, stops=True, told="plans_round_borders has_driver"),
 ]
 for_each_robot = pytest.mark.parametrize(
-    "connected, zones, goes, stops, codes", ROBOTS, ids=[" ".join(flags) or "navigation" for flags, *_ in ROBOTS]
+    "case", CASES, ids=[" ".join(case.connected) or "navigation" for case in CASES]
 )
 
 
@@ -40,53 +55,55 @@ def offered_to(*robots, cameras=False):
 
 
 @for_each_robot
-def test_a_robot_keeps_the_zones_that_planner_monitor_or_driver_enforce(connected, zones, goes, stops, codes):
-    offered = offered_to(robot(connected))
-    assert list(offered.zones) == zones
-    assert offered.ignored_by == {zone: () if zone in zones else ("ada",) for zone in ZONES}
+def test_a_robot_keeps_the_zones_that_planner_monitor_or_driver_enforce(case):
+    offered = offered_to(robot(case.connected))
+    assert list(offered.zones) == case.zones
+    assert offered.ignored_by == {zone: () if zone in case.zones else ("ada",) for zone in ZONES}
 
 
 @for_each_robot
-def test_a_lab_is_ready_if_its_robot_keeps_out_of_borders(connected, zones, goes, stops, codes):
-    assert offered_to(robot(connected)).state == (READY if "keep_out" in zones else UNREADY)
+def test_a_lab_is_ready_if_its_robot_keeps_out_of_borders(case):
+    assert offered_to(robot(case.connected)).state == (READY if "keep_out" in case.zones else UNREADY)
 
 
 @for_each_robot
-def test_only_a_robot_that_plans_round_borders_is_sent_anywhere(connected, zones, goes, stops, codes):
-    offered = offered_to(robot(connected))
-    assert (offered.goes, "go" in offered.commands) == (("ada",) * goes, goes)
+def test_only_a_robot_that_plans_round_borders_is_sent_anywhere(case):
+    offered = offered_to(robot(case.connected))
+    assert offered.goes == (("ada",) if case.goes else ())
+    assert ("go" in offered.commands) == case.goes
 
 
 @for_each_robot
-def test_stop_is_offered_only_if_it_stops_a_robot(connected, zones, goes, stops, codes):
+def test_stop_is_offered_only_if_it_stops_a_robot(case):
     for localized in (True, False):
-        commands = offered_to(robot(connected, localized=localized)).commands
-        assert ("stop" in commands, "resume" in commands) == (stops, stops)
+        commands = offered_to(robot(case.connected, localized=localized)).commands
+        assert ("stop" in commands) == ("resume" in commands) == case.stops
 
 
 @for_each_robot
-def test_people_are_told_what_a_robot_obeys(connected, zones, goes, stops, codes):
-    assert [line.code for line in offered_to(robot(connected)).lines] == codes
+def test_people_are_told_what_a_robot_obeys(case):
+    assert [line.code for line in offered_to(robot(case.connected)).lines] == case.codes()
 
 
 @for_each_robot
-def test_a_lost_robot_keeps_no_zone_and_is_sent_nowhere(connected, zones, goes, stops, codes):
-    offered = offered_to(robot(connected, localized=False))
+def test_a_lost_robot_keeps_no_zone_and_is_sent_nowhere(case):
+    offered = offered_to(robot(case.connected, localized=False))
     assert (offered.zones, offered.goes, offered.state) == ((), (), UNREADY)
-    assert [line.code for line in offered.lines] == [codes[0], "robot_not_localized", codes[1]]
+    plans, obeys = case.codes()
+    assert [line.code for line in offered.lines] == [plans, "robot_not_localized", obeys]
 
 
 @pytest.mark.parametrize("cameras", [True, False])
 @for_each_robot
-def test_commands_for_the_laser_need_cameras_and_guiding_a_driver(connected, zones, goes, stops, codes, cameras):
-    commands = offered_to(robot(connected), cameras=cameras).commands
+def test_commands_for_the_laser_need_cameras_and_guiding_a_driver(case, cameras):
+    commands = offered_to(robot(case.connected), cameras=cameras).commands
     assert all((name in commands) == cameras for name in ("define_border", "define_seed", "save", "cancel"))
-    assert ("guide_robot" in commands) == (cameras and "driver" in connected)
+    assert ("guide_robot" in commands) == (cameras and "driver" in case.connected)
 
 
 def test_two_robots_are_offered_what_each_of_them_is_alone():
     """Whatever the two are: each zone and command of either is offered, and nothing more."""
-    every = [(connected, localized) for connected, *_ in ROBOTS for localized in (True, False)]
+    every = [(case.connected, localized) for case in CASES for localized in (True, False)]
     for (of_ada, ada_known), (of_bob, bob_known) in itertools.product(every, every):
         pair = robot(of_ada, "ada", ada_known), robot(of_bob, "bob", bob_known)
         ada, bob, both = (offered_to(*robots, cameras=True) for robots in (pair[:1], pair[1:], pair))
@@ -98,8 +115,8 @@ def test_two_robots_are_offered_what_each_of_them_is_alone():
 
 @pytest.mark.parametrize("language", sentences.languages())
 def test_each_line_is_a_sentence_in_every_language(language):
-    for connected, localized, name in itertools.product([row[0] for row in ROBOTS], (True, False), ("", "ada")):
-        for line in offered_to(robot(connected, name, localized)).lines:
+    for case, localized, name in itertools.product(CASES, (True, False), ("", "ada")):
+        for line in offered_to(robot(case.connected, name, localized)).lines:
             assert sentences.catalog(language)[line.code].format_map(line.values)
 
 
