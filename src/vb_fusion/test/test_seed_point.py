@@ -24,16 +24,15 @@ def seen(place, first, last, *cameras, rate=25):
 def find(parts, border=(), random_seed=0, dropped=0.0):
     """Returns the dwells of a scene after the spots of a border; the camera called `robot` is on a robot."""
     rng = np.random.default_rng(random_seed)
-    points, stamps, cameras = [], [], []
+    spots = []
     for place, first, last, rate, camera in parts:
         count = int((last - first) * rate)
         path = place if np.ndim(place) == 1 else np.linspace(*place, count)
-        points.append(rng.normal(path, 0.015, (count, 2)))
-        stamps.append(np.sort(rng.uniform(first, last, count)))
-        cameras.append(np.full(count, camera))
-    points, stamps, cameras = np.vstack(points), np.concatenate(stamps), np.concatenate(cameras)
-    kept = np.random.default_rng(random_seed).random(len(points)) >= dropped
-    points, stamps, cameras = points[kept], stamps[kept], cameras[kept]
+        points = rng.normal(path, 0.015, (count, 2))
+        spots.append((points, np.sort(rng.uniform(first, last, count)), np.full(count, camera)))
+    columns = [np.concatenate(column) for column in zip(*spots)]
+    kept = np.random.default_rng(random_seed).random(len(columns[0])) >= dropped
+    points, stamps, cameras = (column[kept] for column in columns)
     return find_dwells(points, before=border, stamps=stamps, cameras=cameras, mobile=cameras == "robot")
 
 
