@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial import cKDTree
 from shapely.geometry import Polygon, box
 
-import people_strokes
 from generated_strokes import Setting, draw, hausdorff, jaccard
+from people_strokes import Seen, drawings, half, see
 
 from refusals import refused
 
@@ -176,14 +176,10 @@ def test_a_line_is_found_among_hundreds_of_strays_at_once(strays):
 @pytest.mark.parametrize("shape, every, rounds", [("", 2, 1), ("zigzag", 1, 4)])
 def test_lines_that_people_drew_become_what_they_meant(shape, every, rounds):
     """Half of the development set, and all its zigzags (bench/extraction/accuracy.py judges the other strokes)."""
-    drawn = [one for one in people_strokes.drawings() if people_strokes.half(one) == "develop" and shape in one.shape][
-        ::every
-    ]
+    drawn = [drawing for drawing in drawings() if half(drawing) == "develop" and shape in drawing.shape][::every]
     wrong = []
     for number, drawing in enumerate(rounds * drawn):
-        stroke = people_strokes.see(
-            drawing, people_strokes.Seen(speed=(0.3, 0.7)), np.random.default_rng([300, number])
-        )
+        stroke = see(drawing, Seen(speed=(0.3, 0.7)), np.random.default_rng([300, number]))
         chain = extract_stroke(stroke)
         drawn_line = geometry.resample_chain(stroke.truth, 0.01, stroke.closed)
         line = geometry.resample_chain(chain.points, 0.01, chain.closed)
@@ -192,7 +188,8 @@ def test_lines_that_people_drew_become_what_they_meant(shape, every, rounds):
             far = max(far, cKDTree(line).query(drawn_line)[0].max())
         if far > 0.25 or chain.closed != stroke.closed:
             wrong.append((drawing.id, drawing.shape, round(float(far), 2), chain.reason))
-    assert rounds * len(drawn) > 20 and len(wrong) <= 1, wrong
+    assert rounds * len(drawn) > 20
+    assert len(wrong) <= 1, wrong
 
 
 def line_spots(ways, speed=0.4, rate=25.0, seed=0, noise=0.005, cameras=1, start=0.0):
@@ -277,14 +274,13 @@ def test_sides_in_any_order_are_one_polygon_also_among_strays(images):
     """Crossing an unseen gap has a cost, which a flash does not lower, however near to the gap's ends it is."""
     corners, bad = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.2], [0.0, 1.2], [0.0, 0.0]]), 0
     for seed in range(8):
-        parts, at = [], 0.0
+        parts, start = [], 0.0
         for number, later in zip((0, 2, 1, 3), (2, 1, 3, 0)):
-            parts.append(
-                line_spots(corners[number : number + 2], seed=9 * seed + number, noise=0.012, cameras=2, start=at)
-            )
+            side = corners[number : number + 2]
+            parts.append(line_spots(side, seed=9 * seed + number, noise=0.012, cameras=2, start=start))
             # a flash 0.2 s after a side's last spot, 0.28 m from the start of a later side
-            at = parts[-1]["stamps"].max() + 1.5
-            parts.append(still(corners[later] + 0.2, at - 1.3, images))
+            start = parts[-1]["stamps"].max() + 1.5
+            parts.append(still(corners[later] + 0.2, start - 1.3, images))
         chain = extract_border(**with_strays(joined(*parts), seed))
         bad += not chain.closed or hausdorff(chain.points, corners[:4], True) > 0.25
     assert bad <= 1, bad

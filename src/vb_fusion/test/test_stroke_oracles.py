@@ -254,9 +254,8 @@ def test_clusters_share_the_floor_they_add_and_standing_light_fades(steps, dropo
         stay = TIME_BIN + np.minimum(np.diff(seen), dropout).sum()
         off = seen - np.average(seen, weights=np.maximum(shares, 1e-12))
         deviations = [shares @ (off * values) for values in (off, *points[list(there)].T)]
-        moved = (
-            math.sqrt(12.0 / shares.sum() / deviations[0]) * math.hypot(*deviations[1:]) if deviations[0] > 1e-6 else 0
-        )
+        duration = math.sqrt(12.0 / shares.sum() / deviations[0]) if deviations[0] > 1e-6 else 0.0
+        moved = duration * math.hypot(*deviations[1:])
         assume(deviations[0] > 1e-6 or deviations[0] < 1e-12)
         still[node] = stay * (1.0 - min(1.0, (moved / strokes.CLUSTER_WIDTH) ** 2))
     swept = strokes._swept(points, times, dropout)
