@@ -40,9 +40,7 @@ CASES = [
     Case({**PLANS, **STOP_AND_SPEED}, [*ZONES], goes=True, stops=True, told="plans_round_borders obeys_by_navigation"),
     Case({**PLANS, **DRIVER}, zones=[*ZONES], goes=True, stops=True, told="plans_round_borders has_driver"),
 ]
-for_each_robot = pytest.mark.parametrize(
-    "case", CASES, ids=[" ".join(case.connected) or "navigation" for case in CASES]
-)
+for_each_case = pytest.mark.parametrize("case", CASES, ids=[" ".join(case.connected) or "navigation" for case in CASES])
 
 
 def robot(connected, name="ada", localized=True):
@@ -54,38 +52,38 @@ def offered_to(*robots, cameras=False):
     return derive_offer(Connections(robots, cameras, interaction=cameras))
 
 
-@for_each_robot
+@for_each_case
 def test_a_robot_keeps_the_zones_that_planner_monitor_or_driver_enforce(case):
     offered = offered_to(robot(case.connected))
     assert list(offered.zones) == case.zones
     assert offered.ignored_by == {zone: () if zone in case.zones else ("ada",) for zone in ZONES}
 
 
-@for_each_robot
+@for_each_case
 def test_a_lab_is_ready_if_its_robot_keeps_out_of_borders(case):
     assert offered_to(robot(case.connected)).state == (READY if "keep_out" in case.zones else UNREADY)
 
 
-@for_each_robot
+@for_each_case
 def test_only_a_robot_that_plans_round_borders_is_sent_anywhere(case):
     offered = offered_to(robot(case.connected))
     assert offered.goes == (("ada",) if case.goes else ())
     assert ("go" in offered.commands) == case.goes
 
 
-@for_each_robot
+@for_each_case
 def test_stop_is_offered_only_if_it_stops_a_robot(case):
     for localized in (True, False):
         commands = offered_to(robot(case.connected, localized=localized)).commands
         assert ("stop" in commands) == ("resume" in commands) == case.stops
 
 
-@for_each_robot
+@for_each_case
 def test_people_are_told_what_a_robot_obeys(case):
     assert [line.code for line in offered_to(robot(case.connected)).lines] == case.codes()
 
 
-@for_each_robot
+@for_each_case
 def test_a_lost_robot_keeps_no_zone_and_is_sent_nowhere(case):
     offered = offered_to(robot(case.connected, localized=False))
     assert (offered.zones, offered.goes, offered.state) == ((), (), UNREADY)
@@ -94,7 +92,7 @@ def test_a_lost_robot_keeps_no_zone_and_is_sent_nowhere(case):
 
 
 @pytest.mark.parametrize("cameras", [True, False])
-@for_each_robot
+@for_each_case
 def test_commands_for_the_laser_need_cameras_and_guiding_a_driver(case, cameras):
     commands = offered_to(robot(case.connected), cameras=cameras).commands
     assert all((name in commands) == cameras for name in ("define_border", "define_seed", "save", "cancel"))

@@ -55,19 +55,18 @@ BOTH = ("red", "green")
 POINTER, LIGHT = seen(HERE, 0.0, 1.7, *BOTH), seen(FALSE, 2.5, 5.5, "green")
 FLASHES = [part for i in range(5) for part in seen(THERE, 3.0 + i, 3.3 + i, "blue", rate=10)]  # flashes from paper
 TWO = seen(FALSE, 0.0, 3.0, *BOTH) + seen(THERE, 0.0, 3.0, "blue")
-AT_END = seen(HERE, 0.0, 3.0, "red") + seen(THERE, 3.0, 4.0, "red")
-LONGER_AT_END = seen(HERE, 0.0, 6.0, "red", rate=40) + seen(THERE, 8.0, 10.0, "red", rate=40)
+LONGER = seen(HERE, 0.0, 6.0, "red", rate=40) + seen(THERE, 8.0, 10.0, "red", rate=40)
 SCENES = {
     "two cameras off": Scene(THERE, seen((1.02, 2.0), 0.0, 2.0, "red") + seen((0.98, 2.0), 0.0, 2.0, "green")),
     "later": Scene(THERE, seen(HERE, 0.0, 2.0, "red") + seen(THERE, 2.0, 4.0, "red")),
-    "back again": Scene(HERE, seen(HERE, 0.0, 2.0, "red") + seen(THERE, 2.0, 4.0, "red") + seen(HERE, 4.0, 6.0, "red")),
+    "back again": Scene(HERE, seen(HERE, 0, 2, "red") + seen(THERE, 2, 4, "red") + seen(HERE, 4, 6, "red")),
     "more cameras": Scene(THERE, seen(THERE, 0.0, 6.0, *BOTH, rate=18) + seen(FALSE, 1.5, 6.0, "blue", rate=100)),
     "in turn": Scene(THERE, seen(FALSE, 0.0, 8.0, "blue", rate=15) + seen(THERE, 2.0, 8.0, "blue", rate=6)),
     "the way there": Scene(THERE, seen((HERE, THERE), 0.0, 2.4, "red") + seen(THERE, 2.4, 3.6, "red")),
     "moving on": Scene(THERE, seen(THERE, 0.0, 2.0, "red") + seen((THERE, (1.8, 2)), 2.0, 2.8, "red")),
     "flashes come after it": Scene(HERE, seen(HERE, 0.0, 2.0, "red") + FLASHES),
-    "a rest at the border's end": Scene(THERE, AT_END, border=around(HERE, 50)),
-    "a longer one there": Scene(THERE, LONGER_AT_END, border=around(HERE, 50)),
+    "a rest at the border's end": Scene(THERE, seen(HERE, 0, 3, "red") + seen(THERE, 3, 4, "red"), around(HERE, 50)),
+    "a longer one there": Scene(THERE, LONGER, border=around(HERE, 50)),
     "a shorter one": Scene(THERE, seen(HERE, 0.0, 1.0, "red", rate=40) + seen(THERE, 3.0, 6.0, "red", rate=40)),
     # light that appears elsewhere is the seed if as many cameras see it
     "one camera's light": Scene(HERE, POINTER + LIGHT, other=FALSE),

@@ -70,8 +70,8 @@ class BorderFusionNode:
 
         self._notices = NoticePublisher()
         self._progress = rospy.Publisher(names.PROGRESS, BorderProgress, queue_size=5, latch=True)
-        # 4 cameras at 25 Hz fill a queue of 400 in 4 s, longer than any extraction takes
         self._state_input = rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=20)
+        # 4 cameras at 25 Hz fill a queue of 400 in 4 s, longer than any extraction takes
         self._spot_input = rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=400, tcp_nodelay=True)
         self._service = rospy.Service(names.GET_DRAWN_BORDER, GetDrawnBorder, self._on_get_drawn_border)
         self._worker = node.start_thread(self._work)
@@ -93,20 +93,16 @@ class BorderFusionNode:
             self._changed.set()
 
     def _on_spot(self, message: LaserSpot) -> None:
-        if message.header.frame_id.lstrip("/") != names.MAP_FRAME:
-            rospy.logwarn_throttle(
-                5.0,
-                f"{rospy.get_name()}: ignoring spots of camera '{message.camera}': frame '{message.header.frame_id}' "
-                f"instead of '{names.MAP_FRAME}'",
-            )
+        camera, frame = message.camera, message.header.frame_id.lstrip("/")
+        if frame != names.MAP_FRAME:
+            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: ignoring spots of camera '{camera}' in frame '{frame}'")
             with self._lock:
-                self._collector.ignore_frame(message.camera)
+                self._collector.ignore_frame(camera)
             return
         stamp, position = message.header.stamp.to_sec(), message.position
-        spot = FloorSpot(stamp, position.x, position.y, message.camera, float(message.confidence), bool(message.mobile))
+        spot = FloorSpot(stamp, position.x, position.y, camera, float(message.confidence), bool(message.mobile))
         with self._lock:
-            ignored = self._collector.add(spot, rospy.get_time() or np.inf)
-            if not ignored:
+            if not self._collector.add(spot, rospy.get_time() or np.inf):
                 self._new_spots = True
 
     # ------------------------------------------------------------ output

@@ -21,7 +21,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags, identity, spmatrix
+from scipy.sparse import diags, identity, spmatrix
 from scipy.sparse.linalg import spsolve
 
 from vb_fusion.observations import LOCALIZATION_ERROR, TREMOR, Observations
@@ -39,10 +39,9 @@ def remove_offsets(observations: Observations) -> Observations:
     span = int(seconds.max()) + 1
     unknowns, offset_index = np.unique(observations.cameras * span + seconds, return_inverse=True)
     bin_index = np.unique(bins, return_inverse=True)[1]
-    rows, ones = np.arange(len(bins)), np.ones(len(bins))
     # 1 in column k of an observation's row if it has offset k, or is in time bin k
-    has_offset = csr_matrix((ones, (rows, offset_index)))
-    in_bin = csr_matrix((ones, (rows, bin_index)))
+    has_offset = identity(len(unknowns), format="csr")[offset_index]
+    in_bin = identity(int(bin_index.max()) + 1, format="csr")[bin_index]
     # turns values of the observations into deviations from the mean of their time bin
     centering = identity(len(bins)) - in_bin @ diags(1.0 / np.bincount(bin_index)) @ in_bin.T
     # least squares: centred offsets equal centred positions with an error of TREMOR, and offsets are probably small

@@ -55,11 +55,7 @@ def dbscan(points: np.ndarray, eps: float, min_pts: int) -> List[np.ndarray]:
 
 
 def _tree(points: np.ndarray, radius: float) -> cKDTree:
-    """Builds a k-d tree of the points.
-
-    Raises:
-        CodedError: "too_many_spots" if too many pairs of them are neighbours.
-    """
+    """Builds a k-d tree of points. Raises CodedError "too_many_spots" if too many pairs of them are neighbours."""
     tree = cKDTree(points)
     pairs = (int(tree.count_neighbors(tree, radius)) - len(points)) // 2
     if pairs > MAX_PAIRS:

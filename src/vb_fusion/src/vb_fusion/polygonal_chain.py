@@ -4,11 +4,14 @@ Stage 3, samples: the observations, in the order in which they were drawn, becom
 still is one sample, however long. A piece drawn again at the end of the stroke is merged into it.
 
 Stage 4, polygon or separating curve, as the person means it: the line is closed if the opening between its ends is
-small compared with the mean width of the floor that it would enclose, twice its area over the line's length. The
-opening of a U is always wider than that, however deep the U is: parallel ends that far apart were drawn on purpose. The
-less the line would have to turn from its end to its start, the more likely it is that a side was left unfinished, and
-the wider the opening may be, up to half of the figure's size. A wave encloses next to nothing however near its ends
-are. Ends that cross or run past each other are cut there; half of the length cut off counts as opening.
+small compared with the mean width of the floor that it would enclose, twice its area over the line's length.
+
+- The opening of a U is always wider than that, however deep the U is: parallel ends that far apart were drawn on purpose.
+- The less the line would have to turn from its end to its start, the more likely it is that a side was left unfinished;
+  so the opening may be wider, up to half of the figure's size.
+- A wave encloses next to nothing, however near its ends are.
+
+Ends that cross or run past each other are cut there; half of the length cut off counts as opening.
 
 Stage 5, the line through the stroke, with the fewest straight sides that explain it: the samples are divided into
 sides, optimally, by dynamic programming: a corner is kept if leaving it out would lose a detail larger than the hand's
@@ -61,18 +64,18 @@ def make_chain(line: Observations, joined: bool, widest_gap: float) -> Tuple[np.
         CodedError: "figure_too_small", "line_self_intersects".
     """
     tremor = estimate_tremor(line)
-    stroke = resample_stroke(line.points, line.weights, tremor)
-    closure = classify_closure(stroke.points, tremor)
+    stroke = resample_stroke(line, tremor)  # stage 3
+    closure = classify_closure(stroke.points, tremor)  # stage 4
     size = geometry.bounding_diagonal(line.points)
     if closure.code in NEARLY_CLOSED and size < MIN_FIGURE_SIZE * tremor:
         raise CodedError("figure_too_small", size=f"{size:.2f}", needed=f"{MIN_FIGURE_SIZE * tremor:.2f}")
     within = slice(closure.first, closure.last + 1)
     trimmed = ResampledStroke(stroke.points[within], stroke.trust[within], tremor)
     # a gap that was crossed unseen may hide a corner; a wider one, left by the hand, is closed by a straight side
-    vertices = fit_sides(trimmed, closure.closed and (joined or closure.gap <= widest_gap))
+    vertices = fit_sides(trimmed, closure.closed and (joined or closure.gap <= widest_gap))  # stage 5
     if len(vertices) < 3:
         closure = classify_closure(vertices)
-    return simplify(vertices, closure.closed), closure
+    return simplify(vertices, closure.closed), closure  # stage 6
 
 
 # ------------------------------------------------------------------ 3: samples
@@ -117,16 +120,16 @@ class ResampledStroke:
         return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) + 0.1 * self.tremor
 
 
-def resample_stroke(observations: np.ndarray, trust: np.ndarray, tremor: float) -> ResampledStroke:
-    """Resamples observations evenly along the stroke, and merges a piece that was drawn again at the end.
+def resample_stroke(line: Observations, tremor: float) -> ResampledStroke:
+    """Resamples a line evenly, and merges a piece that was drawn again at its end.
 
     Args:
-        observations: (N, 2) [m], N >= 3, in order.
-        trust: (N,) their weights.
+        line: at least three observations, in the order in which the line runs.
         tremor: [m] distance between samples.
     """
     # a mean over three observations, as two cameras that see the spot in turn do not make a movement
-    wide = np.pad(np.column_stack([observations * trust[:, None], trust]), ((1, 1), (0, 0)), mode="edge")
+    weighted = np.column_stack([line.points * line.weights[:, None], line.weights])
+    wide = np.pad(weighted, ((1, 1), (0, 0)), mode="edge")
     total = wide[:-2] + wide[1:-1] + wide[2:]
     calm = total[:, :2] / total[:, 2:]
     sample = np.empty(len(calm), dtype=int)
@@ -136,7 +139,7 @@ def resample_stroke(observations: np.ndarray, trust: np.ndarray, tremor: float) 
             number, count, x, y = number + 1, 0, 0.0, 0.0
         count, x, y = count + 1, x + px, y + py
         sample[row] = number
-    stroke = _means(observations, trust, sample, tremor)
+    stroke = _means(line.points, line.weights, sample, tremor)
     # the line ends where the spot was seen first and last
     stroke.points[[0, -1]] = calm[[0, -1]]
     return _merge_repeats(stroke)
@@ -221,9 +224,8 @@ def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
         code = "open_flat"
     else:
         code = "closed_trimmed" if last - first < end else "closed_gap"
-    if code.startswith("open"):
-        return Closure(False, code, apart, length, 0, end)
-    return Closure(True, code, gap, length_within, first, last)
+        return Closure(True, code, gap, length_within, first, last)
+    return Closure(False, code, apart, length, 0, end)
 
 
 def _find_closing_points(points: np.ndarray, length: float) -> Tuple[int, int, float]:

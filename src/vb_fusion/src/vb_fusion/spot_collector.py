@@ -228,6 +228,5 @@ class SpotCollector:
     def collection(self) -> CollectedSpots:
         """Returns the spots collected so far."""
         border, seed = self._stores[BORDER.collects], self._stores[SEED.collects]
-        return CollectedSpots(
-            self.interaction_id, border.spots, seed.spots, list(self._cameras), border.total, seed.total
-        )
+        cameras = list(self._cameras)
+        return CollectedSpots(self.interaction_id, border.spots, seed.spots, cameras, border.total, seed.total)

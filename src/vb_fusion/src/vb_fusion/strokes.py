@@ -275,20 +275,19 @@ def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
     A quick hand is seen so seldom that its clusters alone cover less than its line. Strays do not form such rows.
     """
     swept = np.zeros(len(points))
-    for back in (1, 2):
-        for forth in (1, 2):
-            before, middle, after = (slice(0, -back - forth), slice(back, -forth), slice(back + forth, None))
-            whole = times[after] - times[before]
-            share = (times[middle] - times[before]) / np.maximum(whole, 1e-9)
-            offset = np.hypot(*(points[before] + share[:, None] * (points[after] - points[before]) - points[middle]).T)
-            half_distance = 0.5 * np.hypot(*(points[after] - points[before]).T)
-            straight = np.exp(-((offset / np.maximum(0.3 * half_distance, TREMOR)) ** 2))
-            # two clusters of which one is seen again are no row: in a row the middle one is seen halfway in time
-            row = np.maximum(half_distance - TREMOR, 0.0) * straight * 4.0 * share * (1.0 - share)
-            row[(whole > dropout) | (2.0 * half_distance > UNSEEN_SPEED * whole)] = 0.0
-            # the row's ends too, where the stroke may begin or end
-            for part, weight in ((before, 0.5), (middle, 1.0), (after, 0.5)):
-                swept[part] = np.maximum(swept[part], weight * row)
+    for back, forth in ((1, 1), (1, 2), (2, 1), (2, 2)):
+        before, middle, after = (slice(0, -back - forth), slice(back, -forth), slice(back + forth, None))
+        whole = times[after] - times[before]
+        share = (times[middle] - times[before]) / np.maximum(whole, 1e-9)
+        offset = np.hypot(*(points[before] + share[:, None] * (points[after] - points[before]) - points[middle]).T)
+        half_distance = 0.5 * np.hypot(*(points[after] - points[before]).T)
+        straight = np.exp(-((offset / np.maximum(0.3 * half_distance, TREMOR)) ** 2))
+        # two clusters of which one is seen again are no row: in a row the middle one is seen halfway in time
+        row = np.maximum(half_distance - TREMOR, 0.0) * straight * 4.0 * share * (1.0 - share)
+        row[(whole > dropout) | (2.0 * half_distance > UNSEEN_SPEED * whole)] = 0.0
+        # the row's ends too, where the stroke may begin or end
+        for part, weight in ((before, 0.5), (middle, 1.0), (after, 0.5)):
+            swept[part] = np.maximum(swept[part], weight * row)
     return swept
 
 
