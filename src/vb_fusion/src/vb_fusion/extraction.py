@@ -221,21 +221,23 @@ class LiveExtractor:
             return self.drawn
 
     def _extract(self, collection: CollectedSpots) -> None:
-        drawn, border = self.drawn, _as_arguments(collection.border)
+        drawn = self.drawn
+        border, seed = collection.border, collection.seed
         if collection.border_total != self._totals[0]:
             try:
-                drawn = replace(drawn, chain=extract_border(params=self._params, **border), chain_error=None)
+                chain = extract_border(border["points"], self._params, **_columns(border))
+                drawn = replace(drawn, chain=chain, chain_error=None)
             except CodedError as error:
                 drawn = replace(drawn, chain=None, chain_error=error)
         if collection.seed_total != self._totals[1]:
             try:
-                dwells = find_dwells(before=border["points"], **_as_arguments(collection.seed))
+                dwells = find_dwells(seed["points"], before=border["points"], **_columns(seed))
                 drawn = replace(drawn, dwells=dwells, seed_error=None)
             except CodedError as error:
                 drawn = replace(drawn, dwells=(), seed_error=error)
         self.drawn = drawn
 
 
-def _as_arguments(spots: np.ndarray) -> Dict[str, np.ndarray]:
-    """Returns the arguments of `extract_border` and `find_dwells` for collected spots (K,) of the type SPOT."""
-    return {name: spots[name] for name in spots.dtype.names}
+def _columns(spots: np.ndarray) -> Dict[str, np.ndarray]:
+    """Returns the columns of spots (K,) of the type SPOT that are keyword arguments of `extract_border`."""
+    return {name: spots[name] for name in ("stamps", "cameras", "confidences", "mobile")}
