@@ -160,7 +160,8 @@ def test_non_finite_far_and_unconnected_spots_are_left_out(params):
     line = np.column_stack([np.linspace(0, 2, 300), np.zeros(300)]) + rng.normal(0, 0.01, (300, 2))
     points = np.vstack([line, rng.normal([5, 5], 0.03, (200, 2)), [[np.nan, 0], [np.inf, 1], [1e300, 0]]])
     chain = extract_border(points, params, stamps=0.04 * np.arange(len(points)))  # as from one camera
-    assert chain.length == pytest.approx(2.0, abs=0.2) and np.abs(chain.points[:, 1]).max() < 0.1
+    assert chain.length == pytest.approx(2.0, abs=0.2)
+    assert np.abs(chain.points[:, 1]).max() < 0.1
 
 
 @pytest.mark.parametrize("strays", [0.03, 0.3])
@@ -291,7 +292,8 @@ def test_a_piece_beside_the_line_is_never_left_out_without_a_word(length):
     beside = line_spots([[0, 3], [length, 3]], speed=0.2, start=15.0)
     chain = extract_border(**joined(line_spots([[0, 0], [2, 0]]), beside))
     assert chain.length == pytest.approx(2.0, abs=0.05)
-    assert abs(chain.left_out_spots - len(beside["points"])) <= 3 and chain.left_out[:, 1].min() > 2.8
+    assert abs(chain.left_out_spots - len(beside["points"])) <= 3
+    assert chain.left_out[:, 1].min() > 2.8
 
 
 @pytest.mark.parametrize("images", [5, 10])
@@ -300,7 +302,8 @@ def test_an_end_seen_too_seldom_is_left_out_with_a_word(images, at_end):
     line = line_spots([[0, 0], [2, 0]], start=2.0)
     seldom = still([2.5, 0.0] if at_end else [-0.5, 0.0], 9.0 if at_end else 0.0, images)
     chain = extract_border(**joined(line, seldom))
-    assert chain.length == pytest.approx(2.0, abs=0.05) and chain.left_out_spots == images
+    assert chain.length == pytest.approx(2.0, abs=0.05)
+    assert chain.left_out_spots == images
     assert extract_border(**line).left_out_spots == 0
 
 
@@ -316,7 +319,8 @@ def test_an_unseen_piece_is_reported_even_with_strays_across_it(hidden):
         stray = still(spots["points"][~seen].mean(axis=0) + [0.25, 0.25], spots["stamps"][~seen].mean(), 1)
         chain = extract_border(**joined({name: values[seen] for name, values in spots.items()}, stray))
         assert chain.unseen > 0.25
-        assert chain.closed and hausdorff(chain.points, corners[:4], True) < 0.25
+        assert chain.closed
+        assert hausdorff(chain.points, corners[:4], True) < 0.25
 
 
 @pytest.mark.parametrize("days", [30, 365])
@@ -382,7 +386,8 @@ SCENES = {
 def test_what_people_do_is_kept_whole(line, spots):
     for seed in range(4):
         chain, closed = extract_border(**spots(seed)), line is RECTANGLE or line is CIRCLE
-        assert chain.closed == closed and chain.left_out_spots <= 3
+        assert chain.closed == closed
+        assert chain.left_out_spots <= 3
         assert hausdorff(chain.points, np.array(line, float), closed) < (0.1 if line is TIP else 0.03)
 
 

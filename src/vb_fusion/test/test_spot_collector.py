@@ -35,7 +35,8 @@ def test_collects_in_border_and_seed_of_an_interaction_until_the_next():
     assert collector.add(spot(5.1)) == ""
     collector.set_state(DEFAULT, "", 6.0)
     assert collector.add(spot(6.1)) == "state"
-    assert collector.counts == (2, 1, 2) and collector.collection().border_total == 2
+    assert collector.counts == (2, 1, 2)
+    assert collector.collection().border_total == 2
     assert collector.set_state(BORDER, "b", 7.0)
     assert collector.counts == (0, 0, 0)
 
@@ -48,7 +49,8 @@ def test_early_and_non_finite_spots_are_ignored_and_counted():
     # spots of different cameras may arrive out of order
     assert collector.add(spot(10.5, camera="green")) == ""
     assert collector.add(spot(10.2, camera="blue")) == ""
-    assert collector.counts == (3, 0, 3) and collector.ignored["before_state"] == 1
+    assert collector.counts == (3, 0, 3)
+    assert collector.ignored["before_state"] == 1
     assert collector.collection().cameras == ["red", "green", "blue"]
 
 
