@@ -204,7 +204,6 @@ def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
         points: (M, 2) [m], the line as drawn, M >= 2.
         tremor: [m] a narrower figure encloses nothing.
     """
-    points = np.asarray(points, dtype=float)
     end = len(points) - 1
     length = geometry.chain_length(points)
     apart = float(np.linalg.norm(points[-1] - points[0]))
@@ -319,22 +318,24 @@ def _fit_vertices(stroke: ResampledStroke, starts: np.ndarray, joined: bool) -> 
     if not joined:
         vertices = np.vstack([points[:1], vertices[1:], points[-1:]])
     count = len(vertices)
-    # samples before the first side belong to the last side
-    side = (np.searchsorted(starts, np.arange(len(points)), side="right") - 1) % count
-    ends = np.column_stack([side, (side + 1) % count])
-    directions = vertices[ends[:, 1]] - vertices[ends[:, 0]]
-    length = np.maximum(np.linalg.norm(directions, axis=1), 1e-9)[:, None]
-    share = np.clip(((points - vertices[ends[:, 0]]) * directions).sum(axis=1) / length[:, 0] ** 2, 0.0, 1.0)
-    normal = np.column_stack([-directions[:, 1], directions[:, 0]]) / length
-    rows = np.zeros((len(points), count, 2))
-    every = np.arange(len(points))
-    rows[every, ends[:, 0]] = (1.0 - share)[:, None] * normal
-    rows[every, ends[:, 1]] += share[:, None] * normal
-    rows = rows.reshape(len(points), -1)
-    distances = ((points - vertices[ends[:, 0]]) * normal).sum(axis=1)
+    # each sample is explained by the side from vertex `start` to vertex `end`; those before the first side by the last one
+    start = (np.searchsorted(starts, np.arange(len(points)), side="right") - 1) % count
+    end = (start + 1) % count
+    directions = vertices[end] - vertices[start]
+    lengths = np.maximum(np.linalg.norm(directions, axis=1), 1e-9)[:, None]
+    normals = np.column_stack([-directions[:, 1], directions[:, 0]]) / lengths
+    offsets = points - vertices[start]
+    shares = np.clip((offsets * directions).sum(axis=1) / lengths[:, 0] ** 2, 0.0, 1.0)[:, None]
+    # a sample's distance from its side changes by as much as both vertices move along the normal, each by its share
+    design = np.zeros((len(points), count, 2))
+    samples = np.arange(len(points))
+    design[samples, start] = (1.0 - shares) * normals
+    design[samples, end] += shares * normals
+    design = design.reshape(len(points), -1)
+    weighted = design * stroke.weights[:, None]
     # a corner that the samples do not determine, between nearly collinear sides, stays in place
-    scaled = rows * stroke.weights[:, None]
-    move = np.linalg.solve(scaled.T @ rows + VERTEX_PRIOR * stroke.tremor * np.eye(2 * count), scaled.T @ distances)
+    prior = VERTEX_PRIOR * stroke.tremor * np.eye(2 * count)
+    move = np.linalg.solve(weighted.T @ design + prior, weighted.T @ (offsets * normals).sum(axis=1))
     return vertices + move.reshape(-1, 2)
 
 

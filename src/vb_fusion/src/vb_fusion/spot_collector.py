@@ -103,8 +103,7 @@ class CameraClocks:
         if stamp < previous - CLOCK_STEP:
             return None
         set_back, setbacks = self._set_back.get(camera, 0.0), self._set_back.values()
-        newest = self._newest.get(camera, max(self._newest.values(), default=-math.inf))
-        step = newest - stamp
+        step = self._newest.get(camera, max(self._newest.values(), default=-math.inf)) - stamp
         if step - set_back > CLOCK_STEP and camera in self._newest:
             # cameras on one computer share its clock: the camera with the newest spot gives the best estimate
             set_back = max([step, *(setback for setback in setbacks if abs(setback - step) < CLOCK_STEP)])
