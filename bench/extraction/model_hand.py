@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Measures border extraction on strokes of a hand that moves by published models.
 
-    python3 bench/extraction/model_hand.py --other REVISION    also another version, on the same strokes python3
-    bench/extraction/model_hand.py --seed 500000       seeds below 1,000 are for development; unseen only once
+    python3 bench/extraction/model_hand.py --other REVISION    also another version, on the same strokes
+    python3 bench/extraction/model_hand.py --seed 500000       seeds below 1,000 are for development; unseen only once
 
 Sides are minimum-jerk movements (Flash and Hogan, J. Neurosci. 5, 1985); the speed on curves is proportional to
 curvature^(-1/3) (Lacquaniti, Terzuolo and Viviani, Acta Psychol. 54, 1983). Corners are missed by 0.75 % of the figure
@@ -16,6 +16,7 @@ fails. A bad border is silent if no warning says that spots were left out or not
 from __future__ import annotations
 
 import sys
+import time
 from dataclasses import dataclass, replace
 from typing import Any, Callable, Dict, List, Tuple
 
@@ -29,7 +30,7 @@ from generated_strokes import hausdorff  # noqa: E402
 
 from vb_core import geometry  # noqa: E402
 
-MODULES = "vb_fusion.extraction", "vb_fusion.spot_collector", "vb_core.errors"
+MODULES = "vb_fusion.extraction", "vb_fusion.spot_collector"
 BAD_M = 0.25
 Judgement = Tuple[bool, bool, bool, float]  # bad, silent, told, and error [m]
 MARGIN = 0.5  # [m] around the drawing, in which strays appear
@@ -102,7 +103,7 @@ def ring(size: float, rng: np.random.Generator, sweep: float = 2.0 * np.pi, flat
 def hidden(width: float, rng: np.random.Generator) -> Scene:
     """Draws a box, of which no camera sees a piece."""
     scene = polygon(np.roll(BOX, rng.integers(4), axis=0), True, rng)
-    arc = np.append(0.0, np.cumsum(np.hypot(*np.diff(scene.way, axis=0).T)))
+    arc = geometry.arc_lengths(scene.way)
     scene.shown = np.abs(arc - rng.uniform(0.6, arc[-1] - 0.6)) > 0.5 * width
     return scene
 
@@ -201,16 +202,15 @@ def judge_seed(make: Callable, modules: List[Any], rng: np.random.Generator) -> 
 
 def judge(make: Callable, modules: List[Any], rng: np.random.Generator) -> Judgement:
     """Returns whether the border is bad, whether silently, whether there is a warning, and the border's error [m]."""
-    extraction, collecting, errors = modules
+    extraction, collecting = modules
     scene = make(rng)
     collector = collecting.SpotCollector()
     collector.set_state(collecting.BORDER, "drawing", 0.0)
     for position, stamp, camera in zip(*look(scene, rng)):
         collector.add(collecting.FloorSpot(stamp, *position, str(camera), 1.0, False))
-    rows = collector.collection().border
-    try:
-        chain = extraction.extract_border(rows[:, 1:3], stamps=rows[:, 0], cameras=rows[:, 4].astype(int))
-    except errors.CodedError:
+    live = extraction.LiveExtractor(extraction.ExtractionParams(), 1.0)
+    chain = live.update(collector.collection(), time.monotonic).chain
+    if chain is None:
         return True, False, True, np.nan
     truth = scene.truth[np.append(True, np.hypot(*np.diff(scene.truth, axis=0).T) > 1e-9)]
     error = hausdorff(chain.points, geometry.resample_chain(truth, 0.01), scene.closed)

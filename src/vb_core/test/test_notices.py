@@ -49,11 +49,9 @@ def test_the_reason_replaces_a_missing_pose_of_its_camera():
 def test_no_other_notice_hides_a_silent_camera(code):
     # a notice of another kind says nothing about the cable
     silent = [Notice("camera_silent", Severity.ERROR, camera="north")]
-    published = [
-        ("spot_detector_north", 10.0, silent),
-        ("camera_poses", 10.0, [Notice(code, Severity.ERROR, camera="north")]),
-    ]
-    assert ("camera_silent", "north") in active_notices(published, 10.0)
+    other = [Notice(code, Severity.ERROR, camera="north")]
+    active = active_notices([("spot_detector_north", 10.0, silent), ("camera_poses", 10.0, other)], 10.0)
+    assert ("camera_silent", "north") in active
 
 
 def test_a_warning_that_becomes_an_error_is_logged_again(monkeypatch):

@@ -18,8 +18,8 @@ def timed(shape: str, seed: int, setting: Setting = USUAL) -> Stroke:
 
 
 def _with(stroke: Stroke, points, stamps, cameras) -> Stroke:
-    p = np.vstack([stroke.points, points])
-    t, c = np.concatenate([stroke.stamps, stamps]), np.concatenate([stroke.cameras, cameras])
+    columns = (stroke.points, points), (stroke.stamps, stamps), (stroke.cameras, cameras)
+    p, t, c = map(np.concatenate, columns)
     order = np.argsort(t, kind="stable")
     return Stroke(stroke.truth, stroke.closed, p[order], t[order], c[order])
 

@@ -80,13 +80,13 @@ def draw(shape: str, setting: Setting, rng: np.random.Generator) -> Stroke:
         extra = int(round((setting.overlap - setting.end_gap) / 0.005))
         dense = np.vstack([dense, dense[: extra + 1]]) if extra >= 0 else dense[:extra]
     way = np.vstack([dense if k % 2 == 0 or closed else dense[::-1] for k in range(setting.passes)])
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+    arc = geometry.arc_lengths(way)
     hidden = rng.uniform(0.2, 0.8) * arc[-1]
     duration = arc[-1] / setting.speed
     # whole steps, so that the number of random draws does not depend on the last bit of a length
     hand_t = -2.0 + 0.01 * np.arange(int(round((duration + 4.0) / 0.01)))
     hand = tremor(hand_t, setting, rng)
-    points, stamps, cameras = [], [], []
+    spots = []  # of each camera: points, stamps and cameras
     for camera in range(setting.cameras):
         t = np.arange(rng.uniform(0, 1 / setting.rate), duration, 1 / setting.rate)
         t = t[rng.random(len(t)) >= setting.dropped]
@@ -95,21 +95,20 @@ def draw(shape: str, setting: Setting, rng: np.random.Generator) -> Stroke:
         p = np.column_stack([np.interp(s, arc, way[:, k]) + np.interp(t, hand_t, hand[:, k]) for k in range(2)])
         direction = rng.uniform(0, 2 * np.pi)
         p = p + setting.bias * np.array([np.cos(direction), np.sin(direction)]) + rng.normal(0, setting.noise, p.shape)
-        points.append(p)
-        stamps.append(t)
-        cameras.append(np.full(len(t), camera))
-    seen = sum(map(len, points))
-    strays = int(round(setting.outliers * seen))
-    points.append(rng.uniform([-4, -2.5], [4, 2.5], (strays, 2)))
-    stamps.append(rng.uniform(0, duration, strays))
-    cameras.append(rng.integers(0, setting.cameras, strays))
-    place = rng.uniform([-4, -2.5], [4, 2.5])
-    points.append(place + rng.normal(0, 0.04, (setting.clutter, 2)))
-    stamps.append(rng.uniform(0, duration, setting.clutter))
-    cameras.append(np.zeros(setting.clutter, int))
-    p, t, c = np.vstack(points), np.concatenate(stamps), np.concatenate(cameras)
+        spots.append((p, t, np.full(len(t), camera)))
+    spots.append(scatter(setting.outliers, spots, duration, setting.cameras, rng))
+    clutter = rng.uniform([-4, -2.5], [4, 2.5]) + rng.normal(0, 0.04, (setting.clutter, 2))
+    spots.append((clutter, rng.uniform(0, duration, setting.clutter), np.zeros(setting.clutter, int)))
+    p, t, c = map(np.concatenate, zip(*spots))
     order = rng.permutation(len(p)) if setting.shuffled else np.argsort(t)
     return Stroke(truth, closed, p[order], t[order], c[order])
+
+
+def scatter(share: float, spots: list, duration: float, cameras: int, rng: np.random.Generator) -> tuple:
+    """Returns points, stamps and cameras of strays in the room: this share of as many as there are spots."""
+    count = int(round(share * sum(len(stamps) for _, stamps, _ in spots)))
+    points = rng.uniform([-4, -2.5], [4, 2.5], (count, 2))
+    return points, rng.uniform(0, duration, count), rng.integers(0, cameras, count)
 
 
 def tremor(t: np.ndarray, setting: Setting, rng: np.random.Generator) -> np.ndarray:

@@ -40,9 +40,8 @@ def thinning(points: List[Point], max_neighbor_dist: float) -> List[Point]:
     while pointset_in:
 
         def neighbors(k: int) -> List[int]:
-            return [
-                j for j in range(len(pointset_in)) if j != k and near(pointset_in[k], pointset_in[j], max_neighbor_dist)
-            ]
+            p = pointset_in[k]
+            return [j for j, q in enumerate(pointset_in) if j != k and near(p, q, max_neighbor_dist)]
 
         counts = [len(neighbors(k)) for k in range(len(pointset_in))]
         p = counts.index(max(counts))

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import List, Optional, Tuple
 
 import numpy as np
-from generated_strokes import Setting, Stroke, tremor
+from generated_strokes import Setting, Stroke, scatter, tremor
 
 from vb_core import geometry
 
@@ -98,7 +98,7 @@ def see(drawing: Drawing, seen: Seen, rng: np.random.Generator) -> Stroke:
     times = drawing.times / drawing.times[-1] * duration
     hand_t = -2.0 + 0.01 * np.arange(int(round((duration + 4.0) / 0.01)))
     hand = tremor(hand_t, Setting(tremor=seen.tremor), rng)
-    points, stamps, cameras = [], [], []
+    spots = []  # of each camera: points, stamps and cameras
     if seen.robot is not None:
         side = turn @ [0.0, 1.0]
         edge, stand = np.quantile(truth @ side, 0.6), rng.uniform(1.0, 3.0) * side
@@ -114,14 +114,9 @@ def see(drawing: Drawing, seen: Seen, rng: np.random.Generator) -> Stroke:
         elif seen.robot is not None:
             offset = _robot_offset(p - stand, t, seen.robot, rng)
         p = p + offset + rng.normal(0, seen.noise, p.shape)
-        points.append(p)
-        stamps.append(t)
-        cameras.append(np.full(len(t), camera))
-    strays = int(round(seen.outliers * sum(map(len, points))))
-    points.append(rng.uniform([-4, -2.5], [4, 2.5], (strays, 2)))
-    stamps.append(rng.uniform(0, duration, strays))
-    cameras.append(rng.integers(0, seen.cameras, strays))
-    p, t, c = np.vstack(points), np.concatenate(stamps), np.concatenate(cameras)
+        spots.append((p, t, np.full(len(t), camera)))
+    spots.append(scatter(seen.outliers, spots, duration, seen.cameras, rng))
+    p, t, c = map(np.concatenate, zip(*spots))
     order = np.argsort(t, kind="stable")
     mobile = c[order] == seen.cameras if seen.robot is not None else None
     return Stroke(truth, drawing.closed, p[order], t[order], c[order], mobile)

@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial import cKDTree
 from shapely.geometry import Polygon, box
 
-import people_strokes
 from generated_strokes import Setting, draw, hausdorff, jaccard
+from people_strokes import Seen, drawings, half, see
 
 from refusals import refused
 
@@ -160,7 +160,8 @@ def test_non_finite_far_and_unconnected_spots_are_left_out(params):
     line = np.column_stack([np.linspace(0, 2, 300), np.zeros(300)]) + rng.normal(0, 0.01, (300, 2))
     points = np.vstack([line, rng.normal([5, 5], 0.03, (200, 2)), [[np.nan, 0], [np.inf, 1], [1e300, 0]]])
     chain = extract_border(points, params, stamps=0.04 * np.arange(len(points)))  # as from one camera
-    assert chain.length == pytest.approx(2.0, abs=0.2) and np.abs(chain.points[:, 1]).max() < 0.1
+    assert chain.length == pytest.approx(2.0, abs=0.2)
+    assert np.abs(chain.points[:, 1]).max() < 0.1
 
 
 @pytest.mark.parametrize("strays", [0.03, 0.3])
@@ -176,14 +177,10 @@ def test_a_line_is_found_among_hundreds_of_strays_at_once(strays):
 @pytest.mark.parametrize("shape, every, rounds", [("", 2, 1), ("zigzag", 1, 4)])
 def test_lines_that_people_drew_become_what_they_meant(shape, every, rounds):
     """Half of the development set, and all its zigzags (bench/extraction/accuracy.py judges the other strokes)."""
-    drawn = [one for one in people_strokes.drawings() if people_strokes.half(one) == "develop" and shape in one.shape][
-        ::every
-    ]
+    drawn = [drawing for drawing in drawings() if half(drawing) == "develop" and shape in drawing.shape][::every]
     wrong = []
     for number, drawing in enumerate(rounds * drawn):
-        stroke = people_strokes.see(
-            drawing, people_strokes.Seen(speed=(0.3, 0.7)), np.random.default_rng([300, number])
-        )
+        stroke = see(drawing, Seen(speed=(0.3, 0.7)), np.random.default_rng([300, number]))
         chain = extract_stroke(stroke)
         drawn_line = geometry.resample_chain(stroke.truth, 0.01, stroke.closed)
         line = geometry.resample_chain(chain.points, 0.01, chain.closed)
@@ -192,7 +189,8 @@ def test_lines_that_people_drew_become_what_they_meant(shape, every, rounds):
             far = max(far, cKDTree(line).query(drawn_line)[0].max())
         if far > 0.25 or chain.closed != stroke.closed:
             wrong.append((drawing.id, drawing.shape, round(float(far), 2), chain.reason))
-    assert rounds * len(drawn) > 20 and len(wrong) <= 1, wrong
+    assert rounds * len(drawn) > 20
+    assert len(wrong) <= 1, wrong
 
 
 def line_spots(ways, speed=0.4, rate=25.0, seed=0, noise=0.005, cameras=1, start=0.0):
@@ -277,14 +275,13 @@ def test_sides_in_any_order_are_one_polygon_also_among_strays(images):
     """Crossing an unseen gap has a cost, which a flash does not lower, however near to the gap's ends it is."""
     corners, bad = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.2], [0.0, 1.2], [0.0, 0.0]]), 0
     for seed in range(8):
-        parts, at = [], 0.0
+        parts, start = [], 0.0
         for number, later in zip((0, 2, 1, 3), (2, 1, 3, 0)):
-            parts.append(
-                line_spots(corners[number : number + 2], seed=9 * seed + number, noise=0.012, cameras=2, start=at)
-            )
+            side = corners[number : number + 2]
+            parts.append(line_spots(side, seed=9 * seed + number, noise=0.012, cameras=2, start=start))
             # a flash 0.2 s after a side's last spot, 0.28 m from the start of a later side
-            at = parts[-1]["stamps"].max() + 1.5
-            parts.append(still(corners[later] + 0.2, at - 1.3, images))
+            start = parts[-1]["stamps"].max() + 1.5
+            parts.append(still(corners[later] + 0.2, start - 1.3, images))
         chain = extract_border(**with_strays(joined(*parts), seed))
         bad += not chain.closed or hausdorff(chain.points, corners[:4], True) > 0.25
     assert bad <= 1, bad
@@ -295,7 +292,8 @@ def test_a_piece_beside_the_line_is_never_left_out_without_a_word(length):
     beside = line_spots([[0, 3], [length, 3]], speed=0.2, start=15.0)
     chain = extract_border(**joined(line_spots([[0, 0], [2, 0]]), beside))
     assert chain.length == pytest.approx(2.0, abs=0.05)
-    assert abs(chain.left_out_spots - len(beside["points"])) <= 3 and chain.left_out[:, 1].min() > 2.8
+    assert abs(chain.left_out_spots - len(beside["points"])) <= 3
+    assert chain.left_out[:, 1].min() > 2.8
 
 
 @pytest.mark.parametrize("images", [5, 10])
@@ -304,7 +302,8 @@ def test_an_end_seen_too_seldom_is_left_out_with_a_word(images, at_end):
     line = line_spots([[0, 0], [2, 0]], start=2.0)
     seldom = still([2.5, 0.0] if at_end else [-0.5, 0.0], 9.0 if at_end else 0.0, images)
     chain = extract_border(**joined(line, seldom))
-    assert chain.length == pytest.approx(2.0, abs=0.05) and chain.left_out_spots == images
+    assert chain.length == pytest.approx(2.0, abs=0.05)
+    assert chain.left_out_spots == images
     assert extract_border(**line).left_out_spots == 0
 
 
@@ -320,7 +319,8 @@ def test_an_unseen_piece_is_reported_even_with_strays_across_it(hidden):
         stray = still(spots["points"][~seen].mean(axis=0) + [0.25, 0.25], spots["stamps"][~seen].mean(), 1)
         chain = extract_border(**joined({name: values[seen] for name, values in spots.items()}, stray))
         assert chain.unseen > 0.25
-        assert chain.closed and hausdorff(chain.points, corners[:4], True) < 0.25
+        assert chain.closed
+        assert hausdorff(chain.points, corners[:4], True) < 0.25
 
 
 @pytest.mark.parametrize("days", [30, 365])
@@ -386,7 +386,8 @@ SCENES = {
 def test_what_people_do_is_kept_whole(line, spots):
     for seed in range(4):
         chain, closed = extract_border(**spots(seed)), line is RECTANGLE or line is CIRCLE
-        assert chain.closed == closed and chain.left_out_spots <= 3
+        assert chain.closed == closed
+        assert chain.left_out_spots <= 3
         assert hausdorff(chain.points, np.array(line, float), closed) < (0.1 if line is TIP else 0.03)
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,43 +13,53 @@ from examples import STEADY, off_thresholds
 
 from vb_core.geometry import chain_length
 from vb_fusion import seed_point, strokes
-from vb_fusion.polygonal_chain import classify_closure
+from vb_fusion.polygonal_chain import Closure, classify_closure
 from vb_fusion.observations import LOCALIZATION_ERROR, TIME_BIN, TREMOR, Observations, make_observations
 
 
+def rows(*columns, least=1, most):
+    """Makes a strategy for a table of these columns with `least` to `most` rows."""
+    return st.lists(st.tuples(*columns), min_size=least, max_size=most)
+
+
 # ----------------------------------------------------------------- closing
-def turned(points, gap, lever):
+def closing_turn(points, lever):
     """Returns the degrees by which a line turns from its end over the gap to its start, directions over a lever [m]."""
-    path = np.concatenate([[0.0], np.cumsum([math.dist(a, b) for a, b in zip(points[:-1], points[1:])])])
-    at = [complex(*(np.interp(where, path, axis) for axis in points.T)) for where in (lever, path[-1] - lever)]
-    first, last = complex(*points[0]), complex(*points[-1])
-    ways = last - at[1], first - last, at[0] - first
-    return sum(abs(math.degrees(np.angle(b / a))) for a, b in zip(ways[:-1], ways[1:])) if gap else 0.0
+    arc = [chain_length(points[: index + 1]) for index in range(len(points))]
+    line = points @ [1.0, 1.0j]
+    after_start, before_end = np.interp([lever, arc[-1] - lever], arc, line)
+    directions = line[-1] - before_end, line[0] - line[-1], after_start - line[0]
+    return sum(abs(math.degrees(np.angle(b / a))) for a, b in zip(directions[:-1], directions[1:]))
 
 
-def decided(points):
-    """Decides (closed, code, gap, first, last, values): the cheapest pair in the outer thirds, then three rules."""
-    arc = [chain_length(points[: number + 1]) for number in range(len(points))]
-    whole, costs = arc[-1], {}
-    for i in (number for number in range(len(points)) if arc[number] <= whole / 3.0):
-        for j in (number for number in range(len(points)) if arc[number] >= whole / 1.5):
-            costs[i, j] = math.dist(points[i], points[j]) + 0.5 * (arc[i] + whole - arc[j])
-    (first, last), *others = sorted(costs, key=lambda pair: costs[pair])
-    assume(not others or costs[others[0]] - costs[first, last] > 1e-9)
-    cut = points[first : last + 1]
-    gap, kept, (x, y) = math.dist(cut[0], cut[-1]), chain_length(cut), cut.T
-    width = abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1))) / (kept + gap)
-    if costs[first, last] > 0.5 * max(math.dist(a, b) for a in cut for b in cut):
+def decide(points):
+    """Decides whether a line is closed.
+
+    Of a point in its first third and one in its last third, those are its ends for which the distance between them plus
+    half the length beyond them is smallest. Then the line is open if this opening is wider than half of the figure, if
+    the gap times the turn is wider than half a turn of the mean width, or if that width is less than a tremor.
+    """
+    arc = [chain_length(points[: index + 1]) for index in range(len(points))]
+    whole, openings = arc[-1], {}
+    for first in (index for index in range(len(points)) if arc[index] <= whole / 3.0):
+        for last in (index for index in range(len(points)) if arc[index] >= whole / 1.5):
+            beyond = arc[first] + whole - arc[last]
+            openings[first, last] = math.dist(points[first], points[last]) + 0.5 * beyond
+    (first, last), *others = sorted(openings, key=lambda ends: openings[ends])
+    assume(not others or openings[others[0]] - openings[first, last] > 1e-9)
+    kept = points[first : last + 1]
+    gap, length, (x, y) = math.dist(kept[0], kept[-1]), chain_length(kept), kept.T
+    width = abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1))) / (length + gap)
+    if openings[first, last] > 0.5 * max(math.dist(a, b) for a in kept for b in kept):
         code = "open_apart"
-    elif gap * turned(cut, gap, 0.1 * kept) > 180.0 * width:
+    elif gap and gap * closing_turn(kept, 0.1 * length) > 180.0 * width:
         code = "open_wide"
     elif width < TREMOR:
         code = "open_flat"
     else:
-        closed = "closed_gap" if len(cut) == len(points) else "closed_trimmed"
-        return True, closed, gap, first, last, {"gap": gap, "length": kept}
-    apart = math.dist(points[0], points[-1])
-    return False, code, apart, 0, len(points) - 1, {"gap": apart, "length": whole}
+        code = "closed_gap" if len(kept) == len(points) else "closed_trimmed"
+        return Closure(True, code, gap, length, first, last)
+    return Closure(False, code, math.dist(points[0], points[-1]), whole, 0, len(points) - 1)
 
 
 @settings(STEADY, max_examples=150)
@@ -65,38 +76,35 @@ def test_a_line_is_closed_as_the_rule_says(size, flatness, share, begin, spiral,
     angle = begin + 2.0 * math.pi * share * np.linspace(0.0, 1.0, count)
     radius = size * (1.0 + spiral * np.linspace(0.0, 1.0, count))
     points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle) / flatness])
-    closed, code, gap, first, last, values = decided(points)
+    expected = decide(points)
     # for a figure that crosses itself, the sum of triangles is not its area
-    assume(share <= 1.0 or first > 0 or last < count - 1)
-    assume(np.ptp(angle[first : last + 1]) < 2.0 * math.pi)
+    assume(share <= 1.0 or expected.first > 0 or expected.last < count - 1)
+    assume(np.ptp(angle[expected.first : expected.last + 1]) < 2.0 * math.pi)
     found = classify_closure(points)
-    assert (found.closed, found.code, found.first, found.last) == (closed, code, first, last)
-    assert found.gap == pytest.approx(gap)
-    values["percent"] = 100.0 * values["gap"] / values["length"]
-    assert {name: float(said) for name, said in found.values.items()} == {
-        name: pytest.approx(value, abs=0.501 if name == "percent" else 0.00501) for name, value in values.items()
-    }
+    assert (found.gap, found.length) == pytest.approx((expected.gap, expected.length))
+    assert replace(found, gap=expected.gap, length=expected.length) == expected
 
 
 def test_a_triangle_of_four_points_is_closed():
-    corners = np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 1.5], [0.1, 0.1]])
-    found = classify_closure(corners)
+    found = classify_closure(np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 1.5], [0.1, 0.1]]))
     assert (found.closed, found.code, found.first, found.last) == (True, "closed_gap", 0, 3)
 
 
-@pytest.mark.parametrize("points", [[[1.0, 2.0], [4.0, 6.0]], [[1.0, 2.0]] * 5])
-def test_two_points_or_a_spot_are_open(points):
+@pytest.mark.parametrize("points, percent", [([[1.0, 2.0], [4.0, 6.0]], "100"), ([[1.0, 2.0]] * 5, "0")])
+def test_two_points_or_a_spot_are_open(points, percent):
     found, apart = classify_closure(np.array(points)), math.dist(points[0], points[-1])
-    assert (found.closed, found.code, found.gap) == (False, "open_two_points", apart)
-    assert (found.first, found.last, found.values["percent"]) == (0, len(points) - 1, "100" if apart else "0")
+    assert found == Closure(False, "open_two_points", apart, apart, 0, len(points) - 1)
+    assert found.values["percent"] == percent
+
+
+def test_a_closures_values_are_rounded_for_its_sentence():
+    closure = Closure(True, "closed_gap", gap=0.333, length=4.0, first=0, last=9)
+    assert closure.values == {"gap": "0.33", "percent": "8", "length": "4.00"}
 
 
 # ----------------------------------------------------------------- the pointer's track
-SPOTS = st.lists(
-    st.tuples(off_thresholds(0.0, 1.0), off_thresholds(0.0, 1.0), off_thresholds(0.0, 1.5), st.integers(0, 2)),
-    min_size=1,
-    max_size=25,
-)
+# x and y [m], time [s], camera
+SPOTS = rows(off_thresholds(0.0, 1.0), off_thresholds(0.0, 1.0), off_thresholds(0.0, 1.5), st.integers(0, 2), most=25)
 
 
 def chained(group, values):
@@ -116,7 +124,7 @@ def test_what_is_near_each_other_in_a_time_bin_is_one_cluster(spots):
     seen = make_observations(points, times, cameras, None, cameras == 2)
     found = strokes.find_clusters(seen)
     groups = {}
-    bins = strokes.time_bins(seen.stamps).tolist()
+    bins = seen.bins.tolist()
     for index, number in enumerate(bins):
         groups.setdefault(number, []).append(index)
     places = list(groups.values())
@@ -148,30 +156,24 @@ def test_of_one_moment_the_ten_strongest_places_are_kept():
 
 
 @settings(STEADY, max_examples=60)
-@given(
-    st.lists(
-        st.tuples(off_thresholds(0.0, 0.6), off_thresholds(0.0, 0.6), off_thresholds(0.02, 0.2)),
-        min_size=1,
-        max_size=14,
-    )
-)
+@given(rows(off_thresholds(0.0, 0.6), off_thresholds(0.0, 0.6), off_thresholds(0.02, 0.2), most=14))
 def test_clusters_passed_at_one_speed_add_the_floor_between_them(steps):
     points, times = np.cumsum(np.array(steps)[:, :2], axis=0), np.cumsum(np.array(steps)[:, 2])
-    wanted, dropout = np.zeros(len(points)), 0.35
-    for at in range(len(points)):
-        for first, last in ((at - back, at + ahead) for back in (1, 2) for ahead in (1, 2)):
+    expected, dropout = np.zeros(len(points)), 0.35
+    for middle in range(len(points)):
+        for first, last in ((middle - back, middle + ahead) for back in (1, 2) for ahead in (1, 2)):
             if first < 0 or last >= len(points):
                 continue
-            whole, far = times[last] - times[first], math.dist(points[first], points[last])
-            if whole > dropout or far > 6.0 * whole:
+            duration, length = times[last] - times[first], math.dist(points[first], points[last])
+            if duration > dropout or length > 6.0 * duration:
                 continue
-            share = (times[at] - times[first]) / whole
-            off = math.dist(points[first] + share * (points[last] - points[first]), points[at])
-            row = max(0.5 * far - TREMOR, 0.0) * 4.0 * share * (1.0 - share)
-            row *= math.exp(-((off / max(0.15 * far, TREMOR)) ** 2))
-            for place, much in ((first, 0.5), (at, 1.0), (last, 0.5)):
-                wanted[place] = max(wanted[place], much * row)
-    assert strokes._swept(points, times, dropout) == pytest.approx(wanted)
+            share = (times[middle] - times[first]) / duration
+            offset = math.dist(points[first] + share * (points[last] - points[first]), points[middle])
+            floor = max(0.5 * length - TREMOR, 0.0) * 4.0 * share * (1.0 - share)
+            floor *= math.exp(-((offset / max(0.15 * length, TREMOR)) ** 2))
+            for cluster, weight in ((first, 0.5), (middle, 1.0), (last, 0.5)):
+                expected[cluster] = max(expected[cluster], weight * floor)
+    assert strokes._swept(points, times, dropout) == pytest.approx(expected)
 
 
 @settings(STEADY, max_examples=60)
@@ -185,22 +187,16 @@ def test_what_lies_beside_a_line_at_its_time_is_the_pointers(spots, line_is_mobi
     order = np.argsort([spot[2] for spot in spots], kind="stable")
     seen = make_observations(*(np.array(spots)[order][:, columns] for columns in (slice(0, 2), 2)), None, None, None)
     found = set(strokes._observations_near(seen, places, np.arange(11)).tolist())
+    reach = 2.0 * TREMOR + LOCALIZATION_ERROR * line_is_mobile
     for index, ((x, y), time) in enumerate(zip(seen.points, seen.stamps)):
-        at = min(max(time - 0.2, 0.0), 1.0)
-        reach = 2.0 * TREMOR + LOCALIZATION_ERROR * line_is_mobile
-        off = math.hypot(x - at, y - 0.5)
-        assume(abs(off - reach) > 1e-6 and min(abs(time - 0.2 + TIME_BIN), abs(time - 1.2 - TIME_BIN)) > 1e-6)
-        assert (index in found) == (0.2 - TIME_BIN <= time < 1.2 + TIME_BIN and off <= reach)
+        pointer_x = min(max(time - 0.2, 0.0), 1.0)
+        distance = math.hypot(x - pointer_x, y - 0.5)
+        assume(abs(distance - reach) > 1e-6 and min(abs(time - 0.2 + TIME_BIN), abs(time - 1.2 - TIME_BIN)) > 1e-6)
+        assert (index in found) == (0.2 - TIME_BIN <= time < 1.2 + TIME_BIN and distance <= reach)
 
 
 @settings(STEADY, max_examples=150)
-@given(
-    st.lists(
-        st.tuples(st.integers(1, 7), st.sampled_from([0.08, 0.3, 0.5, 0.6]), st.booleans(), st.booleans()),
-        min_size=1,
-        max_size=7,
-    )
-)
+@given(rows(st.integers(1, 7), st.sampled_from([0.08, 0.3, 0.5, 0.6]), st.booleans(), st.booleans(), most=7))
 def test_short_pieces_beside_a_pause_and_unseen_step_are_dropped(pieces):
     """Pieces: (places, [m] from the piece before, whether after a pause, whether its floor explains the step)."""
     counts, ways, pauses, wide = (np.array(column) for column in zip(*pieces))
@@ -236,8 +232,7 @@ def test_short_pieces_beside_a_pause_and_unseen_step_are_dropped(pieces):
 
 def seen_within(size, least):
     """Makes a strategy for clusters in a square of this size [m], at least so many: (x, y, pause [s])."""
-    step = st.tuples(off_thresholds(0.0, size), off_thresholds(0.0, size), off_thresholds(0.0, 0.6))
-    return st.lists(step, min_size=least, max_size=40)
+    return rows(off_thresholds(0.0, size), off_thresholds(0.0, size), off_thresholds(0.0, 0.6), least=least, most=40)
 
 
 @settings(STEADY, max_examples=100)
@@ -254,9 +249,8 @@ def test_clusters_share_the_floor_they_add_and_standing_light_fades(steps, dropo
         stay = TIME_BIN + np.minimum(np.diff(seen), dropout).sum()
         off = seen - np.average(seen, weights=np.maximum(shares, 1e-12))
         deviations = [shares @ (off * values) for values in (off, *points[list(there)].T)]
-        moved = (
-            math.sqrt(12.0 / shares.sum() / deviations[0]) * math.hypot(*deviations[1:]) if deviations[0] > 1e-6 else 0
-        )
+        duration = math.sqrt(12.0 / shares.sum() / deviations[0]) if deviations[0] > 1e-6 else 0.0
+        moved = duration * math.hypot(*deviations[1:])
         assume(deviations[0] > 1e-6 or deviations[0] < 1e-12)
         still[node] = stay * (1.0 - min(1.0, (moved / strokes.CLUSTER_WIDTH) ** 2))
     swept = strokes._swept(points, times, dropout)
@@ -271,37 +265,32 @@ def test_clusters_share_the_floor_they_add_and_standing_light_fades(steps, dropo
 
 @settings(STEADY, max_examples=80)
 @given(
-    st.lists(
-        st.tuples(st.floats(0, 2), st.floats(0, 2), st.sampled_from([0.0, 0.1, 0.7]), st.floats(0, 0.2)), max_size=25
-    ),
+    rows(st.floats(0, 2), st.floats(0, 2), st.sampled_from([0.0, 0.1, 0.7]), st.floats(0, 0.2), least=0, most=25),
     st.sampled_from([0.05, 1.0]),
 )
-def test_the_best_track_equals_an_exhaustive_search(places, flick):
-    x, y, pauses, gains = np.array([*places, (1.0, 1.0, 0.1, 0.1)]).T
+def test_the_best_track_equals_an_exhaustive_search(clusters, free_jump):
+    x, y, pauses, gains = np.array([*clusters, (1.0, 1.0, 0.1, 0.1)]).T
     points, times = np.column_stack([x, y]), np.cumsum(pauses)
-    best = []  # of each place: (gain, the place before)
-    for place, own in enumerate(gains):
-        ways = [(0.0, -1)]
-        for before in range(max(0, place - strokes.LOOK_BACK), place):
-            time, way = times[place] - times[before], math.dist(points[place], points[before])
-            if time > 0.0:
-                effort = max(way - TREMOR, 0.0) ** 2 / (min(time, 0.4) * strokes.UNSEEN_SPEED)
-                ways.append((best[before][0] - flick * math.log1p(effort / flick), before))
-        gain, before = max(ways)
-        best.append((own + gain, before))
-    found, previous = strokes.find_best_predecessors(points, times, 0.4, gains, flick)
-    assert found == pytest.approx([gain for gain, _ in best])
-    wanted = [int(np.argmax(found))]
-    while previous[wanted[0]] >= 0:
-        wanted.insert(0, int(previous[wanted[0]]))
-    assert strokes.backtrack(found, previous).tolist() == wanted
-    # of two ways with the same gain, either is right
-    steps = [found[b] - found[a] - gains[b] for a, b in zip(wanted[:-1], wanted[1:])]
-    assert all(step <= 1e-9 for step in steps) and found[wanted[0]] == gains[wanted[0]]
+
+    def step_cost(start, end):
+        time = times[end] - times[start]
+        if time <= 0.0 or end - start > strokes.LOOK_BACK:
+            return math.inf
+        effort = max(math.dist(points[start], points[end]) - TREMOR, 0.0) ** 2
+        return free_jump * math.log1p(effort / (min(time, 0.4) * strokes.UNSEEN_SPEED) / free_jump)
+
+    totals = []  # of the best track that ends at each cluster
+    for end, gain in enumerate(gains):
+        totals.append(gain + max([0.0, *(totals[start] - step_cost(start, end) for start in range(end))]))
+    for count in range(1, len(points) + 1):
+        track, total = strokes.find_best_track(points[:count], times[:count], 0.4, gains[:count], free_jump)
+        assert total == pytest.approx(max(totals[:count]))
+        steps = zip(track[:-1], track[1:])
+        assert gains[track].sum() - sum(step_cost(*step) for step in steps) == pytest.approx(total)
 
 
 @settings(STEADY, max_examples=60)
-@given(st.lists(st.tuples(st.integers(0, 3), st.integers(1, 9)), min_size=1, max_size=60))
+@given(rows(st.integers(0, 3), st.integers(1, 9), most=60))
 def test_light_stays_where_it_is_seen_again_within_half_a_second(steps):
     patch, bins = np.array([number for number, _ in steps]), np.cumsum([wait for _, wait in steps])
     stays = []  # lists of places
@@ -312,15 +301,13 @@ def test_light_stays_where_it_is_seen_again_within_half_a_second(steps):
                 stays.append([])
             stays[-1].append(place)
     held = [stay for stay in stays if len(stay) >= 7] or [max(stays, key=len)]
-    wanted = []
-    for number in {patch[stay[0]] for stay in held}:
-        at_it = [stay for stay in held if patch[stay[0]] == number]
-        wanted.append((patch.tolist().index(number), at_it[-1][-1], sum(map(len, at_it))))
-    assert seed_point._find_stays(patch, bins) == sorted(wanted, key=lambda stay: stay[1])
+    wanted = [sum((stay for stay in held if patch[stay[0]] == number), []) for number in range(4)]
+    found = [clusters.tolist() for clusters in seed_point._find_stays(patch, bins)]
+    assert found == sorted(filter(None, wanted), key=lambda clusters: clusters[-1])
 
 
 @settings(STEADY, max_examples=60)
-@given(st.lists(st.tuples(off_thresholds(0.0, 0.4), off_thresholds(0.0, 0.4)), min_size=1, max_size=30))
+@given(rows(off_thresholds(0.0, 0.4), off_thresholds(0.0, 0.4), most=30))
 def test_a_floor_patch_is_as_wide_as_a_hand_that_holds_still(places):
     middles, wanted, counts = [], [], []
     for place in places:

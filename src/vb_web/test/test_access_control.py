@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from refusals import refused
 from vb_web import access_control
-from vb_core.rate_limiter import Limiter
+from vb_core.rate_limiter import RateLimiter
 from vb_web.access_control import COOKIE_DAYS, ConnectionSlots, Role, Sessions, is_loopback, load_codes, same_origin
 
 CODES = {"viewer": "view-er22", "operator": "oper-at33"}
@@ -167,7 +167,7 @@ def test_only_the_pages_own_origin_counts(origin):
 
 
 def test_a_limiter_gives_the_burst_and_then_its_rate():
-    limiter = Limiter(rate=1.0, burst=3.0)
+    limiter = RateLimiter(rate=1.0, burst=3.0)
     assert [limiter.allows("a", 0.0) for _ in range(4)] == [True, True, True, False]
     assert limiter.allows("b", 0.0)
     assert limiter.allows("a", 1.0) and not limiter.allows("a", 1.0)
@@ -176,7 +176,7 @@ def test_a_limiter_gives_the_burst_and_then_its_rate():
 
 
 def test_a_limiter_forgets_the_oldest_of_many_keys():
-    limiter = Limiter(rate=1.0, burst=1.0)
+    limiter = RateLimiter(rate=1.0, burst=1.0)
     for number in range(5000):
         limiter.allows(str(number), 0.0)
     assert len(limiter._buckets) == 1000

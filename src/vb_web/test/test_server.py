@@ -13,7 +13,7 @@ from tornado.websocket import WebSocketClosedError, websocket_connect
 
 from hostile import GOOD_DRAFT
 from refusals import refused
-from vb_core.rate_limiter import Limiter
+from vb_core.rate_limiter import RateLimiter
 from vb_core.errors import CodedError, ParameterError
 from vb_web import access_control
 from vb_web.access_control import ConnectionSlots, Role, Sessions
@@ -71,7 +71,7 @@ class Running:
         parts = {"view": self.view, "images": self.images, "actions": self.backend, "cameras": self.backend}
         self.server = PageServer(params, sessions, **parts, find_bounds=lambda: BOUNDS, on_fault=self.faults.append)
         # all requests come from one address: limits are tested separately
-        self.server.request_limiter = self.server.connection_limiter = Limiter(rate=1e9, burst=1e9)
+        self.server.request_limiter = self.server.connection_limiter = RateLimiter(rate=1e9, burst=1e9)
         self.server.start()
         self.host = f"127.0.0.1:{self.server.port}"
 
@@ -443,12 +443,12 @@ def test_one_newcomer_is_let_in_at_each_turn_of_the_loop(local):
 
 
 def test_an_address_that_asks_too_often_is_told_so(local):
-    local.server.request_limiter = Limiter(rate=0.0, burst=3.0)
+    local.server.request_limiter = RateLimiter(rate=0.0, burst=3.0)
     assert [local.ask("/session").code for _ in range(4)] == [200, 200, 200, 429]
 
 
 def test_address_that_connects_too_often_is_disconnected(local):
-    local.server.connection_limiter = Limiter(rate=0.0, burst=3.0)
+    local.server.connection_limiter = RateLimiter(rate=0.0, burst=3.0)
     for number in range(8):
         with local.socket(source_address=("127.0.5.5", 0)) as connection:
             connection.sendall(b"GET /session HTTP/1.0\r\nHost: localhost\r\n\r\n")

@@ -50,13 +50,9 @@ class CameraModel:
         object.__setattr__(self, "matrix", matrix)
         object.__setattr__(self, "distortion", distortion if distortion.size else np.zeros(5))
         if self.width <= 0 or self.height <= 0:
-            raise CodedError(
-                "bad_camera_info", f"the image size is {self.width} x {self.height}; is the camera running?"
-            )
+            raise CodedError("bad_camera_info", f"the image is {self.width} x {self.height}; is the camera running?")
         if not np.isfinite(matrix).all() or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
-            raise CodedError(
-                "bad_camera_info", "the camera matrix K has no focal length: calibrate the camera (camera_calibration)"
-            )
+            raise CodedError("bad_camera_info", "K has no focal length: calibrate the camera (camera_calibration)")
         if self.fisheye and not self.distortion[4:].any():
             object.__setattr__(self, "distortion", np.concatenate([self.distortion, np.zeros(4)])[:4])
         size, sizes = self.distortion.size, (4,) if self.fisheye else (4, 5, 8, 12, 14)

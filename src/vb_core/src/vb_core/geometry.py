@@ -158,6 +158,11 @@ def chain_length(points: np.ndarray, closed: bool = False) -> float:
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
+def arc_lengths(points: np.ndarray) -> np.ndarray:
+    """Returns the length (N,) [m] of a polygonal chain (N, 2) from its start to each of its points."""
+    return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+
+
 def bounding_diagonal(points: np.ndarray) -> float:
     """Returns the diagonal [m] of the smallest axis-parallel box round points (N, 2)."""
     return float(np.linalg.norm(np.ptp(points, axis=0)))
@@ -192,9 +197,6 @@ def look_ahead(path: np.ndarray, place, distance: float) -> Tuple[np.ndarray, fl
     distances = np.linalg.norm(path - np.asarray(place), axis=1)
     nearest = int(np.argmin(distances))
     remainder = path[nearest:]
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(remainder, axis=0), axis=1))])
-    return (
-        remainder[min(int(np.searchsorted(along, distance)), len(remainder) - 1)],
-        float(distances[nearest]),
-        float(along[-1]),
-    )
+    along = arc_lengths(remainder)
+    ahead = min(int(np.searchsorted(along, distance)), len(remainder) - 1)
+    return remainder[ahead], float(distances[nearest]), float(along[-1])

@@ -151,9 +151,8 @@ def crop(grid: GridMap, window: Window) -> GridMap:
     data = np.full(high - low + 1, -1, dtype=np.int8)
     begin, end = np.maximum(low, 0), np.minimum(high + 1, grid.shape)
     if (begin < end).all():
-        data[begin[0] - low[0] : end[0] - low[0], begin[1] - low[1] : end[1] - low[1]] = grid.data[
-            begin[0] : end[0], begin[1] : end[1]
-        ]
+        (top, left), (bottom, right) = begin - low, end - low
+        data[top:bottom, left:right] = grid.data[begin[0] : end[0], begin[1] : end[1]]
     x, y = grid.grid_to_world(low[None, ::-1] - 0.5)[0]
     return GridMap(data, grid.resolution, (x, y, grid.origin[2]))
 

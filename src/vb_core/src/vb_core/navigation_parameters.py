@@ -25,11 +25,8 @@ def navigation_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, 
     """
     limits, scanner = profile.limits, profile.scanner
     base, odom = prefix + profile.frames.base, prefix + profile.frames.odom
-    source = {
-        "topic": scanner.topic,
-        "obstacle_range": scanner.obstacle_range,
-        "raytrace_range": scanner.obstacle_range + 0.5,
-    }
+    reach = scanner.obstacle_range
+    source = {"topic": scanner.topic, "obstacle_range": reach, "raytrace_range": reach + 0.5}
     costmap = {
         "robot_base_frame": base,
         "robot_radius": profile.radius,

@@ -57,21 +57,15 @@ class NodeGraph:
         Returns:
             The nodes, including those that publish velocities to another input of a mux; and the muxes.
         """
-        commands = {
-            name: set(nodes)
-            for name, nodes in self.publishers.items()
-            if self.types.get(name, "").startswith("geometry_msgs/Twist")
-        }
-        at_output = commands.get(output, set()) if output else set()
-        muxes = at_output & set(self.subscribers.get(topic, ()))
-        beside = at_output.union(
-            *(
-                commands.get(name, set())
-                for name, nodes in self.subscribers.items()
-                if name not in (topic, output) and muxes & set(nodes)
-            )
-        )
-        return (commands.get(topic, set()) | (beside - muxes)) - {driver}, muxes
+
+        def commanders(name: str) -> Set[str]:
+            is_velocity = self.types.get(name, "").startswith("geometry_msgs/Twist")
+            return set(self.publishers.get(name, ())) if is_velocity else set()
+
+        muxes = commanders(output) & set(self.subscribers.get(topic, ()))
+        mux_inputs = [name for name, nodes in self.subscribers.items() if name != topic and muxes & set(nodes)]
+        beside = commanders(output).union(*map(commanders, mux_inputs))
+        return (commanders(topic) | (beside - muxes)) - {driver}, muxes
 
     def is_heard(self, driver: str, topic: str) -> bool:
         """Returns whether any other node subscribes to the driver's commands."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Dict, Iterable, List, Mapping, Tuple
 
 from vb_core import sentences
@@ -74,9 +75,8 @@ class ActiveNotices:
 
     def current(self, now: float) -> List[Notice]:
         """Returns the notices that apply at time `now` [s], most severe first. A jump back in time drops none."""
-        active = [
-            notice for time, notices in self._published.values() if now - time <= EXPIRY_TIME for notice in notices
-        ]
+        unexpired = [notices for time, notices in self._published.values() if now - time <= EXPIRY_TIME]
+        active = list(chain.from_iterable(unexpired))
         reported = {(notice.code, notice.camera) for notice in active}
         active = [
             notice

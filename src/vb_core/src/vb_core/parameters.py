@@ -133,10 +133,9 @@ def _check(key: str, value: Any, limits: Mapping[str, Any]) -> Any:
     if kind in (float, tuple):
         value = kind(value)
     if entry_class is not None:
-        items = enumerate(value)
         return kind(
             item if isinstance(item, entry_class) else entry_class.from_mapping(item, f"{key}[{index}]")
-            for index, item in items
+            for index, item in enumerate(value)
         )
     for element in value if isinstance(value, (list, tuple)) else [value]:
         if isinstance(element, (int, float)) and not isinstance(element, bool):

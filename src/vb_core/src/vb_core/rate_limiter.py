@@ -6,7 +6,7 @@ from collections import OrderedDict
 from typing import Tuple
 
 
-class Limiter:
+class RateLimiter:
     """A token bucket per key: `burst` requests at once, then `rate` a second. Keeps the newest 1000 keys.
 
     There is no bucket shared by all keys: strangers could empty it for everybody.

@@ -66,9 +66,7 @@ def robot_value(name: str) -> str:
 
 def border_name(name: str, language: str = ENGLISH) -> str:
     """Returns one or several borders' names as people read them: an unnamed border's number in their language."""
-    return _UNNAMED.sub(
-        lambda match: translate(f"unnamed_{match.group(1)}", {"number": match.group(2)}, language), name
-    )
+    return _UNNAMED.sub(lambda found: translate(f"unnamed_{found[1]}", {"number": found[2]}, language), name)
 
 
 def translate(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH, default: str = "") -> str:

@@ -70,11 +70,9 @@ class BorderFusionNode:
 
         self._notices = NoticePublisher()
         self._progress = rospy.Publisher(names.PROGRESS, BorderProgress, queue_size=5, latch=True)
+        self._state_input = rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=20)
         # 4 cameras at 25 Hz fill a queue of 400 in 4 s, longer than any extraction takes
-        self._state_subscriber = rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=20)
-        self._spot_subscriber = rospy.Subscriber(
-            names.SPOTS, LaserSpot, self._on_spot, queue_size=400, tcp_nodelay=True
-        )
+        self._spot_input = rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=400, tcp_nodelay=True)
         self._service = rospy.Service(names.GET_DRAWN_BORDER, GetDrawnBorder, self._on_get_drawn_border)
         self._worker = node.start_thread(self._work)
 
@@ -95,20 +93,16 @@ class BorderFusionNode:
             self._changed.set()
 
     def _on_spot(self, message: LaserSpot) -> None:
-        if message.header.frame_id.lstrip("/") != names.MAP_FRAME:
-            rospy.logwarn_throttle(
-                5.0,
-                f"{rospy.get_name()}: ignoring spots of camera '{message.camera}': frame '{message.header.frame_id}' "
-                f"instead of '{names.MAP_FRAME}'",
-            )
+        camera, frame = message.camera, message.header.frame_id.lstrip("/")
+        if frame != names.MAP_FRAME:
+            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: ignoring spots of camera '{camera}' in frame '{frame}'")
             with self._lock:
-                self._collector.ignore_frame(message.camera)
+                self._collector.ignore_frame(camera)
             return
         stamp, position = message.header.stamp.to_sec(), message.position
-        spot = FloorSpot(stamp, position.x, position.y, message.camera, float(message.confidence), bool(message.mobile))
+        spot = FloorSpot(stamp, position.x, position.y, camera, float(message.confidence), bool(message.mobile))
         with self._lock:
-            ignored = self._collector.add(spot, rospy.get_time() or np.inf)
-            if not ignored:
+            if not self._collector.add(spot, rospy.get_time() or np.inf):
                 self._new_spots = True
 
     # ------------------------------------------------------------ output
@@ -199,8 +193,8 @@ class BorderFusionNode:
         message.interaction_id = collection.interaction_id
         message.border_spots, message.seed_spots, message.ignored_spots = self._collector.counts
         shown = subsample_evenly(collection.border)
-        message.points = points_from_array(shown[:, 1:3])
-        message.point_cameras = bytes(np.minimum(shown[:, 4], 255).astype(np.uint8))
+        message.points = points_from_array(shown["points"])
+        message.point_cameras = bytes(np.minimum(shown["cameras"], 255).astype(np.uint8))
         message.cameras = collection.cameras
         message.cameras_seeing_spot = self._cameras_seeing()
         chain, seed = drawn.chain, drawn.seed
@@ -210,10 +204,10 @@ class BorderFusionNode:
             message.left_out_spots = chain.left_out_spots
             message.left_out = points_from_array(subsample_evenly(chain.left_out))
             message.code, message.message = "ok", chain.reason
-            message.values = values_from_mapping(chain.values)
+            message.values = values_from_mapping(chain.closure.values)
         if seed is not None:
             message.has_seed = True
-            message.seed = Point(float(seed[0]), float(seed[1]), 0.0)
+            message.seed = Point(*seed, 0.0)
         missing = drawn.chain_error or (drawn.seed_error if self._collector.state == SEED else None)
         if missing is not None:
             message.code, message.message = missing.code, missing.message
@@ -223,7 +217,6 @@ class BorderFusionNode:
     def _on_get_drawn_border(self, request) -> GetDrawnBorderResponse:
         with self._lock:
             collection, lost = self._collector.collection(), self._collector.lost
-        response = GetDrawnBorderResponse()
         interaction = request.interaction_id or collection.interaction_id
         try:
             if not interaction or interaction != collection.interaction_id:
@@ -234,26 +227,24 @@ class BorderFusionNode:
             missing = drawn.chain_error or drawn.seed_error
             if missing is not None:
                 raise missing
-            chain, seed = drawn.chain, drawn.seed
         except Exception as error:
-            is_refusal = isinstance(error, CodedError)
-            failure = error if is_refusal else CodedError("extraction_failed", what=repr(error))
-            response.code, response.message = failure.code, failure.message
-            response.values = values_from_mapping(failure.values)
-            (rospy.loginfo if is_refusal else rospy.logerr)("%s: no border: %s", rospy.get_name(), failure)
-            return response
+            refusal = error if isinstance(error, CodedError) else CodedError("extraction_failed", what=repr(error))
+            log = rospy.loginfo if refusal is error else rospy.logerr
+            log("%s: no border: %s", rospy.get_name(), refusal)
+            values = values_from_mapping(refusal.values)
+            return GetDrawnBorderResponse(code=refusal.code, message=refusal.message, values=values)
+        chain = drawn.chain
         values = {"vertices": len(chain.points), "length": f"{chain.length:.2f}", "reason": chain.reason}
-        response.success, response.code = True, "ok"
-        response.message = sentences.translate("drawn_border_ready", values)
-        response.values = values_from_mapping(values)
-        border = response.border
-        border.points = points_from_array(chain.points)
-        border.kind = VirtualBorder.POLYGON if chain.closed else VirtualBorder.SEPARATING_CURVE
-        border.seed = Point(float(seed[0]), float(seed[1]), 0.0)
-        border.occupancy = 1.0
-        border.enabled = True
-        rospy.loginfo("%s: border of %d spots: %s", rospy.get_name(), collection.border_total, response.message)
-        return response
+        sentence = sentences.translate("drawn_border_ready", values)
+        rospy.loginfo("%s: border of %d spots: %s", rospy.get_name(), collection.border_total, sentence)
+        border = VirtualBorder(
+            points=points_from_array(chain.points),
+            kind=VirtualBorder.POLYGON if chain.closed else VirtualBorder.SEPARATING_CURVE,
+            seed=Point(*drawn.seed, 0.0),
+            occupancy=1.0,
+            enabled=True,
+        )
+        return GetDrawnBorderResponse(True, "ok", sentence, values_from_mapping(values), border)
 
     def close(self) -> None:
         """Ends the worker."""

@@ -1,8 +1,14 @@
 """Extracts one border from the spots of all cameras, treating each stroke as one track through time.
 
-`extract_border` runs the stages 0 to 6 in order; each is described in its module and in docs/explanation/extraction.md.
-`ExtractionParams(mode="paper")` runs the paper's algorithms (paper_algorithms.py), which need no stamps. `LiveExtractor` keeps border
-and seed up to date while a person draws.
+`extract_border` is the list of all stages, each described in its module and in docs/explanation/extraction.md:
+
+    0       observations      the spots, checked, merged where they repeat each other, and in order of time
+    1       strokes           which of them are the pointer's, as strokes, and which strokes make the line
+    2       camera_offsets    the line without the errors of the cameras' poses
+    3 to 6  polygonal_chain   samples along the line; polygon or separating curve; straight sides; vertices
+
+`ExtractionParams(mode="paper")` runs the paper's algorithms instead (paper_algorithms.py), which need no stamps.
+`LiveExtractor` keeps border and seed up to date while a person draws.
 
 >>> import numpy as np
 >>> angle = np.linspace(0.0, 2.0 * np.pi, 200)                      # a circle drawn in eight seconds, seen 25 times a second
@@ -16,21 +22,22 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, field, replace
-from typing import Any, Callable, Dict, Optional, Sequence
+from typing import Callable, Dict, Optional, Sequence
 
 import numpy as np
 
 from vb_core import geometry, sentences
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
-from vb_fusion.spot_collector import CollectedSpots
+from vb_fusion.camera_offsets import remove_offsets
+from vb_fusion.observations import Observations, is_on_floor, make_observations
+from vb_fusion.paper_algorithms import find_cluster, generate_polygon, thin_points
 from vb_fusion.polygonal_chain import Closure, classify_closure, make_chain
-from vb_fusion.observations import Observations, make_observations, merge_observations, remove_offsets
-from vb_fusion.paper_algorithms import run_algorithms
-from vb_fusion.seed_point import Dwell, choose_seed, extract_seed, find_dwells
+from vb_fusion.seed_point import Dwell, choose_seed, find_dwells, find_rival
+from vb_fusion.spot_collector import CollectedSpots
 from vb_fusion.strokes import find_drawn_line
 
-__all__ = ["BorderChain", "DrawnBorder", "ExtractionParams", "LiveExtractor", "extract_border", "extract_seed"]
+__all__ = ["BorderChain", "DrawnBorder", "ExtractionParams", "LiveExtractor", "extract_border"]
 
 
 # ------------------------------------------------------------------ one border
@@ -53,29 +60,32 @@ class BorderChain:
 
     Attributes:
         points: (M, 2) float64 [m], M >= 2, in order; a closed chain's first point is not repeated.
-        closed: polygon (True) or separating curve (False).
-        code, values: code and values of the sentence that says why it is closed or open.
-        length: [m] length of the chain, with its closing segment if it is closed.
-        gap: [m] distance between the ends where the drawing left them.
+        closure: whether it is closed, and why.
         left_out: (L, 2) [m] positions of drawn spots that belong to no part of the chain.
         left_out_spots: number of spots at these positions.
         unseen: [m] length of the longest piece of the chain that no camera saw.
     """
 
     points: np.ndarray
-    closed: bool
-    code: str = ""
-    length: float = 0.0
-    gap: float = 0.0
-    values: Dict[str, str] = field(default_factory=dict)
+    closure: Closure
     left_out: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)), repr=False, compare=False)
     left_out_spots: int = 0
     unseen: float = 0.0
 
     @property
+    def closed(self) -> bool:
+        """Polygon (True) or separating curve (False)."""
+        return self.closure.closed
+
+    @property
+    def length(self) -> float:
+        """Length of the chain [m], with its closing segment if it is closed."""
+        return geometry.chain_length(self.points, self.closed)
+
+    @property
     def reason(self) -> str:
         """The English sentence that says why the chain is closed or open."""
-        return sentences.translate(self.code, self.values) if self.code else ""
+        return sentences.translate(self.closure.code, self.closure.values)
 
 
 def extract_border(
@@ -101,34 +111,37 @@ def extract_border(
         CodedError: "no_spots", "too_few_spots", "no_line", "figure_too_small", "line_self_intersects" or "too_many_spots".
     """
     params = params or ExtractionParams()
-    paper = params.mode == "paper"
-    spots = make_observations(points, None if paper else stamps, cameras, confidences, mobile)
-    count = int(spots.spots.sum())
-    if count == 0:
-        raise CodedError("no_spots")
-    if count < params.min_size:
-        raise CodedError("too_few_spots", spots=count, needed=params.min_size)
-    if paper:
-        vertices = run_algorithms(spots.points, params)
-        return _describe_chain(vertices, classify_closure(vertices))
+    if params.mode == "paper":
+        return _extract_as_in_paper(np.asarray(points, dtype=float).reshape(-1, 2), params)
     if stamps is None:
         raise ValueError("only the paper's mode needs no stamps")
-    observations = merge_observations(spots)  # stage 0, like make_observations
+    observations = make_observations(points, stamps, cameras, confidences, mobile)  # stage 0
+    _require_spots(int(observations.spots.sum()), params.min_size)
     drawn = find_drawn_line(observations, params.eps, params.min_exp, params.min_size)  # stage 1
-    line = remove_offsets(observations.select(drawn.rows))  # stage 2
+    line = remove_offsets(drawn.line)  # stage 2
     vertices, closure = make_chain(line, drawn.joined, params.eps)  # stages 3 to 6
-    return _describe_chain(
-        vertices,
-        closure,
-        unseen=_longest_unseen_gap(line, closure, drawn.joined, drawn.dropout),
-        left_out=observations.points[drawn.left_out],
-        left_out_spots=int(observations.spots[drawn.left_out].sum()),
-    )
+    unseen = _longest_unseen_gap(line, closure, drawn.joined, drawn.dropout)
+    return BorderChain(vertices, closure, drawn.left_out.points, int(drawn.left_out.spots.sum()), unseen)
 
 
-def _describe_chain(vertices: np.ndarray, closure: Closure, **attributes: Any) -> BorderChain:
-    length = geometry.chain_length(vertices, closure.closed)
-    return BorderChain(vertices, closure.closed, closure.code, length, closure.gap, closure.values, **attributes)
+def _extract_as_in_paper(points: np.ndarray, params: ExtractionParams) -> BorderChain:
+    """Runs Algorithms 1 to 3 of the paper on points (N, 2) [m]."""
+    points = points[is_on_floor(points)]
+    _require_spots(len(points), params.min_size)
+    chain = points[find_cluster(points, params.eps, params.min_pts, params.min_exp, params.min_size)]
+    if len(chain):
+        thinned = thin_points(chain, params.thinning_dist)
+        chain = thinned[generate_polygon(thinned, params.polygon_dist)]
+    if len(chain) < 2:
+        raise CodedError("no_line", spots=len(points), shortest=f"{params.min_exp:g}")
+    return BorderChain(chain, classify_closure(chain))
+
+
+def _require_spots(count: int, needed: int) -> None:
+    if count == 0:
+        raise CodedError("no_spots")
+    if count < needed:
+        raise CodedError("too_few_spots", spots=count, needed=needed)
 
 
 def _longest_unseen_gap(line: Observations, closure: Closure, joined: bool, dropout: float) -> float:
@@ -162,15 +175,7 @@ class DrawnBorder:
     @property
     def other_dwell(self) -> Optional[Dwell]:
         """Another place where the pointer dwelt, longer or later, which may have been meant as the seed."""
-        if not self.dwells:
-            return None
-        seed, is_later, other_dwell = choose_seed(self.dwells), False, None
-        for dwell in self.dwells:
-            if dwell is seed:
-                is_later = True
-            elif not dwell.known and (is_later or dwell.seconds > seed.seconds):
-                other_dwell = dwell
-        return other_dwell
+        return find_rival(self.dwells) if self.dwells else None
 
 
 class LiveExtractor:
@@ -193,7 +198,7 @@ class LiveExtractor:
         """Forgets everything, for a new interaction."""
         with self._lock:
             self._next_extraction_at = 0.0
-            self._border_total = self._seed_total = -1
+            self._totals = (-1, -1)  # of border and seed spots at the last extraction
             self.drawn = DrawnBorder()
 
     def update(self, collection: CollectedSpots, clock: Callable[[], float], force: bool = False) -> DrawnBorder:
@@ -204,39 +209,35 @@ class LiveExtractor:
             force: whether it is due regardless of what the last extraction cost.
         """
         with self._lock:
-            border_new = collection.border_total != self._border_total
-            seed_new = collection.seed_total != self._seed_total
-            if (border_new or seed_new) and (force or clock() >= self._next_extraction_at):
+            totals = collection.border_total, collection.seed_total
+            if totals != self._totals and (force or clock() >= self._next_extraction_at):
                 started = clock()
                 try:
-                    self._extract(collection, border_new, seed_new)
+                    self._extract(collection)
+                    self._totals = totals
                 finally:  # a failed attempt costs as much
                     finished = clock()
                     self._next_extraction_at = finished + (finished - started) * (1.0 / self._share - 1.0)
             return self.drawn
 
-    def _extract(self, collection: CollectedSpots, border_new: bool, seed_new: bool) -> None:
-        changes = {}
-        if border_new:
+    def _extract(self, collection: CollectedSpots) -> None:
+        drawn = self.drawn
+        border, seed = collection.border, collection.seed
+        if collection.border_total != self._totals[0]:
             try:
-                rows = collection.border
-                changes.update(
-                    chain=extract_border(rows[:, 1:3], self._params, **_as_arguments(rows)), chain_error=None
-                )
+                chain = extract_border(border["points"], self._params, **_columns(border))
+                drawn = replace(drawn, chain=chain, chain_error=None)
             except CodedError as error:
-                changes.update(chain=None, chain_error=error)
-        if seed_new:
+                drawn = replace(drawn, chain=None, chain_error=error)
+        if collection.seed_total != self._totals[1]:
             try:
-                rows, border_points = collection.seed, collection.border[:, 1:3]
-                dwells = find_dwells(rows[:, 1:3], before=border_points, **_as_arguments(rows))
-                changes.update(dwells=dwells, seed_error=None)
+                dwells = find_dwells(seed["points"], before=border["points"], **_columns(seed))
+                drawn = replace(drawn, dwells=dwells, seed_error=None)
             except CodedError as error:
-                changes.update(dwells=(), seed_error=error)
-        self.drawn = replace(self.drawn, **changes)
-        self._border_total, self._seed_total = collection.border_total, collection.seed_total
+                drawn = replace(drawn, dwells=(), seed_error=error)
+        self.drawn = drawn
 
 
-def _as_arguments(rows: np.ndarray) -> Dict[str, np.ndarray]:
-    """Returns the keyword arguments of `extract_border` and `find_dwells` for a collection's rows (K, 6)."""
-    stamps, confidences, cameras, mobile = rows[:, [0, 3, 4, 5]].T
-    return {"stamps": stamps, "confidences": confidences, "cameras": cameras.astype(int), "mobile": mobile > 0.0}
+def _columns(spots: np.ndarray) -> Dict[str, np.ndarray]:
+    """Returns the columns of spots (K,) of the type SPOT that are keyword arguments of `extract_border`."""
+    return {name: spots[name] for name in ("stamps", "cameras", "confidences", "mobile")}

@@ -6,7 +6,7 @@ implementations of DBSCAN do; if there are too many, the points are refused. The
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, List
+from typing import List
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -15,25 +15,7 @@ from scipy.spatial import cKDTree
 from vb_core import geometry
 from vb_core.errors import CodedError
 
-if TYPE_CHECKING:
-    from vb_fusion.extraction import ExtractionParams
-
 MAX_PAIRS = 20_000_000  # of neighbours, about a gigabyte: some 6,000 points at one position, or 50,000 along a line
-
-
-def run_algorithms(points: np.ndarray, params: "ExtractionParams") -> np.ndarray:
-    """Runs the three algorithms on points (N, 2) [m]; returns the chain (M, 2) [m].
-
-    Raises:
-        CodedError: "no_line" or "too_many_spots".
-    """
-    chain = points[find_cluster(points, params.eps, params.min_pts, params.min_exp, params.min_size)]
-    if len(chain):
-        thinned = thin_points(chain, params.thinning_dist)
-        chain = thinned[generate_polygon(thinned, params.polygon_dist)]
-    if len(chain) < 2:
-        raise CodedError("no_line", spots=len(points), shortest=f"{params.min_exp:g}")
-    return chain
 
 
 def find_cluster(pointset_in: np.ndarray, eps: float, min_pts: int, min_exp: float, min_size: int) -> np.ndarray:
@@ -73,11 +55,7 @@ def dbscan(points: np.ndarray, eps: float, min_pts: int) -> List[np.ndarray]:
 
 
 def _tree(points: np.ndarray, radius: float) -> cKDTree:
-    """Builds a k-d tree of the points.
-
-    Raises:
-        CodedError: "too_many_spots" if too many pairs of them are neighbours.
-    """
+    """Builds a k-d tree of points. Raises CodedError "too_many_spots" if too many pairs of them are neighbours."""
     tree = cKDTree(points)
     pairs = (int(tree.count_neighbors(tree, radius)) - len(points)) // 2
     if pairs > MAX_PAIRS:
@@ -97,22 +75,22 @@ def thin_points(pointset_in: np.ndarray, max_neighbor_dist: float) -> np.ndarray
     """
     count = len(pointset_in)
     pairs = _tree(pointset_in, max_neighbor_dist).query_pairs(max_neighbor_dist, output_type="ndarray")
-    both = np.vstack([pairs, pairs[:, ::-1]])
-    near = coo_matrix((np.ones(len(both), dtype=bool), (both[:, 0], both[:, 1])), shape=(count, count)).tocsr()
-    left = np.ones(count, dtype=bool)
+    rows, columns = np.vstack([pairs, pairs[:, ::-1]]).T
+    near = coo_matrix((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(count, count)).tocsr()
+    neighbors = np.split(near.indices, near.indptr[1:-1])
     numbers = np.diff(near.indptr)
+    left = np.ones(count, dtype=bool)
     pointset_out = []  # l. 2
     while left.any():  # l. 3
         p = int(np.argmax(numbers))  # l. 4
-        n = near.indices[near.indptr[p] : near.indptr[p + 1]]
-        n = n[left[n]]  # l. 5
+        n = neighbors[p][left[neighbors[p]]]  # l. 5
         if not n.size:  # l. 6, 10
             break
         taken = np.append(n, p)
         pointset_out.append(pointset_in[taken].mean(axis=0))  # l. 7, 9
         left[taken] = False  # l. 8
         for gone in taken:
-            numbers[near.indices[near.indptr[gone] : near.indptr[gone + 1]]] -= 1
+            numbers[neighbors[gone]] -= 1
         numbers[taken] = -1
         numbers[~left] = -1
     return np.vstack([np.array(pointset_out).reshape(-1, 2), pointset_in[left]])  # l. 12

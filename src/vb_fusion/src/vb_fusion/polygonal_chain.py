@@ -4,11 +4,14 @@ Stage 3, samples: the observations, in the order in which they were drawn, becom
 still is one sample, however long. A piece drawn again at the end of the stroke is merged into it.
 
 Stage 4, polygon or separating curve, as the person means it: the line is closed if the opening between its ends is
-small compared with the mean width of the floor that it would enclose, twice its area over the line's length. The
-opening of a U is always wider than that, however deep the U is: parallel ends that far apart were drawn on purpose. The
-less the line would have to turn from its end to its start, the more likely it is that a side was left unfinished, and
-the wider the opening may be, up to half of the figure's size. A wave encloses next to nothing however near its ends
-are. Ends that cross or run past each other are cut there; half of the length cut off counts as opening.
+small compared with the mean width of the floor that it would enclose, twice its area over the line's length.
+
+- The opening of a U is always wider than that, however deep the U is: parallel ends that far apart were drawn on purpose.
+- The less the line would have to turn from its end to its start, the more likely it is that a side was left unfinished;
+  so the opening may be wider, up to half of the figure's size.
+- A wave encloses next to nothing, however near its ends are.
+
+Ends that cross or run past each other are cut there; half of the length cut off counts as opening.
 
 Stage 5, the line through the stroke, with the fewest straight sides that explain it: the samples are divided into
 sides, optimally, by dynamic programming: a corner is kept if leaving it out would lose a detail larger than the hand's
@@ -20,7 +23,7 @@ Stage 6, vertices: those that change nothing are dropped, and a closed chain bec
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Dict, Tuple
 
 import numpy as np
@@ -61,18 +64,18 @@ def make_chain(line: Observations, joined: bool, widest_gap: float) -> Tuple[np.
         CodedError: "figure_too_small", "line_self_intersects".
     """
     tremor = estimate_tremor(line)
-    stroke = resample_stroke(line.points, line.weights, tremor)
-    closure = classify_closure(stroke.points, tremor)
+    stroke = resample_stroke(line, tremor)  # stage 3
+    closure = classify_closure(stroke.points, tremor)  # stage 4
     size = geometry.bounding_diagonal(line.points)
     if closure.code in NEARLY_CLOSED and size < MIN_FIGURE_SIZE * tremor:
         raise CodedError("figure_too_small", size=f"{size:.2f}", needed=f"{MIN_FIGURE_SIZE * tremor:.2f}")
     within = slice(closure.first, closure.last + 1)
     trimmed = ResampledStroke(stroke.points[within], stroke.trust[within], tremor)
     # a gap that was crossed unseen may hide a corner; a wider one, left by the hand, is closed by a straight side
-    vertices = fit_sides(trimmed, closure.closed and (joined or closure.gap <= widest_gap))
+    vertices = fit_sides(trimmed, closure.closed and (joined or closure.gap <= widest_gap))  # stage 5
     if len(vertices) < 3:
         closure = classify_closure(vertices)
-    return simplify(vertices, closure.closed), closure
+    return simplify(vertices, closure.closed), closure  # stage 6
 
 
 # ------------------------------------------------------------------ 3: samples
@@ -117,16 +120,16 @@ class ResampledStroke:
         return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) + 0.1 * self.tremor
 
 
-def resample_stroke(observations: np.ndarray, trust: np.ndarray, tremor: float) -> ResampledStroke:
-    """Resamples observations evenly along the stroke, and merges a piece that was drawn again at the end.
+def resample_stroke(line: Observations, tremor: float) -> ResampledStroke:
+    """Resamples a line evenly, and merges a piece that was drawn again at its end.
 
     Args:
-        observations: (N, 2) [m], N >= 3, in order.
-        trust: (N,) their weights.
+        line: at least three observations, in the order in which the line runs.
         tremor: [m] distance between samples.
     """
     # a mean over three observations, as two cameras that see the spot in turn do not make a movement
-    wide = np.pad(np.column_stack([observations * trust[:, None], trust]), ((1, 1), (0, 0)), mode="edge")
+    weighted = np.column_stack([line.points * line.weights[:, None], line.weights])
+    wide = np.pad(weighted, ((1, 1), (0, 0)), mode="edge")
     total = wide[:-2] + wide[1:-1] + wide[2:]
     calm = total[:, :2] / total[:, 2:]
     sample = np.empty(len(calm), dtype=int)
@@ -136,7 +139,7 @@ def resample_stroke(observations: np.ndarray, trust: np.ndarray, tremor: float) 
             number, count, x, y = number + 1, 0, 0.0, 0.0
         count, x, y = count + 1, x + px, y + py
         sample[row] = number
-    stroke = _means(observations, trust, sample, tremor)
+    stroke = _means(line.points, line.weights, sample, tremor)
     # the line ends where the spot was seen first and last
     stroke.points[[0, -1]] = calm[[0, -1]]
     return _merge_repeats(stroke)
@@ -151,12 +154,11 @@ def _means(points: np.ndarray, trust: np.ndarray, sample: np.ndarray, tremor: fl
 def _merge_repeats(stroke: ResampledStroke) -> ResampledStroke:
     """Ends the stroke where it no longer reaches new floor: a line drawn twice is one line, seen twice as often."""
     points = stroke.points
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    arc = geometry.arc_lengths(points)
     earlier, later = cKDTree(points).query_pairs(2.0 * stroke.tremor, output_type="ndarray").T
+    chord = np.linalg.norm(points[later] - points[earlier], axis=1)
     # the stroke between them is longer than a mere bend would make it
-    is_repeated = (
-        arc[later] - arc[earlier] > 2.0 * np.linalg.norm(points[later] - points[earlier], axis=1) + stroke.tremor
-    )
+    is_repeated = arc[later] - arc[earlier] > 2.0 * chord + stroke.tremor
     new = np.ones(len(points), dtype=bool)
     new[later[is_repeated]] = False
     # two samples beside the line may be an overshoot; three are new floor
@@ -175,17 +177,24 @@ class Closure:
 
     Attributes:
         closed: polygon (True) or separating curve (False).
-        code: why; `values` has the values that its sentence names.
+        code: code of the sentence that says why; its values are in `values`.
         gap: [m] distance between the ends.
+        length: [m] length of the line between its ends.
         first, last: indices of outermost points that belong to the line, without an overhang past the closing point.
     """
 
     closed: bool
     code: str
     gap: float
+    length: float
     first: int
     last: int
-    values: Dict[str, str] = field(default_factory=dict)
+
+    @property
+    def values(self) -> Dict[str, str]:
+        """The values that the sentence names."""
+        percent = 100.0 * self.gap / self.length if self.length else 0.0
+        return {"gap": f"{self.gap:.2f}", "percent": f"{percent:.0f}", "length": f"{self.length:.2f}"}
 
 
 def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
@@ -195,12 +204,11 @@ def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
         points: (M, 2) [m], the line as drawn, M >= 2.
         tremor: [m] a narrower figure encloses nothing.
     """
-    points = np.asarray(points, dtype=float)
     end = len(points) - 1
     length = geometry.chain_length(points)
     apart = float(np.linalg.norm(points[-1] - points[0]))
     if len(points) < 3 or length == 0.0:
-        return Closure(False, "open_two_points", apart, 0, end, _gap_values(apart, length))
+        return Closure(False, "open_two_points", apart, length, 0, end)
     first, last, opening = _find_closing_points(points, length)
     cut = points[first : last + 1]
     gap = float(np.linalg.norm(cut[-1] - cut[0]))
@@ -215,14 +223,8 @@ def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
         code = "open_flat"
     else:
         code = "closed_trimmed" if last - first < end else "closed_gap"
-    if code.startswith("open"):
-        return Closure(False, code, apart, 0, end, _gap_values(apart, length))
-    return Closure(True, code, gap, first, last, _gap_values(gap, length_within))
-
-
-def _gap_values(gap: float, length: float) -> Dict[str, str]:
-    percent = 100.0 * gap / length if length else 0.0
-    return {"gap": f"{gap:.2f}", "percent": f"{percent:.0f}", "length": f"{length:.2f}"}
+        return Closure(True, code, gap, length_within, first, last)
+    return Closure(False, code, apart, length, 0, end)
 
 
 def _find_closing_points(points: np.ndarray, length: float) -> Tuple[int, int, float]:
@@ -230,7 +232,7 @@ def _find_closing_points(points: np.ndarray, length: float) -> Tuple[int, int, f
 
     An overhang is cut off only if this brings the ends nearer by at least half of its length.
     """
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    arc = geometry.arc_lengths(points)
     head = np.flatnonzero(arc <= length / 3.0)
     tail = np.flatnonzero(arc >= 2.0 * length / 3.0)
     overhang = arc[head][:, None] + (length - arc[tail])[None, :]
@@ -245,12 +247,11 @@ def _closing_turn(points: np.ndarray, lever: float) -> float:
     Its directions at both ends are taken over `lever` [m].
     """
     line = points @ [1.0, 1.0j]
-    arc = np.append(0.0, np.cumsum(np.abs(np.diff(line))))
+    arc = geometry.arc_lengths(points)
     after_start, before_end = np.interp([lever, arc[-1] - lever], arc, line)
-    closing = line[0] - line[-1]
-    return float(
-        np.degrees(np.abs(np.angle(np.conj([line[-1] - before_end, closing]) * [closing, after_start - line[0]])).sum())
-    )
+    directions = np.array([line[-1] - before_end, line[0] - line[-1], after_start - line[0]])
+    turns = np.angle(directions[1:] * np.conj(directions[:-1]))
+    return float(np.degrees(np.abs(turns).sum()))
 
 
 # ------------------------------------------------------------------ 5: sides
@@ -264,23 +265,22 @@ def fit_sides(stroke: ResampledStroke, joined: bool) -> np.ndarray:
     Returns:
         The line's vertices (M, 2) [m].
     """
-    x, y = (stroke.points - stroke.points[0]).T
-    terms = stroke.weights * np.array([np.ones_like(x), x, y, x * x, y * y, x * y])
-    sums = np.concatenate([np.zeros((6, 1)), np.cumsum(terms, axis=1)], axis=1)
-    starts = _divide(stroke, sums)
+    starts = _divide(stroke)
     return _fit_vertices(stroke, starts, joined and len(starts) > 2)
 
 
-def _divide(stroke: ResampledStroke, sums: np.ndarray) -> np.ndarray:
+def _divide(stroke: ResampledStroke) -> np.ndarray:
     """Divides a stroke into sides, and returns the first sample of each."""
-    x, y = stroke.points.T
+    x, y = (stroke.points - stroke.points[0]).T
     count = len(x)
+    terms = stroke.weights * np.array([np.ones_like(x), x, y, x * x, y * y, x * y])
+    sums = np.concatenate([np.zeros((6, 1)), np.cumsum(terms, axis=1)], axis=1)
     # people mark corners by stopping: where the spot was seen more than twice as long as usual, a smaller
     # detail suffices; the usual value is rounded, so that it seldom changes while a line grows
     usual = 2.0 ** np.round(np.log2(np.median(stroke.trust)))
     rest = np.maximum(stroke.trust, np.append(stroke.trust[1:], 0.0)) / usual
     corner = CORNER_MISFIT * stroke.tremor**3 * np.clip(2.0 / rest, 0.25, 1.0)
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    arc = geometry.arc_lengths(stroke.points)
     best, predecessor = np.zeros(count + 1), np.zeros(count + 1, dtype=int)
     starts = np.arange(0)
     for end in range(1, count + 1):
@@ -318,22 +318,24 @@ def _fit_vertices(stroke: ResampledStroke, starts: np.ndarray, joined: bool) -> 
     if not joined:
         vertices = np.vstack([points[:1], vertices[1:], points[-1:]])
     count = len(vertices)
-    # samples before the first side belong to the last side
-    side = (np.searchsorted(starts, np.arange(len(points)), side="right") - 1) % count
-    ends = np.column_stack([side, (side + 1) % count])
-    directions = vertices[ends[:, 1]] - vertices[ends[:, 0]]
-    length = np.maximum(np.linalg.norm(directions, axis=1), 1e-9)[:, None]
-    share = np.clip(((points - vertices[ends[:, 0]]) * directions).sum(axis=1) / length[:, 0] ** 2, 0.0, 1.0)
-    normal = np.column_stack([-directions[:, 1], directions[:, 0]]) / length
-    rows = np.zeros((len(points), count, 2))
-    every = np.arange(len(points))
-    rows[every, ends[:, 0]] = (1.0 - share)[:, None] * normal
-    rows[every, ends[:, 1]] += share[:, None] * normal
-    rows = rows.reshape(len(points), -1)
-    distances = ((points - vertices[ends[:, 0]]) * normal).sum(axis=1)
+    # each sample is explained by the side from vertex `start` to vertex `end`; those before the first side by the last one
+    start = (np.searchsorted(starts, np.arange(len(points)), side="right") - 1) % count
+    end = (start + 1) % count
+    directions = vertices[end] - vertices[start]
+    lengths = np.maximum(np.linalg.norm(directions, axis=1), 1e-9)[:, None]
+    normals = np.column_stack([-directions[:, 1], directions[:, 0]]) / lengths
+    offsets = points - vertices[start]
+    shares = np.clip((offsets * directions).sum(axis=1) / lengths[:, 0] ** 2, 0.0, 1.0)[:, None]
+    # a sample's distance from its side changes by as much as both vertices move along the normal, each by its share
+    design = np.zeros((len(points), count, 2))
+    samples = np.arange(len(points))
+    design[samples, start] = (1.0 - shares) * normals
+    design[samples, end] += shares * normals
+    design = design.reshape(len(points), -1)
+    weighted = design * stroke.weights[:, None]
     # a corner that the samples do not determine, between nearly collinear sides, stays in place
-    scaled = rows * stroke.weights[:, None]
-    move = np.linalg.solve(scaled.T @ rows + VERTEX_PRIOR * stroke.tremor * np.eye(2 * count), scaled.T @ distances)
+    prior = VERTEX_PRIOR * stroke.tremor * np.eye(2 * count)
+    move = np.linalg.solve(weighted.T @ design + prior, weighted.T @ (offsets * normals).sum(axis=1))
     return vertices + move.reshape(-1, 2)
 
 

@@ -8,15 +8,17 @@ single flashes do not attract the track.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from itertools import groupby
 from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from vb_core.errors import CodedError
-from vb_fusion.observations import TIME_BIN, TREMOR, find_dropout, make_observations, merge_observations, time_bins
-from vb_fusion.strokes import find_best_predecessors, find_clusters, backtrack
+from vb_fusion.observations import TIME_BIN, TREMOR, Observations, is_on_floor, make_observations
+from vb_fusion.strokes import find_best_track, find_clusters
 
 HAND_RADIUS = 1.5 * TREMOR  # [m] a hand held still stays within this of its mean, camera offsets included
 MIN_DWELL = 0.7  # [s] a hand that passes at 0.2 m/s, as slowly as people draw, is within HAND_RADIUS for this long
@@ -44,13 +46,8 @@ class Dwell:
     witnesses: int
 
 
-def extract_seed(points: np.ndarray, **columns) -> np.ndarray:
-    """Finds the seed point s (paper, Sect. 3): where the pointer dwelt last, (2,) float64 [m]; see `find_dwells`."""
-    return choose_seed(find_dwells(points, **columns)).point
-
-
 def choose_seed(dwells: Sequence[Dwell]) -> Dwell:
-    """Chooses the last dwell as the one that is meant, unless too few cameras confirm it.
+    """Chooses the dwell that is meant as the seed point s (paper, Sect. 3): the last, unless too few cameras confirm it.
 
     Every camera sees the pointer's light on the floor, only one sees a false light; and to a mobile camera every bright
     object is new. So light that appears elsewhere needs at least as many stationary cameras as the light before it.
@@ -60,6 +57,15 @@ def choose_seed(dwells: Sequence[Dwell]) -> Dwell:
         if dwell.followed or chosen.known or dwell.witnesses >= chosen.witnesses:
             chosen = dwell
     return chosen
+
+
+def find_rival(dwells: Sequence[Dwell]) -> Optional[Dwell]:
+    """Finds the last dwell at a new place that was longer or later than the chosen one."""
+    seed = choose_seed(dwells)
+    chosen = [dwell is seed for dwell in dwells].index(True)
+    longer = [dwell for dwell in dwells[:chosen] if dwell.seconds > seed.seconds]
+    rivals = [dwell for dwell in [*longer, *dwells[chosen + 1 :]] if not dwell.known]
+    return rivals[-1] if rivals else None
 
 
 def find_dwells(
@@ -85,55 +91,57 @@ def find_dwells(
         CodedError: "no_spots" or "no_seed".
     """
     observations = make_observations(points, stamps, cameras, confidences, mobile)
-    if len(observations.points) == 0:
+    count = int(observations.spots.sum())
+    if count == 0:
         raise CodedError("no_spots")
-    if len(observations.points) < MIN_SPOTS:
-        raise CodedError("no_seed", spots=len(observations.points), needed=MIN_SPOTS)
-    observations = merge_observations(observations)
+    if count < MIN_SPOTS:
+        raise CodedError("no_seed", spots=count, needed=MIN_SPOTS)
     clusters = find_clusters(observations)
     positions = clusters.points
     patch, earlier = _floor_patches(positions)
+    before = np.asarray(before, dtype=float).reshape(-1, 2)
     # a balanced tree takes longer to build than its queries take
-    tree = cKDTree(make_observations(before).points, compact_nodes=False, balanced_tree=False)
-    is_known = np.isfinite(tree.query(positions, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
-    gains = np.where(is_known, KNOWN_PLACE_GAIN, NEW_PLACE_GAIN) * clusters.witnesses / (1.0 + TIME_BIN * earlier)
-    track = backtrack(
-        *find_best_predecessors(positions, clusters.stamps, find_dropout(clusters.stamps), gains, NEW_PLACE_GAIN)
-    )
-    path, is_known = positions[track], is_known[track]
-    dwells = []
-    for first, last, count in _find_stays(patch[track], time_bins(clusters.stamps)[track]):
-        point, seconds = _middle(path, last), TIME_BIN * count
-        followed = first > 0 and np.linalg.norm(path[first] - path[first - 1]) <= MAX_STEP
-        if dwells and np.linalg.norm(point - dwells[-1].point) <= HAND_RADIUS:
+    tree = cKDTree(before[is_on_floor(before)], compact_nodes=False, balanced_tree=False)
+    known = np.isfinite(tree.query(positions, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
+    gains = np.where(known, KNOWN_PLACE_GAIN, NEW_PLACE_GAIN) * clusters.witnesses / (1.0 + TIME_BIN * earlier)
+    track, _ = find_best_track(positions, clusters.stamps, clusters.dropout, gains, NEW_PLACE_GAIN)
+    path, path_patch, path_known = positions[track], patch[track], known[track]
+    dwells: List[Dwell] = []
+    for stay in _find_stays(path_patch, clusters.bins[track]):
+        last = stay[-1]
+        point, seconds = _middle(path, last), TIME_BIN * len(stay)
+        arrival = int(np.argmax(path_patch == path_patch[last]))
+        followed = arrival > 0 and math.dist(path[arrival], path[arrival - 1]) <= MAX_STEP
+        if dwells and math.dist(point, dwells[-1].point) <= HAND_RADIUS:
             # a pointer that arrives slowly starts a floor patch at the edge of the place, which gets part of the dwell
             begun = dwells.pop()
             seconds, followed = seconds + begun.seconds, begun.followed
-        is_near = ~observations.mobile & (np.linalg.norm(observations.points - point, axis=1) <= HAND_RADIUS)
-        witnesses = int((np.bincount(observations.cameras[is_near]) >= MIN_SPOTS).sum())
-        dwells.append(Dwell(point, seconds, bool(is_known[last]), bool(followed), witnesses))
+        dwells.append(Dwell(point, seconds, bool(path_known[last]), followed, _count_witnesses(observations, point)))
     return dwells
 
 
-def _find_stays(patch: np.ndarray, bins: np.ndarray) -> List[Tuple[int, int, int]]:
+def _find_stays(patch: np.ndarray, bins: np.ndarray) -> List[np.ndarray]:
     """Finds where light stayed; brief flashes that recur at one place are not a dwell.
 
     Args:
         patch, bins: (P,) the floor patch and the time bin of each cluster of the pointer's track, in the order of time.
 
     Returns:
-        (first cluster, last cluster, number of clusters in the stays) of each patch with a stay of MIN_DWELL, in the
-        order of the last clusters; if there is none, only that of the longest stay.
+        The clusters on each patch on which light stayed for MIN_DWELL, without the flashes, in the order of the last
+        clusters; if there is none, only those of the longest stay.
     """
     order = np.argsort(patch, kind="stable")
     breaks = (np.diff(patch[order]) != 0) | (np.diff(bins[order]) * TIME_BIN > MAX_BLINK)
     stays = np.split(order, np.flatnonzero(breaks) + 1)
     held = [stay for stay in stays if len(stay) * TIME_BIN >= MIN_DWELL] or [max(stays, key=len)]
-    counts = np.bincount(patch[np.concatenate(held)])
-    last = {patch[stay[-1]]: int(stay[-1]) for stay in held}
-    return [
-        (int(np.argmax(patch == number)), last[number], int(counts[number])) for number in sorted(last, key=last.get)
-    ]
+    on_one_patch = [list(group) for _, group in groupby(held, key=lambda stay: patch[stay[0]])]
+    return sorted(map(np.concatenate, on_one_patch), key=lambda clusters: clusters[-1])
+
+
+def _count_witnesses(observations: Observations, point: np.ndarray) -> int:
+    """Counts the stationary cameras that saw light at a point (2,) [m]."""
+    is_near = ~observations.mobile & (np.linalg.norm(observations.points - point, axis=1) <= HAND_RADIUS)
+    return int((np.bincount(observations.cameras[is_near]) >= MIN_SPOTS).sum())
 
 
 def _middle(positions: np.ndarray, cluster: int) -> np.ndarray:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from array import array
 from collections import Counter
 from dataclasses import dataclass, replace
-from typing import Dict, List, Set, Tuple
+from typing import Dict, List, Optional, Set, Tuple
 
 import numpy as np
 
@@ -30,7 +29,8 @@ class FloorSpot:
     mobile: bool = False  # seen by a camera on a robot
 
 
-COLUMNS = 6
+# how spots are stored: the columns have the names of `extract_border`'s arguments, and a camera is an index
+SPOT = np.dtype([("points", float, 2), ("stamps", float), ("cameras", int), ("confidences", float), ("mobile", bool)])
 
 
 class SpotStore:
@@ -41,34 +41,81 @@ class SpotStore:
     """
 
     def __init__(self) -> None:
-        self._data, self.total = array("d"), 0
+        self.total = 0  # spots that were appended
+        self._spots = np.empty(MAX_SPOTS, SPOT)
+        self._count = 0
 
     def append(self, spot: FloorSpot, camera: int) -> None:
-        """Keeps a spot seen by camera number `camera`."""
-        if len(self._data) >= MAX_SPOTS * COLUMNS:
-            rows = self.rows
-            order = np.argsort(rows[:, 4], kind="stable")
-            number = np.arange(len(order)) - np.searchsorted(rows[order, 4], rows[order, 4])
-            self._data = array("d", rows[np.sort(order[number % 2 == 0])].tobytes())
-        self._data.extend((spot.stamp, spot.x, spot.y, spot.confidence, camera, spot.mobile))
+        """Keeps a spot seen by the camera of this index."""
+        if self._count == len(self._spots):
+            self._drop_every_other()
+        self._spots[self._count] = ((spot.x, spot.y), spot.stamp, camera, spot.confidence, spot.mobile)
+        self._count += 1
         self.total += 1
 
+    def _drop_every_other(self) -> None:
+        kept = np.ones(len(self._spots), dtype=bool)
+        for camera in np.unique(self._spots["cameras"]):
+            kept[np.flatnonzero(self._spots["cameras"] == camera)[1::2]] = False
+        self._count = np.count_nonzero(kept)
+        self._spots[: self._count] = self._spots[kept]
+
     @property
-    def rows(self) -> np.ndarray:
-        """(K, 6): stamp, x, y, confidence, camera, mobile; a copy, which later spots do not change."""
-        return np.array(self._data).reshape(-1, COLUMNS)
+    def spots(self) -> np.ndarray:
+        """(K,) of the type SPOT, in the order of their arrival; a copy, which later spots do not change."""
+        return self._spots[: self._count].copy()
 
 
 @dataclass(frozen=True)
 class CollectedSpots:
-    """The spots so far. Later spots do not change the arrays."""
+    """The spots of an interaction so far. Later spots do not change the arrays.
+
+    Attributes:
+        border, seed: (K,) of the type SPOT, in the order of their arrival.
+        cameras: names of the cameras, by their indices.
+        border_total, seed_total: number of spots collected, also of those that are no longer stored.
+    """
 
     interaction_id: str
-    border: np.ndarray  # (K, 6): stamp [s], x [m], y [m], confidence, index of the camera, 1 if it is a mobile one
+    border: np.ndarray
     seed: np.ndarray
     cameras: List[str]
     border_total: int
     seed_total: int
+
+
+class CameraClocks:
+    """Corrects the stamps of cameras whose clocks are set back while somebody draws, in one state of the interaction."""
+
+    def __init__(self) -> None:
+        # by camera [s]: by how much its clock was set back, its last stamp, and the last corrected stamp that was collected
+        self._set_back: Dict[str, float] = {}
+        self._previous: Dict[str, float] = {}
+        self._newest: Dict[str, float] = {}
+
+    def correct(self, camera: str, stamp: float) -> Optional[float]:
+        """Returns the stamp that the camera's clock would have given if it had not been set back.
+
+        None if the stamp is well before the previous one: from an old message, or the first since the clock was set back.
+        """
+        previous = self._previous.get(camera, -math.inf)
+        self._previous[camera] = stamp
+        if stamp < previous - CLOCK_STEP:
+            return None
+        set_back, setbacks = self._set_back.get(camera, 0.0), self._set_back.values()
+        step = self._newest.get(camera, max(self._newest.values(), default=-math.inf)) - stamp
+        if step - set_back > CLOCK_STEP and camera in self._newest:
+            # cameras on one computer share its clock: the camera with the newest spot gives the best estimate
+            set_back = max([step, *(setback for setback in setbacks if abs(setback - step) < CLOCK_STEP)])
+        elif step - set_back > CLOCK_STEP:
+            # the camera's first spot, but other cameras have later stamps: its clock was set back too
+            set_back = min((setback for setback in setbacks if setback > step - CLOCK_STEP), default=set_back)
+        self._set_back[camera] = set_back
+        return stamp + set_back
+
+    def collect(self, camera: str, corrected_stamp: float) -> None:
+        """Remembers the corrected stamp of a spot that was collected: later stamps continue from it."""
+        self._newest[camera] = corrected_stamp
 
 
 class SpotCollector:
@@ -77,22 +124,25 @@ class SpotCollector:
     Changes of state arrive late, and so do spots; therefore each spot's own stamp is compared with the time at which
     the state was entered. If a clock is set back while somebody draws, the later stamps are corrected; a camera whose
     clock is off is ignored and reported.
+
+    Attributes:
+        lost: whether a part of the drawing is missing, so that its border would differ from what was drawn.
+        can_forget: whether the drawing is over and was not saved, so that its spots may be dropped.
+        ignored: number of ignored spots, by the reason.
+        faults: pairs of the code of a fault and the camera that has it.
     """
 
     def __init__(self) -> None:
         self.interaction_id = ""
         self.state = DEFAULT
-        self.lost = False  # a part of the drawing is missing, so that its border would differ from what was drawn
+        self.lost = False
         self.ignored: Counter = Counter()
+        self.faults: Set[Tuple[str, str]] = set()
         self._heard_state = False
         self._entered = -math.inf
         self._cameras: List[str] = []
         self._last_seen: Dict[str, float] = {}
-        self.faults: Set[Tuple[str, str]] = set()  # (code of the fault, camera)
-        # per camera in this state [s]: by how much its clock was set back, its last stamp, and its last corrected stamp
-        self._set_back: Dict[str, float] = {}
-        self._previous: Dict[str, float] = {}
-        self._newest: Dict[str, float] = {}
+        self._clocks = CameraClocks()
         self.forget()
 
     def set_state(self, state: State, interaction_id: str, entered: float, outcome: str = "") -> bool:
@@ -118,13 +168,17 @@ class SpotCollector:
                 self.lost = any(self.counts[:2]) and not outcome
             self.can_forget = state == DEFAULT and (self.lost or outcome not in ("", "saved"))
             self.state, self._entered = state, entered
-            self._set_back, self._previous, self._newest = {}, {}, {}
+            self._clocks = CameraClocks()
         return is_new
 
     def ignore_frame(self, camera: str) -> None:
         """Counts a camera's spot that is not in the map frame."""
-        self.ignored["frame"] += 1
         self.faults.add(("spots_wrong_frame", camera))
+        self._ignore("frame")
+
+    def _ignore(self, reason: str) -> str:
+        self.ignored[reason] += 1
+        return reason
 
     def add(self, spot: FloorSpot, now: float = math.nan) -> str:
         """Adds a spot that arrives at the time `now` [s].
@@ -134,58 +188,31 @@ class SpotCollector:
             stamp is far later than its arrival, or well before the camera's previous stamp) or "before_state" (it was
             seen before the state was entered).
         """
-        reason = self._rejection_reason(spot, now)
         # updated in any case: after a jump back of the clock a camera must not count as seeing for ever
         self._last_seen[spot.camera] = spot.stamp
-        if reason:
-            self.ignored[reason] += 1
-            return reason
-        if spot.camera not in self._cameras:
-            self._cameras.append(spot.camera)
-        stamp = spot.stamp + self._clock_setback(spot)
-        self._newest[spot.camera] = stamp
-        self._stores[self.state.collects].append(replace(spot, stamp=stamp), self._cameras.index(spot.camera))
-        return ""
-
-    def _clock_setback(self, spot: FloorSpot) -> float:
-        """Returns, and stores, the time [s] by which a camera's clock was set back since the state was entered."""
-        set_back, setbacks = self._set_back.get(spot.camera, 0.0), self._set_back.values()
-        if spot.camera in self._newest:
-            step = self._newest[spot.camera] - spot.stamp
-            if step - set_back > CLOCK_STEP:
-                # cameras on one computer share its clock: the camera with the newest spot gives the best estimate
-                set_back = max([step, *(setback for setback in setbacks if abs(setback - step) < CLOCK_STEP)])
-        else:
-            # the camera's first spot: if other cameras have later stamps, its clock was set back too
-            step = max(self._newest.values(), default=-math.inf) - spot.stamp
-            if step - set_back > CLOCK_STEP:
-                set_back = min((setback for setback in setbacks if setback > step - CLOCK_STEP), default=set_back)
-        if set_back:
-            self._set_back[spot.camera] = set_back
-        return set_back
-
-    def _rejection_reason(self, spot: FloorSpot, now: float) -> str:
-        """Returns why a spot is ignored, or "". Stores its stamp for the next spot, and records a clock that is off."""
         if not all(math.isfinite(value) for value in (spot.stamp, spot.x, spot.y)):
-            return "not_finite"
+            return self._ignore("not_finite")
         if not self.state.collects:
-            return "state"
+            return self._ignore("state")
         if spot.stamp > now + MAX_CLOCK_ERROR:
             self.faults.add(("camera_clock_off", spot.camera))
-            return "clock"
-        previous_stamp = self._previous.get(spot.camera, -math.inf)
-        self._previous[spot.camera] = spot.stamp
-        if spot.stamp < previous_stamp - CLOCK_STEP:
-            return "clock"  # an old message, or the first since the clock was set back
-        if spot.stamp + self._clock_setback(spot) < self._entered - STAMP_TOLERANCE:
+            return self._ignore("clock")
+        stamp = self._clocks.correct(spot.camera, spot.stamp)
+        if stamp is None:
+            return self._ignore("clock")
+        if stamp < self._entered - STAMP_TOLERANCE:
             if now - spot.stamp > MAX_CLOCK_ERROR:
                 self.faults.add(("camera_clock_off", spot.camera))
-            return "before_state"
+            return self._ignore("before_state")
+        self._clocks.collect(spot.camera, stamp)
+        if spot.camera not in self._cameras:
+            self._cameras.append(spot.camera)
+        self._stores[self.state.collects].append(replace(spot, stamp=stamp), self._cameras.index(spot.camera))
         return ""
 
     def forget(self) -> None:
         """Drops all spots, but stays in the interaction."""
-        self.can_forget = False  # the drawing is over and was not saved: its spots may be dropped
+        self.can_forget = False
         self._stores = {state.collects: SpotStore() for state in STATES.values() if state.collects}
 
     def cameras_seeing(self, now: float, timeout: float) -> List[str]:
@@ -200,6 +227,5 @@ class SpotCollector:
     def collection(self) -> CollectedSpots:
         """Returns the spots collected so far."""
         border, seed = self._stores[BORDER.collects], self._stores[SEED.collects]
-        return CollectedSpots(
-            self.interaction_id, border.rows, seed.rows, list(self._cameras), border.total, seed.total
-        )
+        cameras = list(self._cameras)
+        return CollectedSpots(self.interaction_id, border.spots, seed.spots, cameras, border.total, seed.total)

@@ -27,8 +27,7 @@ from scipy.spatial.distance import cdist
 
 from vb_core import geometry
 from vb_core.errors import CodedError
-from vb_fusion.observations import LOCALIZATION_ERROR, MAX_DROPOUTS, TIME_BIN, TREMOR, Observations, find_dropout
-from vb_fusion.observations import time_bins
+from vb_fusion.observations import LOCALIZATION_ERROR, MAX_DROPOUTS, TIME_BIN, TREMOR, Observations
 
 CLUSTER_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a cluster covers; a stroke explains at least one
 UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen step costs as much floor as it crosses
@@ -43,17 +42,17 @@ LOOK_BACK = int(MAX_DROPOUTS + 1.0) * MAX_SIMULTANEOUS_CLUSTERS
 
 @dataclass(frozen=True)
 class DrawnLine:
-    """Which observations the border's line consists of.
+    """The line that becomes the border.
 
     Attributes:
-        rows: (N,) indices of the line's observations, in the order in which it runs.
-        left_out: (L,) indices of observations that may have been drawn, but are not part of the line.
+        line: the line's observations, in the order in which it runs.
+        left_out: observations that may have been drawn, but are not part of the line.
         joined: whether several strokes were joined.
         dropout: [s] time within which the moving pointer was seen again.
     """
 
-    rows: np.ndarray
-    left_out: np.ndarray
+    line: Observations
+    left_out: Observations
     joined: bool
     dropout: float
 
@@ -73,32 +72,34 @@ def find_drawn_line(observations: Observations, widest_gap: float, min_expansion
     clusters = find_clusters(observations)
     strokes, ends = find_strokes(observations, clusters, widest_gap)
     # strokes that could be a line alone, widest first: moving back and forth explains much floor, but is not a border
-    wide = [(geometry.bounding_diagonal(observations.points[stroke]), stroke) for stroke in strokes]
-    wide = [(size, stroke) for size, stroke in wide if size > min_expansion - 2.0 * TREMOR]
-    wide = [(size, stroke) for size, stroke in wide if observations.spots[stroke].sum() >= min_spots]
-    candidates = [stroke for _, stroke in sorted(wide, key=lambda sized_stroke: -sized_stroke[0])]
+    sized = [(geometry.bounding_diagonal(observations.points[stroke]), stroke) for stroke in strokes]
+    candidates = [
+        stroke
+        for size, stroke in sorted(sized, key=lambda sized_stroke: -sized_stroke[0])
+        if size > min_expansion - 2.0 * TREMOR and observations.spots[stroke].sum() >= min_spots
+    ]
     if not candidates:
         raise CodedError("no_line", spots=int(observations.spots.sum()), shortest=f"{min_expansion:g}")
     line, unjoined, joined = _join_strokes(observations, candidates, widest_gap)
     left_out = np.setdiff1d(np.concatenate([np.zeros(0, dtype=int), *unjoined, *ends]), line)
-    return DrawnLine(line, left_out, joined, find_dropout(clusters.stamps))
+    return DrawnLine(observations.select(line), observations.select(left_out), joined, clusters.dropout)
 
 
 def find_clusters(observations: Observations) -> Observations:
     """Finds the strongest clusters of each time bin, at most MAX_SIMULTANEOUS_CLUSTERS, in order of time."""
-    group = time_bins(observations.stamps)
+    group = observations.bins
     # split at gaps along x, then along y, then along x again
     for axis in (0, 1, 0):
         order = np.lexsort((observations.points[:, axis], group))
         new = (np.diff(group[order]) != 0) | (np.diff(observations.points[order, axis]) > CLUSTER_WIDTH)
         group[order] = np.concatenate([[0], np.cumsum(new)])
     clusters = observations.merge(group)
-    y_and_x, bins = clusters.points.T[::-1], time_bins(clusters.stamps)
+    x, y = clusters.points.T
     # rounded, as another computer may sum equal weights in another order
-    order = np.lexsort((*y_and_x, -np.round(clusters.weights, 6), bins))
-    order = order[np.arange(len(order)) - np.searchsorted(bins[order], bins[order]) < MAX_SIMULTANEOUS_CLUSTERS]
-    clusters = clusters.select(order)
-    return clusters.select(np.lexsort((*clusters.points.T[::-1], clusters.stamps)))
+    strongest_first = np.lexsort((y, x, -np.round(clusters.weights, 6), clusters.bins))
+    bins = clusters.bins[strongest_first]
+    rank_in_bin = np.arange(len(bins)) - np.searchsorted(bins, bins)
+    return clusters.select(np.sort(strongest_first[rank_in_bin < MAX_SIMULTANEOUS_CLUSTERS]))
 
 
 def find_strokes(
@@ -115,8 +116,7 @@ def find_strokes(
         The indices of the observations of each stroke, in order of time; and those of each glint before or after them,
         which may be the beginning or the end of the drawing, but was seen too seldom to tell.
     """
-    points, stamps, dropout = clusters.points, clusters.stamps, find_dropout(clusters.stamps)
-    bins = time_bins(stamps)
+    points, stamps, bins, dropout = clusters.points, clusters.stamps, clusters.bins, clusters.dropout
     explained = floor_gains(points, stamps, dropout)
     # the more clusters are seen at once, the less likely each is the pointer; and a stationary camera's pose is known
     # better than that of a camera on a robot
@@ -127,10 +127,10 @@ def find_strokes(
     ends: List[np.ndarray] = []
     free = np.arange(len(points))
     while gains[free].sum() >= CLUSTER_WIDTH:
-        totals, predecessors = find_best_predecessors(points[free], stamps[free], dropout, gains[free], TREMOR)
-        if totals.max() < CLUSTER_WIDTH:
+        track, gain = find_best_track(points[free], stamps[free], dropout, gains[free], TREMOR)
+        if gain < CLUSTER_WIDTH:
             break
-        line = free[backtrack(totals, predecessors)]
+        line = free[track]
         pieces, glints = _divide(line, points[line], stamps[line], explained[line], dropout, widest_gap + TREMOR)
         if pieces and not strokes:
             ends = [_observations_near(observations, clusters, glint) for glint in glints]
@@ -183,14 +183,13 @@ def _observations_near(observations: Observations, clusters: Observations, line:
 
     As there is one pointer, a robot's spot that is off by no more than the localisation error is still the pointer.
     """
-    times = clusters.stamps[line]
-    first, last = np.searchsorted(observations.stamps, (times[0] - TIME_BIN, times[-1] + TIME_BIN))
-    x, y, mobile = (
-        np.interp(observations.stamps[first:last], times, column[line])
-        for column in (*clusters.points.T, clusters.mobile)
-    )
-    reach = CLUSTER_WIDTH + LOCALIZATION_ERROR * np.maximum(mobile, observations.mobile[first:last])
-    distances = np.hypot(*(observations.points[first:last] - np.column_stack([x, y])).T)
+    pointer = clusters.select(line)
+    began, ended = pointer.stamps[[0, -1]]
+    first, last = np.searchsorted(observations.stamps, (began - TIME_BIN, ended + TIME_BIN))
+    nearby = observations.select(slice(first, last))
+    x, y, mobile = (np.interp(nearby.stamps, pointer.stamps, column) for column in (*pointer.points.T, pointer.mobile))
+    reach = CLUSTER_WIDTH + LOCALIZATION_ERROR * np.maximum(mobile, nearby.mobile)
+    distances = np.hypot(*(nearby.points - np.column_stack([x, y])).T)
     return first + np.flatnonzero(distances <= reach)
 
 
@@ -207,9 +206,8 @@ def _join_strokes(
     joined = False
     while others:
         # the nearest pair of an end of the line and an end of another stroke
-        distances = np.array(
-            [cdist(observations.points[line[[0, -1]]], observations.points[other[[0, -1]]]) for other in others]
-        )
+        line_ends = observations.points[line[[0, -1]]]
+        distances = np.array([cdist(line_ends, observations.points[other[[0, -1]]]) for other in others])
         number, line_end, other_end = np.unravel_index(int(np.argmin(distances)), distances.shape)
         if distances[number, line_end, other_end] > widest_gap + TREMOR:
             break
@@ -220,9 +218,24 @@ def _join_strokes(
 
 
 def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.ndarray:
-    """Returns the floor (P,) [m] that each cluster adds: clusters on the same floor share it.
+    """Returns the floor (P,) [m] that each cluster adds: clusters on the same floor share it."""
+    nodes, shares = _lattice_shares(points)
+    # the number of clusters at each cluster, itself included, independent of where it lies between the nodes
+    crowding = (np.bincount(nodes.ravel(), shares.ravel())[nodes] * shares).sum(axis=0) / (shares**2).sum(axis=0)
+    # along a line, these are on average 1.5 times the clusters in a width: together they add the line's length
+    new = CLUSTER_WIDTH / np.maximum(crowding / 1.5, 2.0)
+    longest_stay = _stationary_times(points, stamps, dropout, nodes, shares)[nodes].max(axis=0)
+    dwell_factor = np.minimum(1.0, MAX_DWELL / np.maximum(longest_stay, TIME_BIN)) ** 2
+    gains = np.maximum(new, _swept(points, stamps, dropout)) * dwell_factor
+    # rounded to 0.1 mm, so that equal clusters are equal on every computer; never exactly zero
+    return np.round(gains, 4) + 1e-5
 
-    A cluster is shared among the four lattice nodes round it, bilinearly, so that gains are continuous in position.
+
+def _lattice_shares(points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """Shares each cluster among the four lattice nodes round it, bilinearly, so that gains are continuous in position.
+
+    Returns:
+        (4, P) the nodes, numbered from 0, and (4, P) their shares of the cluster, which add up to 1.
     """
     scaled = points / CLUSTER_WIDTH
     cell = np.floor(scaled).astype(np.int64)
@@ -230,39 +243,30 @@ def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.nd
     cell -= cell.min(axis=0)
     stride = int(cell[:, 1].max()) + 2
     corners = [(dx, dy) for dx in (0, 1) for dy in (0, 1)]
-    nodes = np.concatenate([(cell[:, 0] + dx) * stride + cell[:, 1] + dy for dx, dy in corners])
-    shares = np.concatenate([np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1]) for dx, dy in corners])
-    order = np.lexsort((np.tile(stamps, 4), nodes))
-    pause = np.append(0.0, np.diff(np.tile(stamps, 4)[order]))
-    first = np.append(True, np.diff(nodes[order]) != 0)
-    node = np.empty(len(order), dtype=np.int64)
-    node[order] = np.cumsum(first) - 1
-    # the number of clusters at each cluster, itself included, independent of where it lies between the nodes
-    crowding = (np.bincount(node, shares)[node] * shares).reshape(4, -1).sum(axis=0) / (shares**2).reshape(4, -1).sum(
-        axis=0
-    )
-    # along a line, these are on average 1.5 times the clusters in a width: together they add the line's length
-    new = CLUSTER_WIDTH / np.maximum(crowding / 1.5, 2.0)
-    # light not seen for longer than a dropout was not there
-    lit_time = np.bincount(node[order], np.where(first, TIME_BIN, np.minimum(pause, dropout)))
-    moved = np.minimum(1.0, (_moved(points, stamps, shares, node) / CLUSTER_WIDTH) ** 2)
-    stationary_time = lit_time * (1.0 - moved)
-    longest_stay = stationary_time[node].reshape(4, -1).max(axis=0)
-    dwell_factor = np.minimum(1.0, MAX_DWELL / np.maximum(longest_stay, TIME_BIN)) ** 2
-    gains = np.maximum(new, _swept(points, stamps, dropout)) * dwell_factor
-    # rounded to 0.1 mm, so that equal clusters are equal on every computer; never exactly zero
-    return np.round(gains, 4) + 1e-5
+    keys = [(cell[:, 0] + dx) * stride + cell[:, 1] + dy for dx, dy in corners]
+    shares = [np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1]) for dx, dy in corners]
+    return np.unique(keys, return_inverse=True)[1].reshape(4, -1), np.array(shares)
 
 
-def _moved(points: np.ndarray, stamps: np.ndarray, shares: np.ndarray, node: np.ndarray) -> np.ndarray:
-    """Returns how far [m] the light at each node moved while it was there: the trend of its position over time."""
-    total = np.maximum(np.bincount(node, shares), 1e-9)
+def _stationary_times(
+    points: np.ndarray, stamps: np.ndarray, dropout: float, nodes: np.ndarray, shares: np.ndarray
+) -> np.ndarray:
+    """Returns for how long [s] light stayed at each node. Light that moved on slowly counts less, or not at all."""
+    nodes, shares = nodes.ravel(), shares.ravel()
     t, x, y = (np.tile(values - values.mean(), 4) for values in (stamps, *points.T))
-    t = t - (np.bincount(node, shares * t) / total)[node]
-    spread = np.bincount(node, shares * t * t)
-    # a uniform movement lasts for sqrt(12) standard deviations of its times
-    trend = [np.bincount(node, shares * t * axis) for axis in (x, y)]
-    return np.sqrt(12.0 / total / np.maximum(spread, 1e-12)) * np.hypot(*trend)
+    order = np.lexsort((t, nodes))
+    is_first = np.append(True, np.diff(nodes[order]) != 0)
+    # light not seen for longer than a dropout was not there
+    pauses = np.append(0.0, np.minimum(np.diff(t[order]), dropout))
+    lit_times = np.bincount(nodes[order], np.where(is_first, TIME_BIN, pauses))
+    # the distance moved is the trend of the light's position over time; a uniform movement lasts for sqrt(12) standard
+    # deviations of its times
+    total = np.maximum(np.bincount(nodes, shares), 1e-9)
+    t = t - (np.bincount(nodes, shares * t) / total)[nodes]
+    spread = np.bincount(nodes, shares * t * t)
+    trend = np.hypot(*(np.bincount(nodes, shares * t * axis) for axis in (x, y)))
+    moved = np.sqrt(12.0 / total / np.maximum(spread, 1e-12)) * trend
+    return lit_times * (1.0 - np.minimum(1.0, (moved / CLUSTER_WIDTH) ** 2))
 
 
 def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
@@ -271,32 +275,31 @@ def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
     A quick hand is seen so seldom that its clusters alone cover less than its line. Strays do not form such rows.
     """
     swept = np.zeros(len(points))
-    for back in (1, 2):
-        for forth in (1, 2):
-            before, middle, after = (slice(0, -back - forth), slice(back, -forth), slice(back + forth, None))
-            whole = times[after] - times[before]
-            share = (times[middle] - times[before]) / np.maximum(whole, 1e-9)
-            offset = np.hypot(*(points[before] + share[:, None] * (points[after] - points[before]) - points[middle]).T)
-            half_distance = 0.5 * np.hypot(*(points[after] - points[before]).T)
-            straight = np.exp(-((offset / np.maximum(0.3 * half_distance, TREMOR)) ** 2))
-            # two clusters of which one is seen again are no row: in a row the middle one is seen halfway in time
-            row = np.maximum(half_distance - TREMOR, 0.0) * straight * 4.0 * share * (1.0 - share)
-            row[(whole > dropout) | (2.0 * half_distance > UNSEEN_SPEED * whole)] = 0.0
-            # the row's ends too, where the stroke may begin or end
-            for part, weight in ((before, 0.5), (middle, 1.0), (after, 0.5)):
-                swept[part] = np.maximum(swept[part], weight * row)
+    for back, forth in ((1, 1), (1, 2), (2, 1), (2, 2)):
+        before, middle, after = (slice(0, -back - forth), slice(back, -forth), slice(back + forth, None))
+        whole = times[after] - times[before]
+        share = (times[middle] - times[before]) / np.maximum(whole, 1e-9)
+        offset = np.hypot(*(points[before] + share[:, None] * (points[after] - points[before]) - points[middle]).T)
+        half_distance = 0.5 * np.hypot(*(points[after] - points[before]).T)
+        straight = np.exp(-((offset / np.maximum(0.3 * half_distance, TREMOR)) ** 2))
+        # two clusters of which one is seen again are no row: in a row the middle one is seen halfway in time
+        row = np.maximum(half_distance - TREMOR, 0.0) * straight * 4.0 * share * (1.0 - share)
+        row[(whole > dropout) | (2.0 * half_distance > UNSEEN_SPEED * whole)] = 0.0
+        # the row's ends too, where the stroke may begin or end
+        for part, weight in ((before, 0.5), (middle, 1.0), (after, 0.5)):
+            swept[part] = np.maximum(swept[part], weight * row)
     return swept
 
 
-def find_best_predecessors(
+def find_best_track(
     points: np.ndarray, stamps: np.ndarray, dropout: float, gains: np.ndarray, free_jump: float
-) -> Tuple[np.ndarray, np.ndarray]:
-    """Finds the best track that ends at each of the clusters (P, 2) [m], given in order of time.
+) -> Tuple[np.ndarray, float]:
+    """Finds the track that gains most among clusters (P, 2) [m], given in order of time.
 
     Beyond `free_jump` [m] the cost of a jump grows only logarithmically.
 
     Returns:
-        (P,) the gain [m] of each track, and (P,) the preceding cluster; -1 where a track begins.
+        The indices of the track's clusters, and its gain [m].
     """
     count = len(points)
     candidates = np.arange(count)[:, None] - np.arange(1, LOOK_BACK + 1)
@@ -306,19 +309,14 @@ def find_best_predecessors(
     cost = np.maximum(distance - TREMOR, 0.0) ** 2 / (np.clip(time, 1e-9, dropout) * UNSEEN_SPEED)
     cost = free_jump * np.log1p(cost / free_jump)
     cost[(candidates < 0) | (time <= 0.0)] = np.inf
-    best, best_predecessor = gains.copy(), np.full(count, -1)
+    totals, best_predecessor = gains.copy(), np.full(count, -1)  # of the best track that ends at each cluster
     for cluster in range(count):
-        value = best[predecessor[cluster]] - cost[cluster]
+        value = totals[predecessor[cluster]] - cost[cluster]
         chosen = int(value.argmax())
         if value[chosen] > 0.0:
-            best[cluster] += value[chosen]
+            totals[cluster] += value[chosen]
             best_predecessor[cluster] = predecessor[cluster, chosen]
-    return best, best_predecessor
-
-
-def backtrack(totals: np.ndarray, predecessors: np.ndarray) -> np.ndarray:
-    """Returns the indices of the clusters of the track that gains most, from the result of `find_best_predecessors`."""
     track = [int(totals.argmax())]
-    while predecessors[track[-1]] >= 0:
-        track.append(int(predecessors[track[-1]]))
-    return np.array(track[::-1])
+    while best_predecessor[track[-1]] >= 0:
+        track.append(int(best_predecessor[track[-1]]))
+    return np.array(track[::-1]), float(totals.max())

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from typing import Any, Deque, Dict, Optional
 
 from vb_core.errors import CodedError
-from vb_core.rate_limiter import Limiter
+from vb_core.rate_limiter import RateLimiter
 from vb_core.sentences import spelled_out
 from vb_core.vocabulary import ANSWERS, COMMANDS, STOP
 
@@ -78,7 +78,7 @@ class Inbox:
     def __init__(self, started: float) -> None:
         self._started = started
         self._taken: Deque[str] = deque(maxlen=256)  # ids; more than the rate lets through within MAX_AGE
-        self._limiter = Limiter(RATE, BURST)
+        self._limiter = RateLimiter(RATE, BURST)
 
     def take(self, payload: bytes, retained: bool, now: float) -> Optional[Request]:
         """Returns the request in a message, or None if it was accepted before, or the message is empty.

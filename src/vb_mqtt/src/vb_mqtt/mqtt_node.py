@@ -17,7 +17,7 @@ from vb_msgs.srv import SetBorderEnabled, SetBorderEnabledRequest
 
 from vb_core import names, sentences
 from vb_core.errors import CodedError, ParameterError
-from vb_core.rate_limiter import Limiter
+from vb_core.rate_limiter import RateLimiter
 from vb_core.notices import Notice, Severity
 from vb_core.capabilities import effective_commands
 from vb_core.parameters import Parameters, param
@@ -77,7 +77,7 @@ class MqttNode:
         self._language = params.language
         self._lab = Lab(params.device, params.language, tuple(params.cameras))
         self._lock = threading.Lock()
-        self._inbox, self._answer_limiter = Inbox(time.time()), Limiter(RATE, BURST)
+        self._inbox, self._answer_limiter = Inbox(time.time()), RateLimiter(RATE, BURST)
         self._refused: Dict[str, int] = {}  # number of refusals, by code
         self._described: Set[str] = set()  # topics on the broker that describe entities of this lab
         self._borders: Optional[Dict[str, VirtualBorder]] = None  # by key; None: not known yet

@@ -18,7 +18,7 @@ from tornado import web
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from vb_core.errors import CodedError
-from vb_core.rate_limiter import Limiter
+from vb_core.rate_limiter import RateLimiter
 from vb_web import access_control, action_requests
 from vb_web.access_control import Role
 from vb_web.page_view import as_message, refusal
@@ -192,7 +192,7 @@ class _LinkHandler(_GuardedHandler, WebSocketHandler):
         self.set_nodelay(True)
         self._refused = 0  # messages so far
         self._unanswered = 0  # requests that are being carried out
-        self._message_limiter = Limiter(rate=10.0, burst=40.0)
+        self._message_limiter = RateLimiter(rate=10.0, burst=40.0)
         self.page.browsers.add(self)
         self._write(self.page.hellos[self.role])
         asyncio.ensure_future(self._send_view())

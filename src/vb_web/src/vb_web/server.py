@@ -26,7 +26,7 @@ from tornado.netutil import bind_sockets
 
 from vb_core import sentences, vocabulary, zones
 from vb_core.errors import CodedError, ParameterError
-from vb_core.rate_limiter import Limiter
+from vb_core.rate_limiter import RateLimiter
 from vb_core.parameters import Parameters, param
 from vb_web import access_control, action_requests, request_handlers
 from vb_web.access_control import ConnectionSlots, Role, Sessions
@@ -103,9 +103,9 @@ class PageServer:
     ) -> None:
         self.params, self.sessions, self.view, self.images = params, sessions, view, images
         self.actions, self.cameras, self.find_bounds = actions, cameras, find_bounds
-        self.login_limiter = Limiter(rate=5.0 / 60.0, burst=5.0)
-        self.request_limiter = Limiter(rate=40.0, burst=120.0)
-        self.connection_limiter = Limiter(rate=5.0, burst=100.0)
+        self.login_limiter = RateLimiter(rate=5.0 / 60.0, burst=5.0)
+        self.request_limiter = RateLimiter(rate=40.0, burst=120.0)
+        self.connection_limiter = RateLimiter(rate=5.0, burst=100.0)
         self.slots = {role: ConnectionSlots(size, yields=role == Role.NOBODY) for role, size in _SLOTS.items()}
         self.browsers: Set[Any] = set()  # the open WebSockets' handlers
         self.pool = ThreadPoolExecutor(max_workers=16, thread_name_prefix="page")

@@ -45,9 +45,8 @@ def make_request(
         uncertain: whether it may have been misunderstood.
         seen_stop: number of the newest stop that the person knew of, see vb_msgs/Command.
     """
-    request = CommandRequest(
-        command=command, source=source, id=uuid.uuid4().hex, uncertain=uncertain, seen_stop=seen_stop
-    )
+    request = CommandRequest(command=command, source=source, uncertain=uncertain, seen_stop=seen_stop)
+    request.id = uuid.uuid4().hex
     now = rospy.get_rostime()
     # without an expiry time while simulated time has not started
     if not now.is_zero():

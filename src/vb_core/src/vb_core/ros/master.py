@@ -45,9 +45,8 @@ def find_commanders(driver: str, base: Base, master: rosgraph.Master) -> Command
         rosgraph.MasterException, OSError: if the master does not answer.
     """
     namespace = driver.rpartition("/")[0] + "/"
-    topic, output, *trusted = (
-        name and rosgraph.names.ns_join(namespace, name) for name in (base.topic, base.output, *base.trusted)
-    )
+    relative_names = (base.topic, base.output, *base.trusted)
+    topic, output, *trusted = (name and rosgraph.names.ns_join(namespace, name) for name in relative_names)
     graph = read_graph(master)
     other_commanders, muxes = graph.find_other_commanders(driver, topic, output)
     other_commanders = {name for name in other_commanders - set(trusted) if not is_gone(master, name)}

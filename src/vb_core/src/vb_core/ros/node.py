@@ -319,19 +319,19 @@ class Worker:
     other exception is a fault of the node, which ends.
     """
 
-    def __init__(self, mailbox: Any, handle: Callable[[Any], None]) -> None:
-        self._mailbox = mailbox
-        self._do = handle
+    def __init__(self, source: Any, handle: Callable[[Any], None]) -> None:
+        self._source = source
+        self._handle = handle
         self._thread = start_thread(self._work)
 
     def join(self, timeout: float) -> None:
-        """Waits until a closed mailbox's last item is handled, at most for a time [s]."""
+        """Waits until a closed source's last item is handled, at most for a time [s]."""
         self._thread.join(timeout)
 
     def _work(self) -> None:
-        for item in iter(self._mailbox.get, None):
+        for item in iter(self._source.get, None):
             try:
-                self._do(item)
+                self._handle(item)
             except CodedError as error:
                 rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
             except rospy.ROSException:

@@ -8,7 +8,6 @@ import time
 from typing import Any, Callable, Dict, Iterable, List, Tuple
 
 import rospy
-from diagnostic_msgs.msg import KeyValue
 
 from vb_core import names
 from vb_core.notices import REPEAT_PERIOD, Notice, ActiveNotices, Severity
@@ -22,14 +21,13 @@ LOG_PERIOD = 60.0  # [s] before an intermittent notice is logged again
 
 def message_from_notice(notice: Notice) -> NoticeMessage:
     """Converts a notice to a message with its English sentence. Inverse of `notice_from_message`."""
-    values: List[KeyValue] = values_from_mapping(notice.values)
     return NoticeMessage(
         severity=int(notice.severity),
         code=notice.code,
         robot=notice.robot,
         border_id=notice.border_id,
         camera=notice.camera,
-        values=values,
+        values=values_from_mapping(notice.values),
         message=notice.sentence(),
     )
 
