@@ -4,7 +4,7 @@ import numpy as np
 
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.integration import integrate
+from vb_map_integration.border_region import compute_region
 from vb_map_integration.map_integrator import MapIntegrator
 
 
@@ -34,9 +34,16 @@ def integrator(root=None, grid=GRID, **params):
     return result
 
 
+def status_of_first(keeper):
+    """Returns whether the first border is in force, and the reason if it is not, or is to be confirmed."""
+    status = next(iter(keeper.in_force.statuses.values()))
+    return status.is_in_force, status.reason
+
+
 def expected(keeper):
+    """Returns the cells of the map with borders, computed border by border."""
     cells = keeper.physical
     for border in keeper.borders:
         if border.enabled:
-            cells = cells.with_data(np.maximum(cells.data, integrate(keeper.physical, border).posterior.data))
+            cells = cells.with_data(np.maximum(cells.data, compute_region(keeper.physical, border).posterior.data))
     return cells.data

@@ -131,7 +131,7 @@ for number in range(3):
         keeper.add(square(50, 50), 2.0)
         print("taken")
     except CodedError as error:
-        print(error.code, *(border.id for border in keeper.borders if keeper.in_force.status(border)[0]))
+        print(error.code, *(border.id for border in keeper.borders if keeper.in_force.statuses[border.id].is_in_force))
 """
 
 

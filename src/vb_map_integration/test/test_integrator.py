@@ -15,7 +15,7 @@ from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.grid import raster
 from vb_map_integration.grid.raster import count_free_parts
-from vb_map_integration.integration import Region, apply_regions, join_regions
+from vb_map_integration.border_region import Region, apply_regions, join_regions
 from vb_map_integration.map_integrator import MapIntegrator
 
 COMMANDS = st.lists(
@@ -138,9 +138,8 @@ def test_preview_changes_nothing_and_says_that_the_floor_is_split(monkeypatch):
     check = keeper.check(band, at((20, 60)))
     assert check.free_parts == 2 and "splits_free_space" in [found.code for found in check.issues]
     assert np.array_equal(keeper.map_with_borders.data, before) and keeper.borders == ()
-    monkeypatch.setattr(
-        "vb_map_integration.borders_in_force.integrate", None
-    )  # what was checked is not integrated again
+    # what was checked is not computed again
+    monkeypatch.setattr("vb_map_integration.borders_in_force.compute_region", None)
     outcome = keeper.add(band, 1.0)
     assert "splits_free_space" in [found.code for found in outcome.issues]
     # floor that is split already is not reported again for another border

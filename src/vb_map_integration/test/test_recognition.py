@@ -11,9 +11,10 @@ from vb_core import sentences
 from vb_core.grid_map import GridMap, sample
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.places import registration
-from vb_map_integration.places.registration import IDENTITY, Transform, WallMap
+from vb_map_integration.places.registration import WallMap
+from vb_map_integration.places.transform import IDENTITY, Transform
 
-from integrators import GRID, integrator
+from integrators import GRID, integrator, status_of_first
 
 
 OUTSIDE = [(0, 0), (9, 0), (9, 6), (0, 6), (0, 0)]
@@ -94,15 +95,15 @@ def register(old, new):
 def test_a_moved_map_is_found(truth, resolution):
     found = register(flat(), flat(truth, resolution, seed=1))
     apart = np.linalg.norm(found.transform.apply(OUTSIDE) - truth.apply(OUTSIDE), axis=1)
-    assert found.is_unambiguous and apart.max() < 0.05
+    assert found.is_certain and apart.max() < 0.05
 
 
 def test_floors_with_equal_outer_walls_are_not_confused():
-    assert not register(flat(), flat(plan=1, seed=1)).is_unambiguous
+    assert not register(flat(), flat(plan=1, seed=1)).is_certain
 
 
 def test_a_room_that_looks_the_same_when_turned_is_not_sure():
-    assert not register(GRID, GRID.with_data(np.ascontiguousarray(GRID.data[::-1, ::-1]))).is_unambiguous
+    assert not register(GRID, GRID.with_data(np.ascontiguousarray(GRID.data[::-1, ::-1]))).is_certain
 
 
 def test_a_large_map_or_a_tiny_one_does_no_harm():
@@ -117,12 +118,10 @@ def test_a_large_map_or_a_tiny_one_does_no_harm():
     moved = GridMap(cells, 0.05, (0.0, 0.0, 0.0))
     found = register(large, moved)
     truth = moved.grid_to_world([[699.5, 299.5]])[0] - large.origin[:2]
-    assert (
-        not found.is_unambiguous or np.linalg.norm(found.transform.apply([(4.5, 3.0)])[0] - (4.5, 3.0) - truth) < 0.05
-    )
+    assert not found.is_certain or np.linalg.norm(found.transform.apply([(4.5, 3.0)])[0] - (4.5, 3.0) - truth) < 0.05
     for tiny in (np.array([[100]]), np.array([[100, 0, 100]]), np.array([[0], [100]])):
         found = register(large, GridMap(tiny.astype(np.int8), 0.05))
-        assert found is None or not found.is_unambiguous
+        assert found is None or not found.is_certain
 
 
 @pytest.mark.parametrize("column", [60, 61, 62])
@@ -149,7 +148,7 @@ def test_an_empty_canvas_costs_no_memory():
         most = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert found is not None and found.is_unambiguous and most < 100e6  # one canvas of floats has 128 MB
+    assert found is not None and found.is_certain and most < 100e6  # one canvas of floats has 128 MB
 
 
 def test_maps_without_walls_are_not_registered():
@@ -268,15 +267,14 @@ def test_undo_and_switches_keep_what_does_not_act():
     keeper.confirm(True, "")
     outcome = keeper.undo()
     assert [found.code for found in outcome.issues] == ["inactive_on_this_map"]
-    border = keeper.borders[0]
-    assert border.enabled and keeper.in_force.status(border) == (False, "inactive_on_this_map")
+    assert keeper.borders[0].enabled and status_of_first(keeper) == (False, "inactive_on_this_map")
     assert "inactive_on_this_map" in [notice.code for notice in keeper.notices]
     assert keeper.set_enabled("b1", False, 3.0).issues == ()
     assert [found.code for found in keeper.set_enabled("b1", True, 6.0).issues] == ["inactive_on_this_map"]
     # it can be switched and renamed all the same, by either service
     assert keeper.rename("b1", "old rug", 7.0).ids == ("b1",)
     keeper.update(keeper.borders[0].replace(enabled=False), 8.0)
-    assert keeper.in_force.status(keeper.borders[0]) == (False, "disabled") and keeper.borders[0].name == "old rug"
+    assert status_of_first(keeper) == (False, "disabled") and keeper.borders[0].name == "old rug"
     assert not keeper.needs_confirmation
 
 
@@ -305,7 +303,7 @@ def test_slow_zones_limit_speeds_and_leave_the_map_alone():
     assert sorted(np.unique(limits.data)) == [0, 15] and (limits.data == 15).sum() == 400
     keeper.undo()
     assert sorted(np.unique(keeper.in_force.speed_limits.data)) == [0, 30]
-    assert keeper.in_force.area_m2("b1") == pytest.approx(1.0)
+    assert keeper.in_force.statuses["b1"].area_m2 == pytest.approx(1.0)
     keeper.remove("b1")
     assert not keeper.in_force.speed_limits.data.any()
     keeper.add(keep_out(zone="slow", max_speed=1.27), 1.0)

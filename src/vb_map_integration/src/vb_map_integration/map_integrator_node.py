@@ -149,10 +149,10 @@ class MapIntegratorNode:
                 check = self._integrator.check(border, self._robot_positions(border))
         except CodedError as error:
             return self._refused(response, error)
-        integration = check.integration
-        region = integration.prior.with_data(np.where(integration.restricted_cells, np.int8(100), np.int8(0)))
-        response.region = messages.message_from_grid(region, rospy.Time.now(), names.MAP_FRAME)
-        response.area_m2, response.line = integration.area_m2, messages.points_from_array(integration.line)
+        region = check.region
+        cells = region.prior.with_data(np.where(region.restricted_cells, np.int8(100), np.int8(0)))
+        response.region = messages.message_from_grid(cells, rospy.Time.now(), names.MAP_FRAME)
+        response.area_m2, response.line = region.area_m2, messages.points_from_array(region.line)
         response.free_parts = check.free_parts
         response.success, response.code = True, "ok"
         response.issues = messages_from_issues((*check.issues, *self._warn_if_soft_cost_is_ignored(border)))
@@ -288,9 +288,9 @@ class MapIntegratorNode:
             array.code, array.message = worst.code, worst.sentence()
             array.values = messages.values_from_mapping(worst.values)
         in_force = self._integrator.in_force
-        for border in self._integrator.borders:
-            status, outlines = in_force.status(border), in_force.outlines(border.id)
-            array.borders.append(message_from_border(border, in_force.area_m2(border.id), *status, outlines))
+        for key, status in in_force.statuses.items():
+            values = status.area_m2, status.is_in_force, status.reason, in_force.outlines(key)
+            array.borders.append(message_from_border(status.map_border, *values))
         return array
 
     def _show_notices(self) -> None:

@@ -12,14 +12,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Dict, List, Optional, Tuple
 
-import cv2
 import numpy as np
 
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
-from vb_map_integration.border import IntegrationError, VirtualBorder
-from vb_map_integration.integration import Region, integrate
-from vb_map_integration.places.local_fit import fit_locally
-from vb_map_integration.places.registration import IDENTITY, Registration, Transform, WallMap, measure, register
+from vb_map_integration.places.border_location import BorderLocator
+from vb_map_integration.places.registration import Registration, WallMap, measure, register
+from vb_map_integration.places.transform import IDENTITY, Transform
 from vb_map_integration.storage.database import Database, KnownMap
 
 # how many of a place's maps are compared: the first and the newest ones
@@ -28,8 +26,6 @@ _COMPARED = 3
 _PLAUSIBLE_AGREEMENT = 0.8
 # from this agreement on, borders may be where a registration puts them
 _POSSIBLE_AGREEMENT = 0.5
-# share of a border's line that must be in the known part of the map before a person is asked about it
-_SEEN = 0.5
 # smaller differences in agreement between hypotheses mean nothing if none is certain
 _DOUBT = 0.15
 # a map continues the previous one if this share of the previous one's obstacles are still in the same cells
@@ -57,48 +53,6 @@ class PlaceRecognition:
     floor_cells: int = 0
     other: Optional[Transform] = None
     likely: bool = False
-
-
-@dataclass(frozen=True)
-class BorderLocation:
-    """Where a border is on the current map.
-
-    Attributes:
-        border: the border at its position on this map.
-        walls_agree: whether the walls round it confirm the position.
-        floor_is_known: whether the map knows the floor there; until it does, no person is asked about the border.
-        others: the border at other possible positions, until a person says where it is.
-        accepted: the border as a person accepted it, on `accepted_on`; None if that is the current map.
-        accepted_on: the map on which it was accepted.
-        transform: transform from that map's frame to the current one's.
-    """
-
-    border: VirtualBorder
-    walls_agree: bool = True
-    floor_is_known: bool = True
-    others: Tuple[VirtualBorder, ...] = ()
-    accepted: Optional[VirtualBorder] = None
-    accepted_on: Optional[GridMap] = None
-    transform: Transform = Transform()
-
-    def region_before(self, grid: GridMap) -> Optional[Region]:
-        """Returns what it restricted on the map where it was accepted, as free cells of this map; None if none."""
-        assert self.accepted is not None and self.accepted_on is not None
-        try:
-            effect = integrate(self.accepted_on, self.accepted)
-        except IntegrationError:  # accepted by an earlier version with other limits
-            return None
-        corners = self.accepted_on.grid_to_world([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-        start, *ends = grid.world_to_grid(self.transform.apply(corners))
-        matrix = np.column_stack([*(end - start for end in ends), start])
-        restricted = effect.restricted_cells.view(np.uint8)
-        here = cv2.warpAffine(restricted, matrix, grid.shape[::-1], flags=cv2.INTER_NEAREST)
-        left, top, width, height = cv2.boundingRect(here)
-        window = slice(top, top + height), slice(left, left + width)
-        free = (grid.data[window] >= 0) & (grid.data[window] < OCCUPIED_THRESHOLD)
-        mask = here[window] * free * np.uint8(255)
-        count = cv2.countNonZero(mask)
-        return Region(window, mask, effect.value, False, count * grid.resolution**2) if count else None
 
 
 class PlaceRecognizer:
@@ -141,15 +95,21 @@ class PlaceRecognizer:
                 return recognition
         recognition = replace(self._register(candidates, wall_map, recognition), floor_cells=floor)
         if recognition.likely:
-            self.start_map(grid, map_id, recognition)
-            recognition = replace(recognition, certain=self._walls_round_borders_agree())
+            locate = self.make_locator(grid, map_id, recognition).locate
+            locations = [locate(border) for border in self._database.borders(recognition.place)]
+            comparable = [location for location in locations if location.floor_is_known]
+            most_agree = 2 * sum(location.walls_agree for location in comparable) > len(comparable)
+            recognition = replace(recognition, certain=most_agree)
         return recognition
 
-    def _walls_round_borders_agree(self) -> bool:
-        """Returns whether most of the borders on known floor have the walls round them where they should be."""
-        places = [self.locate(border) for border in self._database.borders(self._recognition.place)]
-        comparable = [place for place in places if place.floor_is_known]
-        return 2 * sum(place.walls_agree for place in comparable) > len(comparable)
+    def make_locator(self, grid: GridMap, map_id: str, recognition: PlaceRecognition) -> BorderLocator:
+        """Makes the locator of borders on a map, from what the map was recognised as, and the place's stored maps."""
+        maps = {
+            known_map.fingerprint: known_map
+            for known_map in self._database.maps()
+            if known_map.place == recognition.place
+        }
+        return BorderLocator(grid, map_id, recognition.transform, recognition.other, maps, self._wall_map_of)
 
     def _candidates(self) -> Dict[int, List[KnownMap]]:
         """Returns, for each place with borders that the current map may show, the place's maps."""
@@ -184,13 +144,13 @@ class PlaceRecognizer:
                 if registration is None:
                     continue
                 other = None
-                if not (registration.is_unambiguous or registration.is_unique):
+                if not (registration.is_certain or registration.is_clearly_best):
                     registration, other = self._prefer_unmoved(reference, wall_map, registration, guesses)
                     other = other.after(stored_map.transform) if other else None
                 transform = _snap(
                     registration.transform.after(stored_map.transform), recognition.transform, wall_map.grid
                 )
-                new = PlaceRecognition(place, transform, registration.is_unambiguous, other=other), registration
+                new = PlaceRecognition(place, transform, registration.is_certain, other=other), registration
                 if place not in best or _rank(new) > _rank(best[place]):
                     best[place] = new
         certain = [candidate for candidate, _ in best.values() if candidate.certain]
@@ -200,12 +160,12 @@ class PlaceRecognizer:
         plausible = [
             candidate
             for candidate in best.values()
-            if candidate[1].is_unique or candidate[1].agreement >= _PLAUSIBLE_AGREEMENT
+            if candidate[1].is_clearly_best or candidate[1].agreement >= _PLAUSIBLE_AGREEMENT
         ]
         if plausible:
             likeliest, registration = max(plausible, key=_rank)
             others = [other.agreement for candidate, other in plausible if candidate is not likeliest]
-            likely = registration.is_unique and registration.agreement >= max(others, default=0.0) + _DOUBT
+            likely = registration.is_clearly_best and registration.agreement >= max(others, default=0.0) + _DOUBT
             return replace(likeliest, certain=False, likely=likely)
         last = self._database.last_place
         place = last if last in candidates else max(candidates)
@@ -227,41 +187,6 @@ class PlaceRecognizer:
         proposed, other = (registration, still) if moves else (still, registration)
         possible = other.agreement >= _POSSIBLE_AGREEMENT and other.transform != proposed.transform
         return proposed, other.transform if possible else None
-
-    # ------------------------------------------------------------- borders
-    def start_map(self, grid: GridMap, map_id: str, recognition: PlaceRecognition) -> None:
-        """Prepares `locate` for a map and what it was recognised as."""
-        self._current, self._current_id, self._recognition = grid, map_id, recognition
-        self._maps = {
-            known_map.fingerprint: known_map
-            for known_map in self._database.maps()
-            if known_map.place == recognition.place
-        }
-        self._current_walls: Optional[WallMap] = None
-
-    def locate(self, border: VirtualBorder) -> BorderLocation:
-        """Finds where a stored border of the current map's place is on that map.
-
-        If the walls round it settle its position, it is there, else where it is expected.
-        """
-        recognition = self._recognition
-        stored = self._maps.get(border.map_id) or next(iter(self._maps.values()), None)
-        if stored is None or stored.fingerprint == self._current_id:
-            return BorderLocation(border.moved(recognition.transform))
-        accepted = border.moved(stored.transform)
-        start = recognition.transform.after(stored.transform.inverse)
-        if self._current_walls is None:
-            self._current_walls = WallMap(self._current)
-        fit = fit_locally(self._wall_map_of(stored), self._current_walls, start, accepted.points)
-        here = start.apply(np.concatenate([accepted.points, [accepted.seed]]))
-        floor_is_known = float(self._current_walls.is_known(here).mean()) >= _SEEN
-        walls_agree = fit is not None and fit.is_certain
-        others = [accepted.moved(fit.transform)] if fit is not None and fit.is_possible and not walls_agree else []
-        others += [border.moved(recognition.other)] if recognition.other is not None else []
-        transform = fit.transform if fit is not None and walls_agree else start
-        return BorderLocation(
-            accepted.moved(transform), walls_agree, floor_is_known, tuple(others), accepted, stored.grid, transform
-        )
 
 
 def is_extension(before: GridMap, after: GridMap) -> bool:
@@ -290,4 +215,4 @@ def _snap(transform: Transform, expected: Transform, grid: GridMap) -> Transform
 
 def _rank(candidate: Tuple[PlaceRecognition, Registration]) -> Tuple[bool, bool, float]:
     """Ranks a possible recognition of a map, with the registration that it is based on."""
-    return candidate[0].certain, candidate[1].is_unique, candidate[1].score
+    return candidate[0].certain, candidate[1].is_clearly_best, candidate[1].score

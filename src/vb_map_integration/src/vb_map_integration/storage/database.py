@@ -20,7 +20,7 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import MAX_NAME, VirtualBorder
 from vb_map_integration.geojson import border_from_feature, border_to_feature
-from vb_map_integration.places.registration import IDENTITY, Transform
+from vb_map_integration.places.transform import IDENTITY, Transform
 from vb_map_integration.storage.durable_values import DurableValues
 
 # how many are kept: changes that can be undone, requests, maps of a place besides its first and current ones
