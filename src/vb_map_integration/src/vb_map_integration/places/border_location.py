@@ -71,10 +71,11 @@ class BorderLocation:
     transform: Transform = Transform()
 
 
+@dataclass(frozen=True)
 class BorderLocator:
     """Locates the borders of a place on one map of it.
 
-    Args:
+    Attributes:
         grid, map_id: the map, and its fingerprint.
         transform: transform from the place's frame to the map's.
         other_transform: a second possible one; None if there is none.
@@ -82,36 +83,30 @@ class BorderLocator:
         wall_map_of: returns a stored map's walls.
     """
 
-    def __init__(
-        self,
-        grid: GridMap,
-        map_id: str,
-        transform: Transform,
-        other_transform: Optional[Transform],
-        stored_maps: Mapping[str, KnownMap],
-        wall_map_of: Callable[[KnownMap], WallMap],
-    ) -> None:
-        self._grid, self._map_id = grid, map_id
-        self._transform, self._other_transform = transform, other_transform
-        self._stored_maps, self._wall_map_of = stored_maps, wall_map_of
+    grid: GridMap
+    map_id: str
+    transform: Transform
+    other_transform: Optional[Transform]
+    stored_maps: Mapping[str, KnownMap]
+    wall_map_of: Callable[[KnownMap], WallMap]
 
     @cached_property
     def _walls(self) -> WallMap:
-        return WallMap(self._grid)
+        return WallMap(self.grid)
 
     def locate(self, border: VirtualBorder) -> BorderLocation:
         """Locates a stored border: where the walls round it are if these settle its position, else where it is expected."""
-        stored = self._stored_maps.get(border.map_id) or next(iter(self._stored_maps.values()), None)
-        if stored is None or stored.fingerprint == self._map_id:
-            return BorderLocation(border.moved(self._transform))
+        stored = self.stored_maps.get(border.map_id) or next(iter(self.stored_maps.values()), None)
+        if stored is None or stored.fingerprint == self.map_id:
+            return BorderLocation(border.moved(self.transform))
         accepted = border.moved(stored.transform)
-        expected = self._transform.after(stored.transform.inverse)
-        fit = fit_locally(self._wall_map_of(stored), self._walls, expected, accepted.points)
+        expected = self.transform.after(stored.transform.inverse)
+        fit = fit_locally(self.wall_map_of(stored), self._walls, expected, accepted.points)
         points = expected.apply(np.concatenate([accepted.points, [accepted.seed]]))
         floor_is_known = float(self._walls.is_known(points).mean()) >= _SEEN
         walls_agree = fit is not None and fit.is_certain
         others = [accepted.moved(fit.transform)] if fit is not None and fit.is_possible and not walls_agree else []
-        others += [border.moved(self._other_transform)] if self._other_transform is not None else []
+        others += [border.moved(self.other_transform)] if self.other_transform is not None else []
         transform = fit.transform if fit is not None and walls_agree else expected
         return BorderLocation(
             accepted.moved(transform), walls_agree, floor_is_known, tuple(others), accepted, stored.grid, transform

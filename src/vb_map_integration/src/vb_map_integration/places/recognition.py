@@ -10,7 +10,7 @@ to 97 % of their walls, and so may different floors with the same outer walls, b
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Dict, List, Optional, Tuple
+from typing import Dict, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -53,6 +53,21 @@ class PlaceRecognition:
     floor_cells: int = 0
     other: Optional[Transform] = None
     likely: bool = False
+
+
+class _Candidate(NamedTuple):
+    """A possible recognition of a map, and the registration that it is based on."""
+
+    recognition: PlaceRecognition
+    registration: Registration
+
+    @property
+    def rank(self) -> Tuple[bool, bool, float]:
+        return self.recognition.certain, self.registration.is_clearly_best, self.registration.score
+
+    @property
+    def is_plausible(self) -> bool:
+        return self.registration.is_clearly_best or self.registration.agreement >= _PLAUSIBLE_AGREEMENT
 
 
 class PlaceRecognizer:
@@ -133,43 +148,49 @@ class PlaceRecognizer:
         return any(measure(reference, wall_map, start).agrees for reference, start in starts)
 
     def _register(
-        self, candidates: Dict[int, List[KnownMap]], wall_map: WallMap, recognition: PlaceRecognition
+        self, places: Dict[int, List[KnownMap]], wall_map: WallMap, recognition: PlaceRecognition
     ) -> PlaceRecognition:
-        best: Dict[int, Tuple[PlaceRecognition, Registration]] = {}
-        for place, maps in candidates.items():
+        """Recognises a map by registration in maps of places; the search starts at an earlier recognition."""
+        best: Dict[int, _Candidate] = {}
+        for place, maps in places.items():
             for stored_map in maps[:1] + maps[1:][1 - _COMPARED :]:
-                reference = self._wall_map_of(stored_map)
-                guesses = [IDENTITY, recognition.transform.after(stored_map.transform.inverse)]
-                registration = register(reference, wall_map, guesses)
-                if registration is None:
-                    continue
-                other = None
-                if not (registration.is_certain or registration.is_clearly_best):
-                    registration, other = self._prefer_unmoved(reference, wall_map, registration, guesses)
-                    other = other.after(stored_map.transform) if other else None
-                transform = _snap(
-                    registration.transform.after(stored_map.transform), recognition.transform, wall_map.grid
-                )
-                new = PlaceRecognition(place, transform, registration.is_certain, other=other), registration
-                if place not in best or _rank(new) > _rank(best[place]):
-                    best[place] = new
-        certain = [candidate for candidate, _ in best.values() if candidate.certain]
+                candidate = self._compare(place, stored_map, wall_map, recognition)
+                if candidate is not None and (place not in best or candidate.rank > best[place].rank):
+                    best[place] = candidate
+        certain = [candidate.recognition for candidate in best.values() if candidate.recognition.certain]
         if len(certain) == 1:
             return certain[0]
         # several floors may have the same walls: then none is certain
-        plausible = [
-            candidate
-            for candidate in best.values()
-            if candidate[1].is_clearly_best or candidate[1].agreement >= _PLAUSIBLE_AGREEMENT
-        ]
+        plausible = [candidate for candidate in best.values() if candidate.is_plausible]
         if plausible:
-            likeliest, registration = max(plausible, key=_rank)
-            others = [other.agreement for candidate, other in plausible if candidate is not likeliest]
-            likely = registration.is_clearly_best and registration.agreement >= max(others, default=0.0) + _DOUBT
-            return replace(likeliest, certain=False, likely=likely)
+            likeliest = max(plausible, key=lambda candidate: candidate.rank)
+            others = [other.registration.agreement for other in plausible if other is not likeliest]
+            is_ahead = likeliest.registration.agreement >= max(others, default=0.0) + _DOUBT
+            likely = likeliest.registration.is_clearly_best and is_ahead
+            return replace(likeliest.recognition, certain=False, likely=likely)
         last = self._database.last_place
-        place = last if last in candidates else max(candidates)
-        return replace(best[place][0], certain=False) if place in best else PlaceRecognition(place, IDENTITY, False)
+        place = last if last in places else max(places)
+        return (
+            replace(best[place].recognition, certain=False)
+            if place in best
+            else PlaceRecognition(place, IDENTITY, False)
+        )
+
+    def _compare(
+        self, place: int, stored_map: KnownMap, wall_map: WallMap, recognition: PlaceRecognition
+    ) -> Optional[_Candidate]:
+        """Registers one stored map of a place in the new map; None if one of them has no walls."""
+        reference = self._wall_map_of(stored_map)
+        guesses = [IDENTITY, recognition.transform.after(stored_map.transform.inverse)]
+        registration, other = register(reference, wall_map, guesses), None
+        if registration is None:
+            return None
+        if not (registration.is_certain or registration.is_clearly_best):
+            registration, other = self._prefer_unmoved(reference, wall_map, registration, guesses)
+        transform = registration.transform.after(stored_map.transform)
+        transform = _snap(transform, recognition.transform, wall_map.grid)
+        other = other.after(stored_map.transform) if other else None
+        return _Candidate(PlaceRecognition(place, transform, registration.is_certain, other=other), registration)
 
     @staticmethod
     def _prefer_unmoved(
@@ -211,8 +232,3 @@ def _snap(transform: Transform, expected: Transform, grid: GridMap) -> Transform
         if distance < 0.5 * grid.resolution + 0.002 * np.ptp(grid.corners(), axis=0).max():
             return target
     return transform
-
-
-def _rank(candidate: Tuple[PlaceRecognition, Registration]) -> Tuple[bool, bool, float]:
-    """Ranks a possible recognition of a map, with the registration that it is based on."""
-    return candidate[0].certain, candidate[1].is_clearly_best, candidate[1].score

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import List, NamedTuple, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -267,15 +267,6 @@ def _is_same(transform: Transform, other: Transform, place: np.ndarray) -> bool:
     return distance < _SAME_DISTANCE and abs(math.remainder(rotation, 2.0 * math.pi)) < _SAME_ANGLE
 
 
-class _Peak(NamedTuple):
-    """A maximum of the correlation of both maps, the old one turned by `yaw` and shifted by whole coarse cells."""
-
-    score: float
-    yaw: float
-    column: int
-    row: int
-
-
 def _search(old: WallMap, new: WallMap) -> List[Transform]:
     """Searches for the most promising transforms, the best first."""
     extent = max(old.radius, new.radius)
@@ -290,7 +281,7 @@ def _search(old: WallMap, new: WallMap) -> List[Transform]:
 
     new_spectrum = spectrum(new_image)
     middle = len(old_image) // 2
-    peaks: List[_Peak] = []
+    peaks: List[Tuple[float, Transform]] = []  # the correlation's maxima
     for angle in np.arange(_ANGLES) * (360.0 / _ANGLES):
         # OpenCV's angles are for images whose rows go down; here rows go up, as y does
         rotation = cv2.getRotationMatrix2D((middle, middle), -angle, 1.0)
@@ -298,19 +289,16 @@ def _search(old: WallMap, new: WallMap) -> List[Transform]:
         product = cv2.mulSpectrums(new_spectrum, spectrum(turned), 0, conjB=True)
         scores = cv2.dft(product, flags=cv2.DFT_INVERSE | cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT)
         for _ in range(3):
-            _, best, _, (column, row) = cv2.minMaxLoc(scores)
-            peaks.append(_Peak(best, math.radians(angle), column, row))
-            cv2.circle(scores, (column, row), max(2, int(0.6 / cell)), 0.0, -1)
+            _, score, _, cell_of_peak = cv2.minMaxLoc(scores)
+            # a shift to the left or downwards has wrapped round
+            shift = np.array([n if n < size - len(old_image) else n - size for n in cell_of_peak])
+            center_in_new = new.center + (shift + middle - len(new_image) // 2) * cell
+            peaks.append((score, Transform.turning(old.center, center_in_new, math.radians(angle))))
+            cv2.circle(scores, cell_of_peak, max(2, int(0.6 / cell)), 0.0, -1)
     chosen: List[Transform] = []
-    for peak in sorted(peaks, key=lambda peak: -peak.score):
-        # a shift to the left or downwards has wrapped round
-        shift = np.array([n if n < size - len(old_image) else n - size for n in (peak.column, peak.row)])
-        center_in_new = new.center + (shift + middle - len(new_image) // 2) * cell
-        transform = Transform.turning(old.center, center_in_new, peak.yaw)
-        if all(not _is_same(transform, other, old.center) for other in chosen):
+    for _, transform in sorted(peaks, key=lambda peak: -peak[0]):
+        if len(chosen) < _HYPOTHESES and not any(_is_same(transform, other, old.center) for other in chosen):
             chosen.append(transform)
-            if len(chosen) == _HYPOTHESES:
-                break
     return chosen
 
 
