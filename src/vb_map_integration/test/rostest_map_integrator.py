@@ -18,8 +18,7 @@ from integrators import room
 from vb_testing import Newest, run_command, wait_until
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid
 from vb_core.map_files import read_map
-from vb_map_integration.border import VirtualBorder as Border
-from vb_map_integration.geojson import borders_to_geojson
+from vb_map_integration.border import VirtualBorder as Border, borders_to_geojson
 from vb_msgs.msg import NoticeArray, VirtualBorder, VirtualBorderArray
 from vb_msgs.srv import ConfirmMapRequest
 

@@ -236,13 +236,8 @@ class _BorderOnGrid:
         if not inner.any():
             raise IntegrationError("empty_region")
         row, column = (int(value) for value in np.floor(self.seed[::-1] + 0.5))
-        rows, columns = window
-        is_inner = (
-            rows.start <= row < rows.stop
-            and columns.start <= column < columns.stop
-            and (inner[row - rows.start, column - columns.start] != 0)
-        )
-        if is_inner:
+        cell = row - window[0].start, column - window[1].start
+        if all(0 <= index < size for index, size in zip(cell, inner.shape)) and inner[cell] != 0:
             mask, part = inner, cells[window]
             cv2.subtract(mask, cv2.inRange(part, threshold, 127), dst=mask)  # unknown cells, 255, stay
             if threshold <= cells[row, column] <= 127:
@@ -267,9 +262,8 @@ class _BorderOnGrid:
         """Returns the free cells of a band along a chain: a window, and its (h, w) uint8 mask."""
         cells = self.cells
         trace = raster.trace_chain(self.points, cells.shape)
-        inside = (trace.rows >= 0) & (trace.columns >= 0) & (trace.rows < cells.shape[0])
-        inside &= trace.columns < cells.shape[1]
-        rows, columns = trace.rows[inside], trace.columns[inside]
+        is_on_map = self.prior.contains_cells(np.column_stack([trace.rows, trace.columns]))
+        rows, columns = trace.rows[is_on_map], trace.columns[is_on_map]
         if len(rows) == 0:
             raise IntegrationError("outside_map")
         reach = int(WALL_WIDTH / 2.0 / self.prior.resolution + 1e-6)

@@ -15,10 +15,9 @@ from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
-from vb_map_integration.border import IntegrationError, VirtualBorder, warning
+from vb_map_integration.border import IntegrationError, VirtualBorder, borders_to_geojson, warning
 from vb_map_integration.border_region import BorderRegion, apply_regions, compute_region
 from vb_map_integration.borders_in_force import BordersInForce, BorderStatus, compute_in_force, find_notices
-from vb_map_integration.geojson import borders_to_geojson
 from vb_map_integration.grid.raster import count_free_parts
 from vb_map_integration.places.border_location import BorderLocator
 from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer

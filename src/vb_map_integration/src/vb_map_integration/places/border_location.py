@@ -12,8 +12,8 @@ docs/results/maps/README.md has the results on the other half and on further map
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Callable, Mapping, Optional, Tuple
+from functools import cached_property, lru_cache
+from typing import Mapping, Optional, Tuple
 
 import numpy as np
 
@@ -80,7 +80,6 @@ class BorderLocator:
         transform: transform from the place's frame to the map's.
         other_transform: a second possible one; None if there is none.
         stored_maps: the place's stored maps by fingerprint, the oldest first.
-        wall_map_of: returns a stored map's walls.
     """
 
     grid: GridMap
@@ -88,7 +87,6 @@ class BorderLocator:
     transform: Transform
     other_transform: Optional[Transform]
     stored_maps: Mapping[str, KnownMap]
-    wall_map_of: Callable[[KnownMap], WallMap]
 
     @cached_property
     def _walls(self) -> WallMap:
@@ -101,7 +99,7 @@ class BorderLocator:
             return BorderLocation(border.moved(self.transform))
         accepted = border.moved(stored.transform)
         expected = self.transform.after(stored.transform.inverse)
-        fit = fit_locally(self.wall_map_of(stored), self._walls, expected, accepted.points)
+        fit = fit_locally(wall_map_of(stored), self._walls, expected, accepted.points)
         points = expected.apply(np.concatenate([accepted.points, [accepted.seed]]))
         floor_is_known = float(self._walls.is_known(points).mean()) >= _SEEN
         walls_agree = fit is not None and fit.is_certain
@@ -111,6 +109,12 @@ class BorderLocator:
         return BorderLocation(
             accepted.moved(transform), walls_agree, floor_is_known, tuple(others), accepted, stored.grid, transform
         )
+
+
+@lru_cache(maxsize=64)
+def wall_map_of(known_map: KnownMap) -> WallMap:
+    """Returns the walls of a stored map."""
+    return WallMap(known_map.grid)
 
 
 @dataclass(frozen=True)

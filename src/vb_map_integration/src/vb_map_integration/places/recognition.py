@@ -15,7 +15,7 @@ from typing import Dict, List, NamedTuple, Optional, Tuple
 import numpy as np
 
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
-from vb_map_integration.places.border_location import BorderLocator
+from vb_map_integration.places.border_location import BorderLocator, wall_map_of
 from vb_map_integration.places.registration import Registration, WallMap, measure, register
 from vb_map_integration.places.transform import IDENTITY, Transform
 from vb_map_integration.storage.database import Database, KnownMap
@@ -81,7 +81,6 @@ class PlaceRecognizer:
     def __init__(self, database: Database, name: str = "") -> None:
         self._database = database
         self._name = name
-        self._wall_maps: Dict[str, WallMap] = {}
 
     def recognize(
         self, grid: GridMap, map_id: str, before: Optional[GridMap], recognition: PlaceRecognition
@@ -124,7 +123,7 @@ class PlaceRecognizer:
             for known_map in self._database.maps()
             if known_map.place == recognition.place
         }
-        return BorderLocator(grid, map_id, recognition.transform, recognition.other, maps, self._wall_map_of)
+        return BorderLocator(grid, map_id, recognition.transform, recognition.other, maps)
 
     def _candidates(self) -> Dict[int, List[KnownMap]]:
         """Returns, for each place with borders that the current map may show, the place's maps."""
@@ -137,14 +136,9 @@ class PlaceRecognizer:
         name = self._name if self._database.find_place(self._name) else ""
         return {place: maps for place, maps in places.items() if self._database.get_name(place) == name}
 
-    def _wall_map_of(self, known_map: KnownMap) -> WallMap:
-        if known_map.fingerprint not in self._wall_maps:
-            self._wall_maps[known_map.fingerprint] = WallMap(known_map.grid)
-        return self._wall_maps[known_map.fingerprint]
-
     def _agrees(self, maps: List[KnownMap], wall_map: WallMap, transform: Transform) -> bool:
         """Returns whether a map agrees, at its expected transform, with one of a place's stored maps."""
-        starts = ((self._wall_map_of(known_map), transform.after(known_map.transform.inverse)) for known_map in maps)
+        starts = ((wall_map_of(known_map), transform.after(known_map.transform.inverse)) for known_map in maps)
         return any(measure(reference, wall_map, start).agrees for reference, start in starts)
 
     def _register(
@@ -180,7 +174,7 @@ class PlaceRecognizer:
         self, place: int, stored_map: KnownMap, wall_map: WallMap, recognition: PlaceRecognition
     ) -> Optional[_Candidate]:
         """Registers one stored map of a place in the new map; None if one of them has no walls."""
-        reference = self._wall_map_of(stored_map)
+        reference = wall_map_of(stored_map)
         guesses = [IDENTITY, recognition.transform.after(stored_map.transform.inverse)]
         registration, other = register(reference, wall_map, guesses), None
         if registration is None:

@@ -11,15 +11,14 @@ import hashlib
 import itertools
 import json
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_map_integration.border import MAX_NAME, VirtualBorder
-from vb_map_integration.geojson import border_from_feature, border_to_feature
+from vb_map_integration.border import MAX_NAME, VirtualBorder, border_from_feature, border_to_feature
 from vb_map_integration.places.transform import IDENTITY, Transform
 from vb_map_integration.storage.durable_values import DurableValues
 
@@ -55,7 +54,7 @@ class KnownMap:
     place: int
     fingerprint: str
     transform: Transform
-    _values: Mapping[str, Any]
+    _values: Mapping[str, Any] = field(compare=False, repr=False)
 
     @functools.cached_property
     def grid(self) -> GridMap:
