@@ -274,9 +274,8 @@ def border_from_feature(feature: Any) -> VirtualBorder:
     try:
         shape = shapely.geometry.shape(feature.get("geometry"))
     except (shapely.errors.ShapelyError, ValueError, TypeError, LookupError, AttributeError) as error:
-        raise CodedError(
-            "bad_border_file", reason="$file_format", format="GeoJSON", detail=str(error).strip()
-        ) from None
+        detail = str(error).strip()
+        raise CodedError("bad_border_file", reason="$file_format", format="GeoJSON", detail=detail) from None
     if shape.geom_type not in ("Polygon", "LineString"):
         raise _wrong("geometry", "Polygon | LineString", shape.geom_type)
     closed = shape.geom_type == "Polygon"

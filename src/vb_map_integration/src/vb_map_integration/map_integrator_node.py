@@ -132,10 +132,8 @@ class MapIntegratorNode:
             if not self._integrator.set_map(grid):
                 self._show_notices()  # the last map may have been refused
                 return
-            count = len(self._integrator.borders)
-            rospy.loginfo(
-                "%s: a map of %s cells, %d border(s)", rospy.get_name(), " x ".join(map(str, grid.shape)), count
-            )
+            size, count = " x ".join(map(str, grid.shape)), len(self._integrator.borders)
+            rospy.loginfo("%s: a map of %s cells, %d border(s)", rospy.get_name(), size, count)
             self._publish()
 
     # ------------------------------------------------------------- one border

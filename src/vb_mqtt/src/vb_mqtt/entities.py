@@ -232,9 +232,7 @@ def border_value(border: Any) -> Dict[str, Any]:
 def robot_problems(name: str, lines: Sequence[Notice], notices: Iterable[Notice], language: str) -> List[str]:
     """Returns sentences on a robot's problems, or that it is not connected."""
     mine = [line for line in lines if line.robot == name]
-    problems = [
-        notice for notice in mine if notice.severity >= Severity.WARNING or notice.code == "robot_not_connected"
-    ]
+    problems = [line for line in mine if line.severity >= Severity.WARNING or line.code == "robot_not_connected"]
     # a notice about no robot has the empty name too, which is also that of the only robot
     value = sentences.robot_value(name)
     warnings = [notice for notice in notices if notice.severity >= Severity.WARNING]

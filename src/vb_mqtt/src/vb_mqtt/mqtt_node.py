@@ -29,7 +29,7 @@ from vb_core.ros.robot_status import OfferListener
 from vb_core.vocabulary import COMMANDS
 from vb_mqtt import entities
 from vb_mqtt.broker_connection import MqttClient, read_connection
-from vb_mqtt.entities import INTEGRATOR, MANAGER, OFFLINE, ONLINE, Lab, key_of
+from vb_mqtt.entities import CONFIRM, INTEGRATOR, MANAGER, MONITOR, OFFLINE, ONLINE, Lab, key_of
 from vb_mqtt.inbox import BURST, RATE, Inbox, Request
 
 SOURCE = "home_assistant"
@@ -143,9 +143,8 @@ class MqttNode:
             return
         prior, posterior = map(messages.grid_from_message, grids)
         if prior.same_geometry(posterior):
-            self._broker.put(
-                self._lab.topic("map"), entities.draw_map(prior, posterior, list((self._borders or {}).values()))
-            )
+            image = entities.draw_map(prior, posterior, list((self._borders or {}).values()))
+            self._broker.put(self._lab.topic("map"), image)
 
     # ------------------------------------------------------------------ to the broker
     def _put(self, key: str, value: Any) -> None:
@@ -163,9 +162,7 @@ class MqttNode:
         manager, robots = self._is_heard(MANAGER), self._robots.current()
         offered = effective(robots[1], tuple(COMMANDS)) if robots is not None else COMMANDS
         health = {command: manager and command in offered for command in COMMANDS}
-        health.update(
-            {MANAGER: manager, entities.MONITOR: robots is not None, entities.CONFIRM: manager and self._asked}
-        )
+        health.update({MANAGER: manager, MONITOR: robots is not None, CONFIRM: manager and self._asked})
         health[INTEGRATOR] = self._borders_subscriber.get_num_connections() > 0
         self._put("health", {key: ONLINE if well else OFFLINE for key, well in health.items()})
 
@@ -190,9 +187,8 @@ class MqttNode:
         self._watch_connection()
 
     def _camera_problems(self, camera: str, notices: List[Notice]) -> List[str]:
-        problems = [
-            notice.sentence(self._language) for notice in notices if notice.camera == camera and notice.severity
-        ]
+        warnings = [notice for notice in notices if notice.camera == camera and notice.severity]
+        problems = [warning.sentence(self._language) for warning in warnings]
         if not self._is_heard("camera " + camera):
             problems.append(sentences.translate("mqtt_camera_silent", {"camera": camera}, self._language))
         return problems
@@ -211,9 +207,8 @@ class MqttNode:
         with self._lock:
             refused = dict(self._refused)
         self._put("notices", {"count": len(values), "notices": values[:20], "refused": refused})
-        current = dict(
-            zip(((notice.code, notice.robot, notice.border_id, notice.camera) for notice in notices), values)
-        )
+        keys = ((notice.code, notice.robot, notice.border_id, notice.camera) for notice in notices)
+        current = dict(zip(keys, values))
         for key, value in current.items():
             if self._shown_notices is not None and key not in self._shown_notices:
                 self._broker.send(self._lab.topic(entities.NOTICE), _json(value))
@@ -266,9 +261,8 @@ class MqttNode:
     def _refuse(self, request: Request, error: CodedError) -> None:
         with self._lock:
             self._refused[error.code] = self._refused.get(error.code, 0) + 1
-        self._send_answer(
-            request, False, error.code, sentences.translate(error.code, error.values, self._language, error.message)
-        )
+        text = sentences.translate(error.code, error.values, self._language, error.message)
+        self._send_answer(request, False, error.code, text)
 
     def _send_answer(self, request: Request, success: bool, code: str, text: str) -> None:
         request_name = request.command or request.border

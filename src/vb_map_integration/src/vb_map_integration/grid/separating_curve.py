@@ -145,14 +145,10 @@ def _stops(
     indices = indices if len(indices) else np.array([0 if outwards < 0 else len(beyond) - 1])
     hit = cells[trace.rows[indices] + 1, trace.columns[indices] + 1] != _FREE
     hit[1:] &= ~hit[:-1]
-    ahead = [
-        _Stop(
-            max(float(beyond[k]), 0.0),
-            (int(trace.rows[k]), int(trace.columns[k])),
-            int(k if outwards < 0 else len(beyond) - 1 - k),
-        )
-        for k in (indices[hit] if hit.any() else indices[-1:])
-    ]
+    ahead = []
+    for k in (indices[hit] if hit.any() else indices[-1:]).tolist():
+        cell, inset = (int(trace.rows[k]), int(trace.columns[k])), k if outwards < 0 else len(beyond) - 1 - k
+        ahead.append(_Stop(max(float(beyond[k]), 0.0), cell, inset))
     within = int(tolerance)
     top, left = (max(int(value + 0.5) - within, 0) for value in point[::-1])
     rows, columns = np.nonzero(cells[1:-1, 1:-1][top : top + 2 * within + 1, left : left + 2 * within + 1])
@@ -182,10 +178,8 @@ def _stops_on_one_piece(cells: np.ndarray, starts: List[_Stop], ends: List[_Stop
         met = value(stop)
         if met == other:
             fill(stop, _MET_BY_BOTH)
-            start, end = (
-                next(candidate for candidate in stops if value(candidate) == _MET_BY_BOTH) for stops in (starts, ends)
-            )
-            return start, end
+            met_by_both = (next(stop for stop in stops if value(stop) == _MET_BY_BOTH) for stops in (starts, ends))
+            return tuple(met_by_both)  # type: ignore[return-value]
         if met == _BLOCKED:
             fill(stop, mark)
     return None

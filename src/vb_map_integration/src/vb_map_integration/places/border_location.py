@@ -106,9 +106,8 @@ class BorderLocator:
         others = [accepted.moved(fit.transform)] if fit is not None and fit.is_possible and not walls_agree else []
         others += [border.moved(self.other_transform)] if self.other_transform is not None else []
         transform = fit.transform if fit is not None and walls_agree else expected
-        return BorderLocation(
-            accepted.moved(transform), walls_agree, floor_is_known, tuple(others), accepted, stored.grid, transform
-        )
+        here = accepted.moved(transform)
+        return BorderLocation(here, walls_agree, floor_is_known, tuple(others), accepted, stored.grid, transform)
 
 
 @lru_cache(maxsize=64)
@@ -163,49 +162,46 @@ def fit_locally(old: WallMap, new: WallMap, expected: Transform, outline: np.nda
         expected: the transform from the old map's frame to the new one's at which they are expected.
         outline: (N, 2) [m] the border's, in the old map's frame.
     """
-    near = _fit_within(WALL_RADIUS, old, new, expected, outline)
+    near = _fit(WALL_RADIUS, old, new, expected, outline)
     if near is not None and not near.is_ambiguous:
         return near
-    wider = _fit_within(WIDER_WALL_RADIUS, old, new, expected, outline)
+    wider = _fit(WIDER_WALL_RADIUS, old, new, expected, outline)
     return wider if wider is not None and wider.is_certain and wider.moved_m <= _EXPECTED_DISTANCE else near
 
 
-def _fit_within(
-    radius: float, old: WallMap, new: WallMap, expected: Transform, outline: np.ndarray
-) -> Optional[LocalFit]:
+def _fit(radius: float, old: WallMap, new: WallMap, expected: Transform, outline: np.ndarray) -> Optional[LocalFit]:
     """Finds the walls within a radius [m] of a border in a new map, as `fit_locally` does."""
     walls = old.walls_near(outline, radius)
     if len(walls) < _MIN_WALLS:
         return None
     sample = thin(walls, _MAX_WALLS)
     center = outline.mean(axis=0)
-    expected_center = expected.apply(center)[0]
     here, *aside = _scores(sample, new, expected, np.concatenate([[[0.0, 0.0]], _SHIFTS_ASIDE]))
     share, _ = compare_walls(expected.apply(walls), new)
     if share >= _NO_SEARCH_SHARE and max(aside) <= (1.0 - _MIN_MARGIN) * here:
         best, margin = expected, 1.0 - max(aside) / here
     else:
-        best, margin = _search(sample, new, center, expected_center, expected.yaw)
-        best = refine(old, new, best, sample, new.walls_near(best.apply(outline), radius), center, _REACHES)
+        best, margin = _search(sample, new, expected, center)
+        new_walls = new.walls_near(best.apply(outline), radius)
+        best = refine(old, new, best, (sample, new_walls), center, _REACHES)
     forward, known = compare_walls(best.apply(walls), new)
     backward, _ = compare_walls(best.inverse.apply(new.walls_near(best.apply(outline), radius)), old)
-    moved = float(np.linalg.norm(best.apply(center)[0] - expected_center))
+    moved = float(np.linalg.norm(best.apply(center)[0] - expected.apply(center)[0]))
     return LocalFit(best, (min(forward, backward), max(forward, backward)), known, margin, moved)
 
 
-def _search(
-    walls: np.ndarray, new: WallMap, center: np.ndarray, expected_center: np.ndarray, expected_yaw: float
-) -> Tuple[Transform, float]:
+def _search(walls: np.ndarray, new: WallMap, expected: Transform, center: np.ndarray) -> Tuple[Transform, float]:
     """Searches a grid of positions round the expected one; returns the best transform, and its `LocalFit.margin`."""
+    expected_center = expected.apply(center)[0]
     count = round(_SEARCH_REACH / _SEARCH_STEP)
     steps = np.arange(-count, count + 1) * _SEARCH_STEP
     shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    transforms = [Transform.turning(center, expected_center, expected_yaw + turn) for turn in _SEARCH_YAWS]
+    transforms = [Transform.turning(center, expected_center, expected.yaw + turn) for turn in _SEARCH_YAWS]
     scores = np.array([_scores(walls, new, transform, shifts) for transform in transforms])
     turn, shift = np.unravel_index(int(np.argmax(scores)), scores.shape)
     is_apart = np.linalg.norm(shifts - shifts[shift], axis=1) > _MIN_SEPARATION
     margin = 1.0 - float(scores[:, is_apart].max()) / max(1e-9, float(scores[turn, shift]))
-    return Transform.turning(center, expected_center + shifts[shift], expected_yaw + _SEARCH_YAWS[turn]), margin
+    return Transform.turning(center, expected_center + shifts[shift], expected.yaw + _SEARCH_YAWS[turn]), margin
 
 
 def _scores(walls: np.ndarray, new: WallMap, transform: Transform, shifts: np.ndarray) -> np.ndarray:

@@ -118,11 +118,7 @@ class PlaceRecognizer:
 
     def make_locator(self, grid: GridMap, map_id: str, recognition: PlaceRecognition) -> BorderLocator:
         """Makes the locator of borders on a map, from what the map was recognised as, and the place's stored maps."""
-        maps = {
-            known_map.fingerprint: known_map
-            for known_map in self._database.maps()
-            if known_map.place == recognition.place
-        }
+        maps = {stored.fingerprint: stored for stored in self._database.maps() if stored.place == recognition.place}
         return BorderLocator(grid, map_id, recognition.transform, recognition.other, maps)
 
     def _candidates(self) -> Dict[int, List[KnownMap]]:
@@ -148,7 +144,7 @@ class PlaceRecognizer:
         best: Dict[int, _Candidate] = {}
         for place, maps in places.items():
             for stored_map in maps[:1] + maps[1:][1 - _COMPARED :]:
-                candidate = self._compare(place, stored_map, wall_map, recognition)
+                candidate = self._compare(stored_map, wall_map, recognition)
                 if candidate is not None and (place not in best or candidate.rank > best[place].rank):
                     best[place] = candidate
         certain = [candidate.recognition for candidate in best.values() if candidate.recognition.certain]
@@ -164,27 +160,23 @@ class PlaceRecognizer:
             return replace(likeliest.recognition, certain=False, likely=likely)
         last = self._database.last_place
         place = last if last in places else max(places)
-        return (
-            replace(best[place].recognition, certain=False)
-            if place in best
-            else PlaceRecognition(place, IDENTITY, False)
-        )
+        unsure = best[place].recognition if place in best else PlaceRecognition(place)
+        return replace(unsure, certain=False)
 
-    def _compare(
-        self, place: int, stored_map: KnownMap, wall_map: WallMap, recognition: PlaceRecognition
-    ) -> Optional[_Candidate]:
-        """Registers one stored map of a place in the new map; None if one of them has no walls."""
+    def _compare(self, stored_map: KnownMap, wall_map: WallMap, start: PlaceRecognition) -> Optional[_Candidate]:
+        """Registers one stored map in the new map; returns None if one of them has no walls."""
         reference = wall_map_of(stored_map)
-        guesses = [IDENTITY, recognition.transform.after(stored_map.transform.inverse)]
+        guesses = [IDENTITY, start.transform.after(stored_map.transform.inverse)]
         registration, other = register(reference, wall_map, guesses), None
         if registration is None:
             return None
         if not (registration.is_certain or registration.is_clearly_best):
             registration, other = self._prefer_unmoved(reference, wall_map, registration, guesses)
-        transform = registration.transform.after(stored_map.transform)
-        transform = _snap(transform, recognition.transform, wall_map.grid)
         other = other.after(stored_map.transform) if other else None
-        return _Candidate(PlaceRecognition(place, transform, registration.is_certain, other=other), registration)
+        transform = registration.transform.after(stored_map.transform)
+        transform = _snap(transform, start.transform, wall_map.grid)
+        recognition = PlaceRecognition(stored_map.place, transform, registration.is_certain, other=other)
+        return _Candidate(recognition, registration)
 
     @staticmethod
     def _prefer_unmoved(
@@ -195,9 +187,8 @@ class PlaceRecognizer:
         Returns:
             The proposed registration, and the other transform if it is possible too.
         """
-        still = max(
-            (measure(reference, wall_map, guess) for guess in guesses), key=lambda candidate: candidate.agreement
-        )
+        unmoved = [measure(reference, wall_map, guess) for guess in guesses]
+        still = max(unmoved, key=lambda registration: registration.agreement)
         moves = registration.agreement >= max(_PLAUSIBLE_AGREEMENT, still.agreement + _DOUBT)
         proposed, other = (registration, still) if moves else (still, registration)
         possible = other.agreement >= _POSSIBLE_AGREEMENT and other.transform != proposed.transform

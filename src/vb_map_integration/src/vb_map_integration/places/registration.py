@@ -58,6 +58,9 @@ MIN_MARGIN = 0.3  # how much less the next best hypothesis explains, as a share
 # the same for a registration without MIN_AGREEMENT: nothing else speaks for it then
 MIN_MARGIN_ALONE = 0.5
 
+# wall cells (N, 2) [m] of the old map, and (K, 2) of the new one, each in its map's frame
+WallPair = Tuple[np.ndarray, np.ndarray]
+
 
 @dataclass(frozen=True)
 class Registration:
@@ -236,16 +239,13 @@ def register(old: WallMap, new: WallMap, guesses: Sequence[Transform] = (IDENTIT
     if not len(old.walls) or not len(new.walls):
         return None
     samples = _sample(old), _sample(new)
-    refined = [refine(old, new, start, *samples, old.center, _REACHES) for start in [*guesses, *_search(old, new)]]
-    best, *others = sorted(
-        (measure(old, new, candidate) for candidate in refined), key=lambda candidate: -candidate.balance_m
-    )
+    refined = [refine(old, new, start, samples, old.center, _REACHES) for start in [*guesses, *_search(old, new)]]
+    candidates = [measure(old, new, transform) for transform in refined]
+    best, *others = sorted(candidates, key=lambda candidate: -candidate.balance_m)
     if best.balance_m <= 0.0:
         return best
-    rest = [
-        candidate.balance_m for candidate in others if not _is_same(best.transform, candidate.transform, old.center)
-    ]
-    return replace(best, margin=1.0 - max([0.0, *rest]) / best.balance_m)
+    rivals = [other for other in others if not _is_same(best.transform, other.transform, old.center)]
+    return replace(best, margin=1.0 - max([0.0, *(rival.balance_m for rival in rivals)]) / best.balance_m)
 
 
 def measure(old: WallMap, new: WallMap, transform: Transform) -> Registration:
@@ -263,8 +263,8 @@ def measure(old: WallMap, new: WallMap, transform: Transform) -> Registration:
 
 
 def _is_same(transform: Transform, other: Transform, place: np.ndarray) -> bool:
-    distance, rotation = float(np.linalg.norm(transform.apply(place) - other.apply(place))), transform.yaw - other.yaw
-    return distance < _SAME_DISTANCE and abs(math.remainder(rotation, 2.0 * math.pi)) < _SAME_ANGLE
+    distance = float(np.linalg.norm(transform.apply(place) - other.apply(place)))
+    return distance < _SAME_DISTANCE and abs(math.remainder(transform.yaw - other.yaw, 2.0 * math.pi)) < _SAME_ANGLE
 
 
 def _search(old: WallMap, new: WallMap) -> List[Transform]:
@@ -314,13 +314,7 @@ def _sample(wall_map: WallMap) -> np.ndarray:
 
 
 def refine(
-    old: WallMap,
-    new: WallMap,
-    start: Transform,
-    old_walls: np.ndarray,
-    new_walls: np.ndarray,
-    center: np.ndarray,
-    reaches: Sequence[float],
+    old: WallMap, new: WallMap, start: Transform, walls: WallPair, center: np.ndarray, reaches: Sequence[float]
 ) -> Transform:
     """Refines a transform to the nearby one at which the walls of both maps coincide.
 
@@ -329,21 +323,21 @@ def refine(
     apart than `reach`. The transform is moved by the damped Gauss-Newton step -(J^T W J + N D)^-1 J^T W d.
 
     Args:
-        old_walls, new_walls: (N, 2) [m] walls of each map to match with the other map.
+        walls: those of the old map and of the new one that are matched with the other map's.
         center: (2,) [m] centre of rotation in the old map, which keeps rotation and shift decoupled.
         reaches: [m] one value per iteration.
     """
-    center_in_new, yaw = start.apply(center)[0], start.yaw
+    (old_walls, new_walls), center_in_new, yaw = walls, start.apply(center)[0], start.yaw
     for reach in reaches:
         rotation = Transform(yaw=yaw).rotation
-        arms = (old_walls - center) @ rotation.T
-        to_new, gradients = new.look_up(center_in_new + arms)
-        old_moves = np.column_stack([gradients, _cross(arms, gradients)])
-        # the new map's walls move the other way in the old map's frame
-        arms = (new_walls - center_in_new) @ rotation
-        to_old, gradients = old.look_up(center + arms)
-        new_moves = np.column_stack([-(gradients @ rotation.T), _cross(gradients, arms)])
-        distances, jacobian = np.concatenate([to_new, to_old]), np.concatenate([old_moves, new_moves])
+        arms = (old_walls - center) @ rotation.T  # from the centre to each wall, in the new map's frame
+        old_distances, gradients = new.look_up(center_in_new + arms)
+        old_jacobian = np.column_stack([gradients, _cross(arms, gradients)])
+        arms = (new_walls - center_in_new) @ rotation  # in the old map's frame, in which they move the other way
+        new_distances, gradients = old.look_up(center + arms)
+        new_jacobian = np.column_stack([-(gradients @ rotation.T), _cross(gradients, arms)])
+        distances = np.concatenate([old_distances, new_distances])
+        jacobian = np.concatenate([old_jacobian, new_jacobian])
         weighted = jacobian * np.square(np.maximum(0.0, 1.0 - np.square(distances / reach)))[:, None]
         normal_matrix = weighted.T @ jacobian + len(distances) * _DAMPING
         step = np.clip(np.linalg.solve(normal_matrix, -weighted.T @ distances), -_MAX_STEP, _MAX_STEP)

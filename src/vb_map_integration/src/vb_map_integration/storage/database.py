@@ -95,10 +95,8 @@ class Database(DurableValues):
     ) -> int:
         """Stores a map of a place (0: a new one), which becomes the last place; returns the place's number."""
         maps = self.maps()
-        number = next(
-            (record.number for record in maps if record.fingerprint == map_id),
-            1 + max((record.number for record in maps), default=0),
-        )
+        known = self.find_map(map_id)
+        number = known.number if known else 1 + max((record.number for record in maps), default=0)
         place = place or number
         needed = {border.map_id for border in self.borders(place)}  # the place's borders are compared with these maps
         others = [record for record in maps if record.place == place and record.number not in (place, number)]
@@ -160,7 +158,7 @@ class Database(DurableValues):
     # ------------------------------------------------------------- borders
     def borders(self, place: int) -> Tuple[VirtualBorder, ...]:
         """Returns the borders of a place in its frame, the oldest first."""
-        ids = sorted(self.names(f"borders/{place}"), key=lambda one: int(one[1:]))
+        ids = sorted(self.names(f"borders/{place}"), key=lambda border_id: int(border_id[1:]))
         return tuple(_read_border(self._values[f"borders/{place}/{border_id}"]) for border_id in ids)
 
     def find(self, border_id: str) -> Tuple[int, VirtualBorder]:
@@ -199,7 +197,7 @@ class Database(DurableValues):
         """
         changes = self._history(place, change, kind)
         for entry in change:
-            changes[f"borders/{place}/{entry.id}"] = _to_dict(entry.after)
+            changes[f"borders/{place}/{entry.id}"] = entry.after and border_to_feature(entry.after)
         if request_id:
             changes[f"requests/{request_id}"] = change[0].id
             changes.update({f"requests/{old}": None for old in self.names("requests")[:-MAX_REQUESTS]})
@@ -207,18 +205,18 @@ class Database(DurableValues):
         self.change({**changes, _NEXT: max(following, self.get(_NEXT, 1))})
 
     def _history(self, place: int, change: Change, kind: str) -> Dict[str, Any]:
+        """Returns the values that record a change, so that it can be undone or redone."""
         changes = self.of_kind("changes")
         if kind in ("undo", "redo"):
             number = self._newest(place, kind)
             return {f"changes/{number}": {**changes[number], "undone": kind == "undo"}}
-        entries = [[entry.id, _to_dict(entry.before), _to_dict(entry.after)] for entry in change]
+        states = ((entry.id, (entry.before, entry.after)) for entry in change)
+        entries = [[key, *(border and border_to_feature(border) for border in pair)] for key, pair in states]
         gone = [number for number, other in changes.items() if other["place"] == place and other["undone"]]
         gone += list(changes)[: 1 - MAX_CHANGES]
         number = str(1 + max(map(int, changes), default=0))
-        return {
-            **{f"changes/{old}": None for old in gone},
-            f"changes/{number}": {"place": place, "undone": False, "entries": entries},
-        }
+        made = {"place": place, "undone": False, "entries": entries}
+        return {**{f"changes/{old}": None for old in gone}, f"changes/{number}": made}
 
     def available_commands(self, place: int) -> List[str]:
         """Lists "undo" and "redo", each only if there is something to undo or redo."""
@@ -228,9 +226,8 @@ class Database(DurableValues):
     def _newest(self, place: int, kind: str) -> str:
         """Returns the number of the change that undo would revert, or redo repeat."""
         changes = self.of_kind("changes")
-        numbers = [
-            key for key, change in changes.items() if change["place"] == place and change["undone"] == (kind == "redo")
-        ]
+        own = {number: change for number, change in changes.items() if change["place"] == place}
+        numbers = [number for number, change in own.items() if change["undone"] == (kind == "redo")]
         if not numbers:
             raise CodedError(f"nothing_to_{kind}")
         return (max if kind == "undo" else min)(numbers, key=int)
@@ -242,7 +239,8 @@ class Database(DurableValues):
             CodedError: "nothing_to_undo", "nothing_to_redo".
         """
         entries = self.get(f"changes/{self._newest(place, kind)}")["entries"]
-        change = tuple(BorderChange(key, _from_dict(before), _from_dict(after)) for key, before, after in entries)
+        states = ((key, (values and border_from_feature(values) for values in pair)) for key, *pair in entries)
+        change = tuple(BorderChange(key, *pair) for key, pair in states)
         if kind == "redo":
             return change
         return tuple(BorderChange(entry.id, entry.after, entry.before) for entry in reversed(change))
@@ -255,11 +253,3 @@ class Database(DurableValues):
 @functools.lru_cache(maxsize=10_000)  # an unchanged border stays the same object
 def _read_border(text: str) -> VirtualBorder:
     return border_from_feature(json.loads(text))
-
-
-def _to_dict(border: Optional[VirtualBorder]) -> Any:
-    return None if border is None else border_to_feature(border)
-
-
-def _from_dict(values: Any) -> Optional[VirtualBorder]:
-    return None if values is None else border_from_feature(values)
