@@ -152,9 +152,8 @@ class MapIntegratorTest(unittest.TestCase):
         self.assertEqual((late.success, late.code), (False, "revision_conflict"))
         self.assertEqual(self.call("set_border_enabled", first.id, False, "test", late.revision).code, "ok")
         wait_until(lambda: self.borders.message.borders[0].reason == "disabled", "the border that sleeps")
-        self.assertEqual(
-            (self.borders.message.borders[0].name, self.borders.message.borders[0].in_force), ("rug", False)
-        )
+        border = self.borders.message.borders[0]
+        self.assertEqual((border.name, border.in_force), ("rug", False))
         robots = self.call("add_border", polygon(robots=["nobody"]), "", "test")
         self.assertEqual((robots.code, robots.values[0].value), ("unknown_robot", "nobody"))
 

@@ -193,9 +193,8 @@ def test_a_damaged_file_is_restored_from_the_copy_and_reported(restart, tmp_path
         path.write_bytes(damaged[damage])
     assert again(restart) == (borders, ["database_repaired"])
     assert again(restart) == (borders, []) and path.read_bytes() == content
-    assert [path.read_bytes() for path in tmp_path.glob("*.damaged")] == [
-        path for path in [damaged.get(damage)] if path is not None
-    ]
+    kept = [damaged[damage]] if damaged.get(damage) is not None else []
+    assert [path.read_bytes() for path in tmp_path.glob("*.damaged")] == kept
 
 
 def days(folder, *dates):

@@ -102,20 +102,18 @@ class BordersInForce:
     @cached_property
     def map_with_borders(self) -> GridMap:
         """The map with all borders in force."""
-        return apply_regions(self.physical, self.regions())
+        return self.draw_map()
 
-    def regions(self, without: Iterable[str] = ()) -> List[Region]:
-        """Returns the regions of the borders in force, except `without`; those of slow zones have the value 0."""
-        return [
-            status.region for key, status in self.statuses.items() if status.region is not None and key not in without
-        ]
+    def draw_map(self, without: Iterable[str] = (), also: Sequence[Region] = ()) -> GridMap:
+        """Draws the map with the borders in force, except those with the ids `without`, and also with further regions."""
+        regions = [status.region for key, status in self.statuses.items() if status.region and key not in without]
+        return apply_regions(self.physical, [*regions, *also])
 
     @property
     def slow_zones(self) -> Tuple[BorderStatus, ...]:
         """The slow zones in force."""
-        return tuple(
-            status for status in self.statuses.values() if status.is_in_force and status.map_border.zone.limits_speed
-        )
+        in_force = (status for status in self.statuses.values() if status.is_in_force)
+        return tuple(status for status in in_force if status.map_border.zone.limits_speed)
 
     def outlines(self, border_id: str) -> Tuple[np.ndarray, np.ndarray]:
         """Returns the outlines (N, 2) [m] before and after confirmation; empty unless the border waits for it."""

@@ -16,7 +16,7 @@ from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_map_integration.border import IntegrationError, VirtualBorder, borders_to_geojson, warning
-from vb_map_integration.border_region import BorderRegion, apply_regions, compute_region
+from vb_map_integration.border_region import BorderRegion, compute_region
 from vb_map_integration.borders_in_force import BordersInForce, BorderStatus, compute_in_force, find_notices
 from vb_map_integration.grid.raster import count_free_parts
 from vb_map_integration.places.border_location import BorderLocator
@@ -114,7 +114,7 @@ class MapIntegrator:
     def map_with_borders_for(self, robot: str) -> GridMap:
         """Returns the map for one robot: with the borders that name it and those that name no robot."""
         others = [border.id for border in self.borders if border.robots and robot not in border.robots]
-        return apply_regions(self.physical, self.in_force.regions(others)) if others else self.map_with_borders
+        return self.in_force.draw_map(without=others) if others else self.map_with_borders
 
     @property
     def borders(self) -> Tuple[VirtualBorder, ...]:
@@ -175,7 +175,8 @@ class MapIntegrator:
 
     def _set_recognition(self, grid: GridMap, recognition: PlaceRecognition) -> None:
         """Sets what the current map was recognised as, and with it the locator of borders on it."""
-        self._locator = self._recognizer.make_locator(grid, self.map_id, recognition)
+        maps = self._database.maps_of(recognition.place)
+        self._locator = BorderLocator(grid, self.map_id, maps, recognition.transform, recognition.other)
         self._recognition = recognition
 
     def _recompute_borders(self, grid: GridMap, known_region: Optional[BorderRegion] = None) -> None:
@@ -237,10 +238,10 @@ class MapIntegrator:
         issues = list(region.issues)
         if region.contains_any(self.physical.world_to_cell(robot_positions)):
             issues.append(warning("robot_inside"))
-        regions = [*self.in_force.regions([border.id]), region]
         if self._free_parts is None:
             self._free_parts = count_free_parts(self.map_with_borders, self._robot_radius)
-        before, after = self._free_parts, count_free_parts(apply_regions(self.physical, regions), self._robot_radius)
+        new_map = self.in_force.draw_map(without=[border.id], also=[region])
+        before, after = self._free_parts, count_free_parts(new_map, self._robot_radius)
         if after > before:
             issues.append(warning("splits_free_space"))
         if after == 0 < before:

@@ -82,7 +82,7 @@ class MapIntegratorNode:
         self._integrator = MapIntegrator(root, params.map_name, robots, radius)
         self._lock = threading.RLock()
         self._notices = NoticePublisher()
-        self._map_notices: List[Notice] = []  # why the last map was refused
+        self._map_notices: List[Notice] = []  # about the last map, if it was refused
         self._show_notices()
         self._last_stamp = rospy.Time(0)
         self._transforms = TransformLookup() if params.robot_frames else None
@@ -200,8 +200,8 @@ class MapIntegratorNode:
             return ()
         bases = [f"/{name}/move_base" for name in self._robot_maps] or ["/move_base"]
         costmaps = [f"{base}/{which}_costmap" for base in bases for which in ("global", "local")]
-        blind = [name for name in costmaps if is_trinary(rospy.get_param(name, None))]
-        return (warning("soft_border_ignored", costmaps=", ".join(blind)),) if blind else ()
+        trinary = [name for name in costmaps if is_trinary(rospy.get_param(name, None))]
+        return (warning("soft_border_ignored", costmaps=", ".join(trinary)),) if trinary else ()
 
     # ------------------------------------------------------------- other changes
     def _remove(self, request: srv.RemoveBorderRequest) -> srv.RemoveBorderResponse:
@@ -241,13 +241,13 @@ class MapIntegratorNode:
         for issue in result.issues:
             rospy.logwarn("%s: %s [%s]", rospy.get_name(), issue.message, issue.code)
         rospy.loginfo("%s: changed: %s", rospy.get_name(), ", ".join(result.ids) or "the map's place")
-        issues = messages_from_issues(result.issues)
-        return _fill(response, success=True, code="ok", id="".join(result.ids[:1]), issues=issues, revision=revision)
+        issues, changed_id = messages_from_issues(result.issues), next(iter(result.ids), "")
+        return _set_fields(response, success=True, code="ok", id=changed_id, issues=issues, revision=revision)
 
     def _refused(self, response: Any, error: CodedError) -> Any:
         rospy.logwarn("%s: refused: %s", rospy.get_name(), error)
         issues = [*getattr(error, "warnings", ()), Notice.from_error(error, Severity.ERROR)]
-        return _fill(
+        return _set_fields(
             response,
             success=False,
             code=error.code,
@@ -320,7 +320,7 @@ def next_stamp(now: rospy.Time, last: rospy.Time) -> rospy.Time:
     return now if is_later else last + rospy.Duration(0, 1000)
 
 
-def _fill(response: Any, **values: Any) -> Any:
+def _set_fields(response: Any, **values: Any) -> Any:
     """Sets those of the given fields that a response has; returns the response."""
     for key, value in values.items():
         if hasattr(response, key):

@@ -3,13 +3,15 @@
 Paper, Sect. 3: "its first and last line segments are linearly extended to the physical borders of the
 environment to allow the separation of the area".
 
-Whether a curve separates is a matter of topology: blocked cells (obstacles, unknown cells, everything off the map) form
-connected pieces, and a curve divides the free space round it if and only if both its ends meet the same piece. A
-table leg is a separate piece, so an extension that meets one goes on.
+A cell is *blocked* if it is an obstacle, unknown, or off the map. Blocked cells form connected pieces, and a curve
+divides the free space round it if and only if both its ends meet the same piece. A table leg is a separate piece, so an
+extension that meets one goes on.
 
-A drawn end may be joined to any wall within the tolerance: ahead, where the extension meets it; behind, where the end
-has passed it; or beside, where a straight extension would miss it, as happens with a line drawn a few centimetres in
-front of a doorway. No robot passes through so small a gap, so joining the end to the wall blocks no robot.
+A drawn end may be joined to any wall within the tolerance, as no robot passes through so small a gap:
+
+- ahead, where the extension meets it;
+- behind, where the end has passed it;
+- beside, where a straight extension would miss it: so a line a few centimetres in front of a doorway closes the doorway.
 """
 
 from __future__ import annotations

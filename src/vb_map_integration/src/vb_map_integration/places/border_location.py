@@ -77,16 +77,16 @@ class BorderLocator:
 
     Attributes:
         grid, map_id: the map, and its fingerprint.
+        stored_maps: the place's stored maps by fingerprint, the oldest first.
         transform: transform from the place's frame to the map's.
         other_transform: a second possible one; None if there is none.
-        stored_maps: the place's stored maps by fingerprint, the oldest first.
     """
 
     grid: GridMap
     map_id: str
+    stored_maps: Mapping[str, KnownMap]
     transform: Transform
     other_transform: Optional[Transform]
-    stored_maps: Mapping[str, KnownMap]
 
     @cached_property
     def _walls(self) -> WallMap:

@@ -109,17 +109,13 @@ class PlaceRecognizer:
                 return recognition
         recognition = replace(self._register(candidates, wall_map, recognition), floor_cells=floor)
         if recognition.likely:
-            locate = self.make_locator(grid, map_id, recognition).locate
-            locations = [locate(border) for border in self._database.borders(recognition.place)]
+            maps = self._database.maps_of(recognition.place)
+            locator = BorderLocator(grid, map_id, maps, recognition.transform, recognition.other)
+            locations = [locator.locate(border) for border in self._database.borders(recognition.place)]
             comparable = [location for location in locations if location.floor_is_known]
             most_agree = 2 * sum(location.walls_agree for location in comparable) > len(comparable)
             recognition = replace(recognition, certain=most_agree)
         return recognition
-
-    def make_locator(self, grid: GridMap, map_id: str, recognition: PlaceRecognition) -> BorderLocator:
-        """Makes the locator of borders on a map, from what the map was recognised as, and the place's stored maps."""
-        maps = {stored.fingerprint: stored for stored in self._database.maps() if stored.place == recognition.place}
-        return BorderLocator(grid, map_id, recognition.transform, recognition.other, maps)
 
     def _candidates(self) -> Dict[int, List[KnownMap]]:
         """Returns, for each place with borders that the current map may show, the place's maps."""

@@ -86,6 +86,10 @@ class Database(DurableValues):
             for key, values in self.of_kind("maps").items()
         ]
 
+    def maps_of(self, place: int) -> Dict[str, KnownMap]:
+        """Returns the maps of a place by fingerprint, the oldest first."""
+        return {record.fingerprint: record for record in self.maps() if record.place == place}
+
     def find_map(self, map_id: str) -> Optional[KnownMap]:
         """Finds the map with a fingerprint; None if it is not known."""
         return next((record for record in self.maps() if record.fingerprint == map_id), None)
