@@ -23,8 +23,7 @@ from vb_map_integration.places.registration import WallMap, compare_walls, refin
 from vb_map_integration.places.transform import Transform
 from vb_map_integration.storage.database import KnownMap
 
-# share of a border's line that must be in the known part of the map before a person is asked about it
-_SEEN = 0.5
+_SEEN = 0.5  # share of a border's points that the map must know before a person is asked about the border
 WALL_RADIUS = 3.0  # [m] walls this near a border decide where it is; others may be distorted differently
 WIDER_WALL_RADIUS = 4.5  # [m] the same, where those are ambiguous
 _MAX_WALLS = 300  # wall cells that are compared: `most` of `registration.thin`

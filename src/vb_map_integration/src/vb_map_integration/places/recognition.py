@@ -199,11 +199,10 @@ def is_extension(before: GridMap, after: GridMap) -> bool:
     column, row = np.rint(offset).astype(int)
     if np.abs(offset - (column, row)).max() > 1e-3:
         return False
-    rows, columns = np.nonzero(before.data >= OCCUPIED_THRESHOLD)
-    rows, columns = rows + row, columns + column
-    inside = (rows >= 0) & (columns >= 0) & (rows < after.shape[0]) & (columns < after.shape[1])
-    same = np.count_nonzero(after.data[rows[inside], columns[inside]] >= OCCUPIED_THRESHOLD)
-    return len(rows) > 0 and same >= _CONTINUED * len(rows)
+    obstacles = np.argwhere(before.data >= OCCUPIED_THRESHOLD) + (row, column)
+    on_map = obstacles[after.contains_cells(obstacles)]
+    count = np.count_nonzero(after.data[tuple(on_map.T)] >= OCCUPIED_THRESHOLD)
+    return len(obstacles) > 0 and count >= _CONTINUED * len(obstacles)
 
 
 def _snap(transform: Transform, expected: Transform, grid: GridMap) -> Transform:
