@@ -88,7 +88,7 @@ class BorderLocator:
     other_transform: Optional[Transform]
 
     @cached_property
-    def _walls(self) -> WallMap:
+    def _walls(self) -> WallMap:  # only needed for a border that was accepted on another map
         return WallMap(self.grid)
 
     def locate(self, border: VirtualBorder) -> BorderLocation:

@@ -102,8 +102,8 @@ class PlaceRecognizer:
         floor = int(np.count_nonzero((grid.data >= 0) & (grid.data < OCCUPIED_THRESHOLD)))
         wall_map = WallMap(grid)
         if before is not None and recognition.place in candidates and is_extension(before, grid):
-            maps, transform = candidates[recognition.place], recognition.transform
-            if recognition.certain and self._agrees(maps, wall_map, transform):
+            maps = candidates[recognition.place]
+            if recognition.certain and self._agrees(maps, wall_map, recognition.transform):
                 return replace(recognition, floor_cells=floor)
             if not recognition.certain and floor < _GROWN * recognition.floor_cells:
                 return recognition

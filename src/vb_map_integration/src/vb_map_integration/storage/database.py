@@ -166,11 +166,7 @@ class Database(DurableValues):
         return tuple(_read_border(self._values[f"borders/{place}/{border_id}"]) for border_id in ids)
 
     def find(self, border_id: str) -> Tuple[int, VirtualBorder]:
-        """Finds (place, border) by a border's id, whichever place it belongs to.
-
-        Raises:
-            CodedError: "unknown_border".
-        """
+        """Finds a border of any place by its id, and returns its place with it; raises CodedError "unknown_border"."""
         for place, key in (name.split("/") for name in self.names("borders")):
             if key == border_id:
                 return int(place), _read_border(self._values[f"borders/{place}/{border_id}"])
