@@ -10,7 +10,7 @@ import pytest
 from scipy.io import wavfile
 
 from speech import RATE, room_noise, say
-from test_recognition import flat
+from integrators import flat
 from vb_core.map_files import write_map
 from vb_map_integration.places.transform import Transform
 from vb_testing import run_command

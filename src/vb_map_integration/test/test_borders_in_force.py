@@ -4,9 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from integrators import integrator, status_of_first
+from integrators import closed_at, closed_off, flat, integrator, keep_out, status_of_first
 from refusals import refused
-from test_recognition import closed_at, closed_off, flat, keep_out
 from vb_core.errors import CodedError
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders_in_force import compute_in_force, transfer_accepted_region
@@ -28,28 +27,43 @@ def with_walls(grid, *walls, transform=Transform()):
     return grid.with_data(cells)
 
 
-def test_a_line_with_another_effect_waits_and_keeps_its_old_effect(restart):
-    """On real maps 22 of 99 lines across doorways closed off something else on the next map, and nobody was told."""
-    partition = ((0.0, 2.4), (3.1, 2.4))
-    keeper = restart(with_walls(flat(), partition))
+@pytest.fixture
+def grown(restart):
+    """Returns an integrator on whose map a line closes off far more than where it was accepted, and that area [m^2]."""
+    keeper = restart(with_walls(flat(), ((0.0, 2.4), (3.1, 2.4))))
     keeper.add(DOOR, 1.0)
+    assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0)
     accepted = keeper.in_force.statuses["b1"].area_m2
-    assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0) and not keeper.needs_confirmation
     keeper.set_map(flat(seed=1))
+    return keeper, accepted
+
+
+def test_a_line_with_another_effect_waits_and_keeps_its_old_effect(grown):
+    """On real maps 22 of 99 lines across doorways closed off something else on the next map, and nobody was told."""
+    keeper, _ = grown
     assert status_of_first(keeper) == (True, "to_be_confirmed") and keeper.needs_confirmation
     assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0)  # not twice as much as was wanted
+
+
+def test_a_border_to_be_confirmed_shows_both_areas(grown):
+    keeper, accepted = grown
     notice = next(notice for notice in keeper.notices if notice.border_id == "b1")
-    assert notice.code == "to_be_confirmed" and notice.values["why"] == "$closes_something_else"
-    assert float(notice.values["before"]) == pytest.approx(accepted, abs=0.5)
-    assert float(notice.values["now"]) > 2.0 * accepted
-    before, after = (cv2.contourArea(np.float32(outline)) for outline in keeper.in_force.outlines("b1"))
-    assert before == pytest.approx(accepted, rel=0.1) and after == pytest.approx(float(notice.values["now"]), rel=0.1)
+    assert (notice.code, notice.values["why"]) == ("to_be_confirmed", "$closes_something_else")
+    area_before, area_now = (float(notice.values[key]) for key in ("before", "now"))
+    assert area_before == pytest.approx(accepted, abs=0.5)
+    assert area_now > 2.0 * accepted
+    outlined = [cv2.contourArea(np.float32(outline)) for outline in keeper.in_force.outlines("b1")]
+    assert outlined == [pytest.approx(accepted, rel=0.1), pytest.approx(area_now, rel=0.1)]
+
+
+def test_what_was_confirmed_is_in_force_also_after_a_restart_until_it_is_undone(grown, restart):
+    keeper, accepted = grown
     keeper.confirm(True, "")
     assert status_of_first(keeper) == (True, "") and not keeper.needs_confirmation
-    assert all(len(outline) == 0 for outline in keeper.in_force.outlines("b1"))
+    assert [len(outline) for outline in keeper.in_force.outlines("b1")] == [0, 0]
     assert closed_at(keeper, 1.0, 5.0) and keeper.in_force.statuses["b1"].area_m2 > 2.0 * accepted
     cells = keeper.map_with_borders.data.copy()
-    again = restart(flat(seed=1))  # the acceptance is kept
+    again = restart(flat(seed=1))
     assert status_of_first(again) == (True, "") and np.array_equal(again.map_with_borders.data, cells)
     again.undo()
     assert status_of_first(again) == (True, "to_be_confirmed")

@@ -4,78 +4,14 @@ import tracemalloc
 
 import numpy as np
 import pytest
-import shapely
 
+from integrators import GRID, OUTSIDE, ROOM, closed_off, flat, integrator, keep_out, status_of_first
 from refusals import refused
 from vb_core import sentences
-from vb_core.grid_map import GridMap, sample
-from vb_map_integration.border import VirtualBorder
+from vb_core.grid_map import GridMap
 from vb_map_integration.places import registration
 from vb_map_integration.places.registration import WallMap
-from vb_map_integration.places.transform import IDENTITY, Transform
-
-from integrators import GRID, integrator, status_of_first
-
-
-OUTSIDE = [(0, 0), (9, 0), (9, 6), (0, 6), (0, 0)]
-PLANS = [
-    shapely.MultiLineString([OUTSIDE, *walls])
-    for walls in (
-        [
-            [(3.1, 0), (3.1, 1.2)],
-            [(3.1, 2.1), (3.1, 6)],
-            [(3.1, 3.7), (4.4, 3.7)],
-            [(5.3, 3.7), (9, 3.7)],
-            [(7, 3.7), (7, 6)],
-        ],
-        [
-            [(5.6, 0), (5.6, 3)],
-            [(5.6, 4), (5.6, 6)],
-            [(0, 2.2), (1.5, 2.2)],
-            [(2.4, 2.2), (5.6, 2.2)],
-            [(2, 2.2), (2, 6)],
-        ],
-    )
-]
-
-
-def flat(transform=IDENTITY, resolution=0.05, seed=0, plan=0, known=(0.0, 9.0)):
-    """Returns a map of a flat of 9 m x 6 m with four different rooms, as from SLAM: ragged, at any pose.
-
-    Args:
-        plan: 0, or 1 for another floor with the same outer walls.
-        known: [m] the range of its width that was explored.
-    """
-    random = np.random.default_rng(seed)
-    corners = transform.apply([(0, 0), (9, 0), (9, 6), (0, 6)])
-    origin = corners.min(axis=0) - 0.37
-    columns, rows = np.ceil((corners.max(axis=0) + 0.4 - origin) / resolution).astype(int)
-    grid = GridMap(np.full((rows, columns), -1, np.int8), resolution, (float(origin[0]), float(origin[1]), 0.0))
-    cells = np.argwhere(np.ones(grid.shape, bool))
-    place = transform.inverse.apply(grid.cell_to_world(cells))
-    inside = (place > 0).all(axis=1) & (place < (9, 6)).all(axis=1)
-    distance = shapely.distance(PLANS[plan], shapely.points(place))
-    values = np.where(distance < 0.06 + 0.02 * random.random(len(place)), 100, np.where(inside, 0, -1))
-    values[(place[:, 0] < known[0]) | (place[:, 0] > known[1])] = -1
-    return grid.with_data(values.astype(np.int8).reshape(grid.shape))
-
-
-ROOM = Transform(1.0, 4.0, 0.0)  # a square in the room at the upper left
-
-
-def keep_out(transform=IDENTITY, **options):
-    *corners, seed = transform.apply(ROOM.apply([(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.5)]))
-    return VirtualBorder(corners, seed, closed=True, **options)
-
-
-def closed_at(keeper, x, y):
-    """Returns whether a point [m] is closed in the map that navigation gets."""
-    return sample(keeper.map_with_borders, keeper.map_with_borders.data, [(x, y)])[0] == 100
-
-
-def closed_off(keeper, transform=IDENTITY):
-    """Returns whether the middle of the border is closed."""
-    return closed_at(keeper, *transform.apply(keep_out().seed[None])[0])
+from vb_map_integration.places.transform import Transform
 
 
 # ----------------------------------------------------------------- registration
@@ -83,19 +19,14 @@ def register(old, new):
     return registration.register(WallMap(old), WallMap(new))
 
 
-@pytest.mark.parametrize(
-    "truth, resolution",
-    [
-        (Transform(0.25, 0.0, 0.0), 0.05),
-        (Transform(0.0, 0.0, np.radians(3.0)), 0.05),
-        (Transform(-4.0, 2.0, np.pi), 0.05),
-        (Transform(3.3, 1.1, -2.0), 0.03),
-    ],
-)
-def test_a_moved_map_is_found(truth, resolution):
-    found = register(flat(), flat(truth, resolution, seed=1))
-    apart = np.linalg.norm(found.transform.apply(OUTSIDE) - truth.apply(OUTSIDE), axis=1)
-    assert found.is_certain and apart.max() < 0.05
+@pytest.mark.parametrize("resolution", [0.03, 0.05])  # [m] of the new map; the old one's is 0.05
+@pytest.mark.parametrize("motion", [(0.25, 0, 0), (0, 0, np.radians(3.0)), (-4.0, 2.0, np.pi), (3.3, 1.1, -2.0)])
+def test_a_moved_map_is_found(motion, resolution):
+    truth = Transform(*motion)
+    registration = register(flat(), flat(truth, resolution, seed=1))
+    distances = np.linalg.norm(registration.transform.apply(OUTSIDE) - truth.apply(OUTSIDE), axis=1)
+    assert registration.is_certain
+    assert distances.max() < 0.05
 
 
 def test_floors_with_equal_outer_walls_are_not_confused():

@@ -20,7 +20,6 @@ from vb_mqtt.entities import Lab, describe, key_in, key_of, leftovers
 from vb_mqtt.inbox import Inbox
 from vb_msgs.msg import InteractionState, VirtualBorder
 
-
 NOW = 1_700_000_000.25
 LAB = Lab("lab1", "en", ("red", "green"), ("", "ada"), {"b1": "Nursery", "ü/#+": "border 2"})
 

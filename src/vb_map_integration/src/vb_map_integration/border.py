@@ -1,10 +1,10 @@
 """The virtual border V = (P, s, delta) of the paper, Sect. 3, the error that refuses one, and borders as GeoJSON.
 
-All code that draws, stores, checks or shows borders passes them on in this form. Files hold them as GeoJSON (RFC 7946),
-in metres of the map frame instead of degrees on the earth. A Polygon is a polygon, a LineString a separating curve. The
-seed and other attributes are the feature's properties, named as in `VirtualBorder`; a polygon without a seed restricts
-its inside, and a LineString of kind "virtual_wall" needs none. Other programs' properties are ignored, as are null
-values and ids that are not strings; errors in ours, or in the geometry, are reported.
+All code that draws, stores, checks or shows borders passes them on as `VirtualBorder`. Files hold them as GeoJSON (RFC
+7946), in metres of the map frame instead of degrees on the earth: a polygon as a Polygon, a separating curve or (if
+`kind` is "virtual_wall") a wall as a LineString. The feature's properties are named as in `VirtualBorder`. Without a
+seed, a polygon restricts its inside. Other programs' properties are ignored, as are null values and ids that are not
+strings; errors in our properties, or in the geometry, are reported.
 
 >>> border = VirtualBorder(points=[(1.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0)], seed=(1.5, 1.5), closed=True)
 >>> border.zone.name, border.enabled, border.points.shape

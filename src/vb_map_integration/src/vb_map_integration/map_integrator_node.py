@@ -146,7 +146,7 @@ class MapIntegratorNode:
             with self._lock:
                 check = self._integrator.check(border, self._robot_positions(border))
         except CodedError as error:
-            return self._refused(response, error)
+            return self._refuse(response, error)
         region = check.region
         cells = region.prior.with_data(np.where(region.restricted_cells, np.int8(100), np.int8(0)))
         response.region = messages.message_from_grid(cells, rospy.Time.now(), names.MAP_FRAME)
@@ -237,14 +237,15 @@ class MapIntegratorNode:
                 self._publish()
                 revision = self._integrator.revision
         except CodedError as error:
-            return self._refused(response, error)
+            return self._refuse(response, error)
         for issue in result.issues:
             rospy.logwarn("%s: %s [%s]", rospy.get_name(), issue.message, issue.code)
         rospy.loginfo("%s: changed: %s", rospy.get_name(), ", ".join(result.ids) or "the map's place")
         issues, changed_id = messages_from_issues(result.issues), next(iter(result.ids), "")
         return _set_fields(response, success=True, code="ok", id=changed_id, issues=issues, revision=revision)
 
-    def _refused(self, response: Any, error: CodedError) -> Any:
+    def _refuse(self, response: Any, error: CodedError) -> Any:
+        """Fills in the response to a refused request, with the warnings found before, and logs it."""
         rospy.logwarn("%s: refused: %s", rospy.get_name(), error)
         issues = [*getattr(error, "warnings", ()), Notice.from_error(error, Severity.ERROR)]
         return _set_fields(
@@ -309,7 +310,7 @@ class MapIntegratorNode:
             with self._lock:
                 response.files = [str(path) for path in self._integrator.save(self._map_dir, name, request.raw)]
         except CodedError as error:
-            return self._refused(response, error)
+            return self._refuse(response, error)
         response.success, response.code = True, "ok"
         return response
 

@@ -34,19 +34,19 @@ _MAX_BRIDGED_GAP = 0.1
 _UNKNOWN_RIM = 4  # unknown cells that are kept round the known part of a map
 _DISTANCE_UNIT = 1e-4  # [m] unit of the stored distances to walls
 _MAX_DISTANCE = 20_000  # [_DISTANCE_UNIT] larger distances are stored as this
-_POINTS_AT_ONCE = 30_000  # that OpenCV interpolates
+_POINTS_AT_ONCE = 30_000  # points that OpenCV interpolates in one call
 _DRAWN_FLOOR = 400_000  # points of free floor that are drawn for the coarse search
 
-_COARSE_CELL = 0.2  # [m] cells of the coarse search, unless the map is so large that there would be
-_COARSE_CELLS = 160  # more than this many along it
+_MIN_COARSE_CELL = 0.2  # [m] size of the coarse search's cells; a large map's are larger
+_MAX_COARSE_CELLS = 160  # cells of the coarse search along a map
 _ANGLES = 120  # rotations of the coarse search
 _HYPOTHESES = 10  # transforms that are refined
-_SAME_DISTANCE = 0.4  # [m] hypotheses that differ by less, and by
-_SAME_ANGLE = math.radians(6.0)  # less than this, are the same
+_SAME_DISTANCE = 0.4  # [m] hypotheses are the same if they differ by less than this
+_SAME_ANGLE = math.radians(6.0)  # [rad] and by less than this
 
 _REFINED_POINTS = 1500  # wall cells of each map that are matched
 _REACHES = (0.6, 0.6, 0.4, 0.4, 0.3, 0.3, 0.2, 0.2, 0.15, 0.15, 0.15)  # [m] `reaches` of `refine`
-# per pair, of x, y and yaw: a refinement's step stays short in a direction in which the walls decide nothing
+# damping per pair, of x, y and yaw: the step stays short in a direction in which the walls decide nothing
 _DAMPING = np.diag([0.002, 0.002, 0.004])
 _MAX_STEP = np.array([0.3, 0.3, 0.05])  # [m], [m], [rad] the longest step of a refinement
 
@@ -55,8 +55,7 @@ MIN_AGREEMENT = 0.92  # share of long walls found again, in both directions
 MIN_OVERLAP = 0.7  # share of the smaller map's free floor that the other map knows
 MIN_WALL_LENGTH = 15.0  # [m] long walls that both maps know
 MIN_MARGIN = 0.3  # how much less the next best hypothesis explains, as a share
-# the same for a registration without MIN_AGREEMENT: nothing else speaks for it then
-MIN_MARGIN_ALONE = 0.5
+MIN_MARGIN_ALONE = 0.5  # the same if the walls do not agree: then the margin alone speaks for a registration
 
 # wall cells (N, 2) [m] of the old map, and (K, 2) of the new one, each in its map's frame
 WallPair = Tuple[np.ndarray, np.ndarray]
@@ -89,7 +88,7 @@ class Registration:
 
     @property
     def is_clearly_best(self) -> bool:
-        """Whether borders are moved by it until a person, or the walls round them, say more: few walls need to agree."""
+        """Whether borders are moved by it, but only until a person, or the walls round the borders, decide."""
         return self.margin >= MIN_MARGIN_ALONE and self.overlap >= MIN_OVERLAP and self.walls_m >= MIN_WALL_LENGTH
 
     @property
@@ -270,7 +269,7 @@ def _is_same(transform: Transform, other: Transform, place: np.ndarray) -> bool:
 def _search(old: WallMap, new: WallMap) -> List[Transform]:
     """Searches for the most promising transforms, the best first."""
     extent = max(old.radius, new.radius)
-    cell = max(_COARSE_CELL, 2.0 * extent / _COARSE_CELLS)
+    cell = max(_MIN_COARSE_CELL, 2.0 * extent / _MAX_COARSE_CELLS)
     old_image, new_image = old.draw_evidence(cell), new.draw_evidence(cell)
     size = cv2.getOptimalDFTSize(len(old_image) + len(new_image))
 

@@ -12,8 +12,7 @@ class Transform(NamedTuple):
     """A rigid motion in the plane: q = R(yaw) p + (x, y).
 
     Attributes:
-        x, y: [m].
-        yaw: [rad].
+        x, y, yaw: [m], [m], [rad].
     """
 
     x: float = 0.0
