@@ -210,8 +210,8 @@ class MapIntegrator:
                 self._database.rename_place(place, name)
             self._database.remember_place(place)
         else:
-            drawn_here = stored_map is not None and stored_map.number == stored_map.place
-            if drawn_here and not same and self._database.borders(stored_map.place):
+            is_places_first = stored_map is not None and stored_map.number == stored_map.place
+            if is_places_first and not same and self._database.borders(stored_map.place):
                 raise CodedError("drawn_on_this_map")
             place = self._database.add_map(grid, self.map_id, place, transform, name)
         waiting = [status for status in self._statuses if same and status.can_be_confirmed]

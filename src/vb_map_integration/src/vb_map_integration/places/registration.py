@@ -142,8 +142,7 @@ class WallMap:
             (self._interpolate(positions + step) - self._interpolate(positions - step)) / (2.0 * self.grid.resolution)
             for step in np.eye(2, dtype=np.float32)
         ]
-        to_map_frame = Transform(yaw=self.grid.origin[2]).rotation
-        return self._interpolate(positions), np.column_stack(slopes) @ to_map_frame.T
+        return self._interpolate(positions), np.column_stack(slopes) @ Transform(yaw=self.grid.origin[2]).rotation.T
 
     def _interpolate(self, positions: np.ndarray) -> np.ndarray:
         """Returns the distances (N,) [m] to the nearest wall at positions (N, 2) float32 (column, row)."""

@@ -13,6 +13,9 @@ class Transform(NamedTuple):
 
     Attributes:
         x, y, yaw: [m], [m], [rad].
+
+    >>> Transform(1.0, 0.0, math.pi / 2).apply([(2.0, 0.0)]).round(3).tolist()
+    [[1.0, 2.0]]
     """
 
     x: float = 0.0

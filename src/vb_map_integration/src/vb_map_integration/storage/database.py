@@ -98,15 +98,13 @@ class Database(DurableValues):
         self, grid: GridMap, map_id: str, place: int = 0, transform: Transform = IDENTITY, name: str = ""
     ) -> int:
         """Stores a map of a place (0: a new one), which becomes the last place; returns the place's number."""
-        maps = self.maps()
         known = self.find_map(map_id)
-        number = known.number if known else 1 + max((record.number for record in maps), default=0)
+        number = known.number if known else 1 + max((record.number for record in self.maps()), default=0)
         place = place or number
         needed = {border.map_id for border in self.borders(place)}  # the place's borders are compared with these maps
-        others = [record for record in maps if record.place == place and record.number not in (place, number)]
-        changes: Dict[str, Any] = {
-            f"maps/{record.fingerprint}": None for record in others[:-MAX_MAPS] if record.fingerprint not in needed
-        }
+        others = [record for record in self.maps_of(place).values() if record.number not in (place, number)]
+        dropped = [record.fingerprint for record in others[:-MAX_MAPS] if record.fingerprint not in needed]
+        changes: Dict[str, Any] = {f"maps/{key}": None for key in dropped}
         changes[f"maps/{map_id}"] = {
             "id": number,
             "place": place,
@@ -201,8 +199,8 @@ class Database(DurableValues):
         if request_id:
             changes[f"requests/{request_id}"] = change[0].id
             changes.update({f"requests/{old}": None for old in self.names("requests")[:-MAX_REQUESTS]})
-        following = max(int(entry.id[1:]) + 1 for entry in change)
-        self.change({**changes, _NEXT: max(following, self.get(_NEXT, 1))})
+        next_number = max(int(entry.id[1:]) + 1 for entry in change)
+        self.change({**changes, _NEXT: max(next_number, self.get(_NEXT, 1))})
 
     def _history(self, place: int, change: Change, kind: str) -> Dict[str, Any]:
         """Returns the values that record a change, so that it can be undone or redone."""
@@ -212,11 +210,11 @@ class Database(DurableValues):
             return {f"changes/{number}": {**changes[number], "undone": kind == "undo"}}
         states = ((entry.id, (entry.before, entry.after)) for entry in change)
         entries = [[key, *(border and border_to_feature(border) for border in pair)] for key, pair in states]
-        gone = [number for number, other in changes.items() if other["place"] == place and other["undone"]]
-        gone += list(changes)[: 1 - MAX_CHANGES]
+        dropped = [number for number, other in changes.items() if other["place"] == place and other["undone"]]
+        dropped += list(changes)[: 1 - MAX_CHANGES]
         number = str(1 + max(map(int, changes), default=0))
-        made = {"place": place, "undone": False, "entries": entries}
-        return {**{f"changes/{old}": None for old in gone}, f"changes/{number}": made}
+        record = {"place": place, "undone": False, "entries": entries}
+        return {**{f"changes/{old}": None for old in dropped}, f"changes/{number}": record}
 
     def available_commands(self, place: int) -> List[str]:
         """Lists "undo" and "redo", each only if there is something to undo or redo."""
@@ -226,8 +224,8 @@ class Database(DurableValues):
     def _newest(self, place: int, kind: str) -> str:
         """Returns the number of the change that undo would revert, or redo repeat."""
         changes = self.of_kind("changes")
-        own = {number: change for number, change in changes.items() if change["place"] == place}
-        numbers = [number for number, change in own.items() if change["undone"] == (kind == "redo")]
+        of_place = {number: change for number, change in changes.items() if change["place"] == place}
+        numbers = [number for number, change in of_place.items() if change["undone"] == (kind == "redo")]
         if not numbers:
             raise CodedError(f"nothing_to_{kind}")
         return (max if kind == "undo" else min)(numbers, key=int)
