@@ -135,7 +135,7 @@ class MapIntegratorTest(unittest.TestCase):
     def test_warnings_for_the_robot_and_for_soft_borders(self):
         # repeatedly, since the transform may still be under way
         def codes():
-            return [found.code for found in self.call("preview_border", polygon(x=-2.5, y=-1.5), "").issues]
+            return [issue.code for issue in self.call("preview_border", polygon(x=-2.5, y=-1.5), "").issues]
 
         wait_until(lambda: "robot_inside" in codes(), "the warning that the robot is inside")
         answer = self.call("add_border", polygon(occupancy=0.75), "", "test")

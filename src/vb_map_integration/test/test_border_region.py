@@ -37,7 +37,7 @@ def inside_point(random, shape, margin=0.06):
 
 
 def codes(result):
-    return [found.code for found in result.issues]
+    return [issue.code for issue in result.issues]
 
 
 @FEW
@@ -161,10 +161,10 @@ def test_nothing_leaks_through_corners(seed):
     ends = prior.grid_to_world(center + np.array([-6, 6])[:, None] * unit)
     normal = np.array([-unit[1], unit[0]])
     seeds = prior.grid_to_world(center + np.array([-4, 4])[:, None] * normal)
-    one, other = (compute_region(prior, VirtualBorder(ends, s, closed=False)).restricted_cells for s in seeds)
-    assert not (one & other).any()
+    first, second = (compute_region(prior, VirtualBorder(ends, s, closed=False)).restricted_cells for s in seeds)
+    assert not (first & second).any()
     # nothing is restricted beyond the diagonal walls
-    assert not one[5, 50] and not other[5, 50] and not one[50, 5] and not other[50, 5]
+    assert not first[5, 50] and not second[5, 50] and not first[50, 5] and not second[50, 5]
 
 
 @FEW
@@ -215,10 +215,10 @@ def test_refusals_and_warnings_are_coded(said, points, seed, closed):
     prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), [box(2.0, 2.0, 3.0, 3.0)])
     before = prior.data.copy()
     try:
-        found = codes(compute_region(prior, VirtualBorder(points, seed, closed=closed)))
+        answer = codes(compute_region(prior, VirtualBorder(points, seed, closed=closed)))
     except IntegrationError as error:
-        found = error.message and error.code
-    assert found == said and np.array_equal(prior.data, before)
+        answer = error.message and error.code
+    assert answer == said and np.array_equal(prior.data, before)
 
 
 def test_a_curve_in_another_room_separates_nothing():

@@ -88,11 +88,11 @@ def test_a_traced_chain_leaves_no_gap(chain):
     st.booleans(),
 )
 def test_painting_raises_what_is_under_the_mask_and_lowers_nothing(cells, mask, value, over_unknown):
-    found = np.array(cells, np.int8).reshape(3, 4)
+    painted = np.array(cells, np.int8).reshape(3, 4)
     covered = 255 * np.array(mask, np.uint8).reshape(3, 4)
-    Region((slice(0, 3), slice(0, 4)), covered, value, over_unknown, 1.0).apply(found)
+    Region((slice(0, 3), slice(0, 4)), covered, value, over_unknown, 1.0).apply(painted)
     wanted = [max(cell, value) if under and (cell >= 0 or over_unknown) else cell for cell, under in zip(cells, mask)]
-    assert found.ravel().tolist() == wanted
+    assert painted.ravel().tolist() == wanted
 
 
 @settings(STEADY, max_examples=40)

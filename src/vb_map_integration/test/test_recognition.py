@@ -47,12 +47,12 @@ def test_a_large_map_or_a_tiny_one_does_no_harm():
     cells[1200:1300, ::2] = 100  # and more cells than OpenCV remaps at once
     cells[1200:1300, 1::2] = 0
     moved = GridMap(cells, 0.05, (0.0, 0.0, 0.0))
-    found = register(large, moved)
+    result = register(large, moved)
     truth = moved.grid_to_world([[699.5, 299.5]])[0] - large.origin[:2]
-    assert not found.is_certain or np.linalg.norm(found.transform.apply([(4.5, 3.0)])[0] - (4.5, 3.0) - truth) < 0.05
+    assert not result.is_certain or np.linalg.norm(result.transform.apply([(4.5, 3.0)])[0] - (4.5, 3.0) - truth) < 0.05
     for tiny in (np.array([[100]]), np.array([[100, 0, 100]]), np.array([[0], [100]])):
-        found = register(large, GridMap(tiny.astype(np.int8), 0.05))
-        assert found is None or not found.is_certain
+        result = register(large, GridMap(tiny.astype(np.int8), 0.05))
+        assert result is None or not result.is_certain
 
 
 @pytest.mark.parametrize("column", [60, 61, 62])
@@ -62,8 +62,8 @@ def test_floor_seen_by_one_beam_far_outside_the_walls_is_harmless(column):
     data = np.vstack([np.full((below, grid.shape[1]), -1, np.int8), grid.data])
     data[: below + 100, column] = 0
     origin = (grid.origin[0], grid.origin[1] - below * grid.resolution, 0.0)
-    found = register(grid, GridMap(data, grid.resolution, origin))
-    assert found is not None and np.hypot(found.transform.x, found.transform.y) < 0.1
+    result = register(grid, GridMap(data, grid.resolution, origin))
+    assert result is not None and np.hypot(result.transform.x, result.transform.y) < 0.1
 
 
 def test_an_empty_canvas_costs_no_memory():
@@ -75,11 +75,11 @@ def test_an_empty_canvas_costs_no_memory():
         canvases.append(GridMap(cells, home.resolution))
     tracemalloc.start()
     try:
-        found = register(*canvases)
-        most = tracemalloc.get_traced_memory()[1]
+        result = register(*canvases)
+        peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert found is not None and found.is_certain and most < 100e6  # one canvas of floats has 128 MB
+    assert result is not None and result.is_certain and peak < 100e6  # one canvas of floats has 128 MB
 
 
 def test_maps_without_walls_are_not_registered():
@@ -197,11 +197,11 @@ def test_undo_and_switches_keep_what_does_not_act():
     keeper.set_map(walled)
     keeper.confirm(True, "")
     outcome = keeper.undo()
-    assert [found.code for found in outcome.issues] == ["inactive_on_this_map"]
+    assert [issue.code for issue in outcome.issues] == ["inactive_on_this_map"]
     assert keeper.borders[0].enabled and status_of_first(keeper) == (False, "inactive_on_this_map")
     assert "inactive_on_this_map" in [notice.code for notice in keeper.notices]
     assert keeper.set_enabled("b1", False, 3.0).issues == ()
-    assert [found.code for found in keeper.set_enabled("b1", True, 6.0).issues] == ["inactive_on_this_map"]
+    assert [issue.code for issue in keeper.set_enabled("b1", True, 6.0).issues] == ["inactive_on_this_map"]
     # it can be switched and renamed all the same, by either service
     assert keeper.rename("b1", "old rug", 7.0).ids == ("b1",)
     keeper.update(keeper.borders[0].replace(enabled=False), 8.0)

@@ -26,7 +26,7 @@ from vb_map_integration.storage.database import KnownMap
 _SEEN = 0.5  # share of a border's points that the map must know before a person is asked about the border
 WALL_RADIUS = 3.0  # [m] walls this near a border decide where it is; others may be distorted differently
 WIDER_WALL_RADIUS = 4.5  # [m] the same, where those are ambiguous
-_MAX_WALLS = 300  # wall cells that are compared: `most` of `registration.thin`
+_MAX_WALLS = 300  # wall cells that are compared: `count` of `registration.thin`
 _MIN_WALLS = 10  # with fewer wall cells round it, a border cannot be located
 _SEARCH_REACH = 1.0  # [m] how far from the expected position the walls are searched for
 _SEARCH_STEP = 0.1  # [m]

@@ -179,9 +179,9 @@ class WallMap:
         """Up to some thousand points (N, 2) [m] of free floor, spread evenly."""
         return self._some_floor(2000)[0]
 
-    def _some_floor(self, most: int) -> Tuple[np.ndarray, int]:
-        """Returns about `most` points (N, 2) [m] of free floor, four times as many at most, and the cells per point."""
-        step = max(1, int(math.sqrt(cv2.countNonZero(self.free) / most)))
+    def _some_floor(self, count: int) -> Tuple[np.ndarray, int]:
+        """Returns `count` to four times as many points (N, 2) [m] of free floor, spread evenly, and the cells per point."""
+        step = max(1, int(math.sqrt(cv2.countNonZero(self.free) / count)))
         rows, columns = np.nonzero(self.free[step // 2 :: step, step // 2 :: step])
         positions = np.column_stack([columns, rows]) * step + step // 2
         return self.grid.grid_to_world(positions), step * step
@@ -300,9 +300,9 @@ def _search(old: WallMap, new: WallMap) -> List[Transform]:
     return chosen
 
 
-def thin(points: np.ndarray, most: int) -> np.ndarray:
-    """Thins points (N, 2) evenly to at least `most`, but fewer than twice as many; fewer points than that all stay."""
-    return points[:: max(1, len(points) // most)]
+def thin(points: np.ndarray, count: int) -> np.ndarray:
+    """Thins points (N, 2) evenly to at least `count`, but fewer than twice as many."""
+    return points[:: max(1, len(points) // count)]
 
 
 def _sample(wall_map: WallMap) -> np.ndarray:
