@@ -43,7 +43,7 @@ MODULES = (
     "vb_fusion.polygonal_chain",
     "vb_fusion.seed_point",
     "vb_fusion.strokes",
-    "vb_map_integration.integration",
+    "vb_map_integration.border_region",
     "vb_map_integration.grid.raster",
     "vb_robot.driving.gate",
     "vb_robot.driving.safety",

@@ -10,9 +10,9 @@ import pytest
 from scipy.io import wavfile
 
 from speech import RATE, room_noise, say
-from test_recognition import flat
+from integrators import flat
 from vb_core.map_files import write_map
-from vb_map_integration.places.registration import Transform
+from vb_map_integration.places.transform import Transform
 from vb_testing import run_command
 
 TOP = Path(__file__).resolve().parents[1]

@@ -31,7 +31,8 @@ from vb_core.parameters import Parameters
 from vb_core.robot_profile import RobotProfile
 from vb_core.ros import images, messages
 from vb_laser_detect.calibration import calibration_file
-from vb_map_integration import border_messages, geojson
+from vb_map_integration import border_messages
+from vb_map_integration.border import borders_from_geojson, borders_to_geojson
 from vb_msgs.msg import VirtualBorder
 from vb_sim.room.world import load_world
 
@@ -170,11 +171,11 @@ POSE += b"position: [1.0, 2.0, 2.5]\norientation: [1.0, 0.0, 0.0, 0.0]\n"
 
 
 def read_borders(path):
-    return geojson.borders_from_geojson(path.read_text(encoding="utf-8", errors="replace"))
+    return borders_from_geojson(path.read_text(encoding="utf-8", errors="replace"))
 
 
 READERS = {
-    "borders.geojson": (read_borders, geojson.borders_to_geojson(BORDERS).encode()),
+    "borders.geojson": (read_borders, borders_to_geojson(BORDERS).encode()),
     "world.yaml": (lambda path: load_world(str(path)), WORLD),
     "robot.yaml": (lambda path: RobotProfile.load(path), PROFILE),
     "camera.yaml": (calibration_file.load, POSE),

@@ -28,8 +28,7 @@ import numpy as np
 from bench.harness import Table, arguments
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_map_integration.border import VirtualBorder
-from vb_map_integration.geojson import border_to_feature
+from vb_map_integration.border import VirtualBorder, border_to_feature
 from vb_map_integration.map_integrator import MapIntegrator
 
 KINDS = ("kill", "flip")

@@ -65,8 +65,8 @@ class Version:
 
     def __init__(self, source: Any, grid: GridMap, count: int) -> None:
         package = "vb_map_integration"
-        self.border, self.integration, self.keeping, maps = import_from(
-            source, f"{package}.border", f"{package}.integration", f"{package}.map_integrator", "vb_core.grid_map"
+        self.border, self.regions, self.keeping, maps = import_from(
+            source, f"{package}.border", f"{package}.border_region", f"{package}.map_integrator", "vb_core.grid_map"
         )
         self.grid = maps.GridMap(grid.data, grid.resolution, grid.origin)
         self.random, self.folder = np.random.default_rng(1), Path(tempfile.mkdtemp(prefix="bench_integration_"))
@@ -87,11 +87,11 @@ class Version:
 
     def operations(self) -> Dict[str, Callable[[], Any]]:
         """Returns the operations to time, in the order of each round."""
-        integrate = self.integration.integrate
+        compute_region = self.regions.compute_region
         return {
-            "integrate a small polygon": lambda: integrate(self.grid, self.make(polygon, 0.1)).posterior,
-            "integrate a large polygon": lambda: integrate(self.grid, self.make(polygon, 0.7)).posterior,
-            "integrate a curve": lambda: integrate(self.grid, self.make(curve)).posterior,
+            "integrate a small polygon": lambda: compute_region(self.grid, self.make(polygon, 0.1)).posterior,
+            "integrate a large polygon": lambda: compute_region(self.grid, self.make(polygon, 0.7)).posterior,
+            "integrate a curve": lambda: compute_region(self.grid, self.make(curve)).posterior,
             "add": lambda: self.keeper.add(self.make(polygon, 0.1), 2e4),
             "undo": lambda: self.keeper.undo(),
             "redo": lambda: self.keeper.redo(),

@@ -27,17 +27,17 @@ from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap, clearance_grid, sample
 from vb_core.map_files import read_map
 from vb_evaluation.metrics import free_cells, jaccard
 from vb_map_integration.border import IntegrationError, VirtualBorder
-from vb_map_integration.borders_in_force import Verdict
-from vb_map_integration.integration import apply_regions, integrate
+from vb_map_integration.borders_in_force import BorderStatus
+from vb_map_integration.border_region import apply_regions, compute_region
 from vb_map_integration.map_integrator import MapIntegrator
-from vb_map_integration.places.registration import Transform
+from vb_map_integration.places.transform import Transform
 
 SILENT = "lines that closed off something else without a word"
 Outcome = Tuple[str, bool, str]  # the figure, whether the case counts for it, and the case to inspect if it does
 
 
-def replace_map(old: GridMap, new: GridMap, borders: Sequence[VirtualBorder]) -> Tuple[bool, List[Verdict]]:
-    """Returns whether it is asked which place the new map shows, and the verdicts on borders drawn on the old map."""
+def replace_map(old: GridMap, new: GridMap, borders: Sequence[VirtualBorder]) -> Tuple[bool, List[BorderStatus]]:
+    """Returns whether it is asked which place the new map shows, and the statuses of borders drawn on the old map."""
     with tempfile.TemporaryDirectory() as folder:
         keeper = MapIntegrator(Path(folder))
         keeper.set_map(old)
@@ -45,7 +45,7 @@ def replace_map(old: GridMap, new: GridMap, borders: Sequence[VirtualBorder]) ->
         keeper.set_map(new)
         keeper.close()
     asks = any(notice.code == "borders_unconfirmed" for notice in keeper.notices)
-    return asks, [keeper.in_force.verdicts[id] for id in ids]
+    return asks, [keeper.in_force.statuses[id] for id in ids]
 
 
 def draw_borders(grid: GridMap, random: np.random.Generator) -> List[VirtualBorder]:
@@ -71,7 +71,7 @@ def draw_borders(grid: GridMap, random: np.random.Generator) -> List[VirtualBord
         for side in (rays[best + 12], -rays[best + 12]):
             line = VirtualBorder(points, center + 0.25 * side, closed=False)
             with suppress(IntegrationError):  # it does not separate anything, or this side has no floor
-                integrated = integrate(grid, line)
+                integrated = compute_region(grid, line)
                 if integrated.area_m2 > 2.0 and not integrated.issues:
                     sides[integrated.area_m2] = line
         borders += [sides[min(sides)]] if sides else []
@@ -82,24 +82,24 @@ def judge_pair(name: str, pair: Dict[str, Any], folder: Path, random: np.random.
     """Draws borders on a map, replaces it by the newer map, and yields the outcomes."""
     old, new = (read_map(folder / f"{pair[key]}.yaml") for key in ("old", "new"))
     truth, borders = Transform(*pair["transform"]), draw_borders(old, random)
-    asks, verdicts = replace_map(old, new, borders)
+    asks, statuses = replace_map(old, new, borders)
     yield "pairs about which it asked which place it is", asks, ""
     free = free_cells(new)
     floor = truth.inverse.apply(new.cell_to_world(np.argwhere(free)))  # of the newer map, in the older map's frame
-    for border, verdict in zip(borders, verdicts):
-        restricted, silent, same = integrate(old, border).restricted_cells, not verdict.code, False
+    for border, status in zip(borders, statuses):
+        restricted, silent, same = compute_region(old, border).restricted_cells, not status.code, False
         if border.closed:
-            error = float(np.linalg.norm(verdict.border.seed - truth.apply(border.seed)[0]))
+            error = float(np.linalg.norm(status.map_border.seed - truth.apply(border.seed)[0]))
             case = f"{name}: the square is {error:.2f} m off" if silent else ""
             yield "squares in the wrong place, by over 0.25 m, certain or while it asked", error > 0.25, case
             same = sample(new, new.data >= 0, truth.apply(old.cell_to_world(np.argwhere(restricted)))).mean() >= 0.75
         else:
             old_cells = sample(old, restricted, floor) > 0
-            new_cells = apply_regions(new.with_data(0 * new.data), [verdict.region] if silent else []).data[free] > 0
+            new_cells = apply_regions(new.with_data(0 * new.data), [status.region] if silent else []).data[free] > 0
             overlap = jaccard(old_cells, new_cells)
             yield SILENT, silent and overlap < 0.5, f"{name}: line at {border.seed.round(1)}, {overlap:.2f} in common"
             with suppress(IntegrationError):
-                expected = integrate(new, border.moved(truth)).restricted_cells[free]
+                expected = compute_region(new, border.moved(truth)).restricted_cells[free]
                 same = old_cells.any() and jaccard(old_cells, expected) >= 0.5
         yield "borders that are the same on the newer map", same, ""
         if same:

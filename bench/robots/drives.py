@@ -30,7 +30,7 @@ from bench.robots.drive_lab import WORLDS, Lab
 from vb_core.grid_map import distance_to, sample
 from vb_core.navigation_parameters import PATH_MARGIN
 from vb_map_integration.border import VirtualBorder as Border
-from vb_map_integration.integration import integrate
+from vb_map_integration.border_region import compute_region
 from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap
 from vb_sim.room.floor_plan import physical_map
 from vb_sim.room.world import load_world
@@ -58,7 +58,7 @@ def places(scenario: str, seed: int):
     """
     world = load_world(str(WORLDS / "lab.yaml"))
     task, grid = world.scenarios[scenario], physical_map(world)
-    posterior = integrate(grid, Border(np.array(task.border), np.array(task.seed), 1.0, task.closed)).posterior
+    posterior = compute_region(grid, Border(np.array(task.border), np.array(task.seed), 1.0, task.closed)).posterior
     restricted = posterior.data > np.maximum(grid.data, 0)
     rng = np.random.default_rng([seed, SCENARIOS.index(scenario)])
     clearance_map = ClearanceMap(posterior, RADIUS + PATH_MARGIN)

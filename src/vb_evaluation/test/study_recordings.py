@@ -17,7 +17,7 @@ from vb_evaluation.report.study_files import read_sheet
 from vb_evaluation.user_study import recording_measures
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_messages import message_from_border
-from vb_map_integration.integration import integrate
+from vb_map_integration.border_region import compute_region
 from vb_msgs.msg import DetectorStatus, VirtualBorderArray
 from vb_voice_wizard.dialogue.command_answers import Answer
 from vb_voice_wizard.interaction import Interaction
@@ -101,7 +101,7 @@ class RecordedLab:
             seed = corners.mean(axis=0) if seed is None else seed
             border = VirtualBorder(corners, seed, closed=True, id=f"b{len(self.borders) + 1}")
             self.borders.append(border)
-            cells = np.max([integrate(ROOM, each).posterior.data for each in self.borders], axis=0)
+            cells = np.max([compute_region(ROOM, each).posterior.data for each in self.borders], axis=0)
             write_state(self.folder, ROOM.with_data(cells), self.borders, self.time - 0.1)
             machine.command("save", "wizard", self.time)
             machine.finish(Answer(True, "saved"), self.time, border.id)

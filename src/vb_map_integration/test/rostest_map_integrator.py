@@ -18,8 +18,7 @@ from integrators import room
 from vb_testing import Newest, run_command, wait_until
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid
 from vb_core.map_files import read_map
-from vb_map_integration.border import VirtualBorder as Border
-from vb_map_integration.geojson import borders_to_geojson
+from vb_map_integration.border import VirtualBorder as Border, borders_to_geojson
 from vb_msgs.msg import NoticeArray, VirtualBorder, VirtualBorderArray
 from vb_msgs.srv import ConfirmMapRequest
 
@@ -136,7 +135,7 @@ class MapIntegratorTest(unittest.TestCase):
     def test_warnings_for_the_robot_and_for_soft_borders(self):
         # repeatedly, since the transform may still be under way
         def codes():
-            return [found.code for found in self.call("preview_border", polygon(x=-2.5, y=-1.5), "").issues]
+            return [issue.code for issue in self.call("preview_border", polygon(x=-2.5, y=-1.5), "").issues]
 
         wait_until(lambda: "robot_inside" in codes(), "the warning that the robot is inside")
         answer = self.call("add_border", polygon(occupancy=0.75), "", "test")
@@ -153,9 +152,8 @@ class MapIntegratorTest(unittest.TestCase):
         self.assertEqual((late.success, late.code), (False, "revision_conflict"))
         self.assertEqual(self.call("set_border_enabled", first.id, False, "test", late.revision).code, "ok")
         wait_until(lambda: self.borders.message.borders[0].reason == "disabled", "the border that sleeps")
-        self.assertEqual(
-            (self.borders.message.borders[0].name, self.borders.message.borders[0].in_force), ("rug", False)
-        )
+        border = self.borders.message.borders[0]
+        self.assertEqual((border.name, border.in_force), ("rug", False))
         robots = self.call("add_border", polygon(robots=["nobody"]), "", "test")
         self.assertEqual((robots.code, robots.values[0].value), ("unknown_robot", "nobody"))
 

@@ -14,7 +14,7 @@ from refusals import refused
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.grid import raster
-from vb_map_integration.integration import MAX_SEED_SHIFT, WALL_WIDTH, Region, integrate
+from vb_map_integration.border_region import MAX_SEED_SHIFT, WALL_WIDTH, Region, compute_region
 
 # on cells' centres, edges and corners, and anywhere else
 PLACE = st.tuples(*(st.integers(-24, 4 * end).map(lambda n: n / 4) | off_thresholds(-6.0, end) for end in (18, 14)))
@@ -34,36 +34,46 @@ def winding(vertices, shape):
 def test_a_polygons_cells_are_those_whose_centre_it_winds_round(vertices):
     shape, corners = (9, 12), np.array(vertices)
     window, mask = raster.polygon_mask(corners, shape)
-    found = np.zeros(shape, bool)
-    found[window] = mask == 255
+    cells = np.zeros(shape, bool)
+    cells[window] = mask == 255
     assert set(np.unique(mask)) <= {0, 255}
     inside, on_outline = winding(corners, shape)
-    assert ((found == inside) | on_outline).all()  # a centre on the outline may be on either side
+    assert ((cells == inside) | on_outline).all()  # a centre on the outline may be on either side
+
+
+CHAINS = st.lists(PLACE, min_size=2, max_size=6).map(np.array)
+SHAPE = (9, 12)  # of the map on which chains are traced
 
 
 @settings(STEADY, max_examples=100)
-@given(st.lists(PLACE, min_size=2, max_size=6))
-def test_a_chains_cells_are_where_its_points_are_and_leave_no_gap(vertices):
-    shape, chain = (9, 12), np.array(vertices)
+@given(CHAINS)
+def test_a_traced_point_is_on_its_segment_and_in_its_cell(chain):
     steps = np.hypot(*np.diff(chain, axis=0).T)
     assume(steps.min() > 1e-3)
-    trace, arc = raster.trace_chain(chain, shape), np.concatenate([[0.0], np.cumsum(steps)])
-    assert trace.points.shape == (len(trace.rows), 2) and (np.diff(trace.arc) >= -1e-9).all()
-    # each point is on its segment, at its arc length along the chain
+    trace, arc = raster.trace_chain(chain, SHAPE), np.concatenate([[0.0], np.cumsum(steps)])
+    assert trace.points.shape == (len(trace.rows), 2)
+    assert (np.diff(trace.arc) >= -1e-9).all()
     share = (trace.arc - arc[trace.segment]) / steps[trace.segment]
     assert np.allclose(trace.points, chain[trace.segment] + share[:, None] * np.diff(chain, axis=0)[trace.segment])
     assert (share > -1e-9).all() and (share < 1.0 + 1e-9).all()
-    # each point is in its cell, or beside the corner at which the chain crosses into the next one
-    off = np.abs(trace.points - np.column_stack([trace.columns, trace.rows])).max(axis=1, initial=0.0)
-    assert (off <= 1.5).all() and (np.abs(np.diff(off <= 0.5 + 1e-9).astype(int)) <= 1).all()
-    assert (off <= 0.5 + 1e-9).mean() >= 0.5 if len(off) else True
-    # every cell of the map that a densely sampled chain meets is found, and none more than one cell off the map
+    # in its cell, or beside the corner at which the chain crosses into the next one
+    distances = np.abs(trace.points - np.column_stack([trace.columns, trace.rows])).max(axis=1, initial=0.0)
+    is_inside = distances <= 0.5 + 1e-9
+    assert (distances <= 1.5).all() and 2 * is_inside.sum() >= len(is_inside)
+
+
+@settings(STEADY, max_examples=100)
+@given(CHAINS)
+def test_a_traced_chain_leaves_no_gap(chain):
+    assume(np.hypot(*np.diff(chain, axis=0).T).min() > 1e-3)
+    trace = raster.trace_chain(chain, SHAPE)
+    # every cell of the map that a densely sampled chain meets is traced, and none more than one cell off the map
     dense = np.vstack([a + np.linspace(0.0, 1.0, 800)[:, None] * (b - a) for a, b in zip(chain[:-1], chain[1:])])
-    low = np.abs(dense - np.round(dense)).max(axis=1) < 0.2  # not near corners, which the samples may miss
-    met = {(row, column) for column, row in np.floor(dense[low] + 0.5).astype(int).tolist()}
-    found = set(zip(trace.rows.tolist(), trace.columns.tolist()))
-    assert {cell for cell in met if 0 <= cell[0] < 9 and 0 <= cell[1] < 12} <= found
-    assert all(-1 <= row <= 9 and -1 <= column <= 12 for row, column in found)
+    is_inner = np.abs(dense - np.round(dense)).max(axis=1) < 0.2  # not near corners, which the samples may miss
+    met = {(row, column) for column, row in np.floor(dense[is_inner] + 0.5).astype(int).tolist()}
+    traced = set(zip(trace.rows.tolist(), trace.columns.tolist()))
+    assert {cell for cell in met if 0 <= cell[0] < 9 and 0 <= cell[1] < 12} <= traced
+    assert all(-1 <= row <= 9 and -1 <= column <= 12 for row, column in traced)
     # successive cells share an edge, except where the chain was outside the map
     hops = np.abs(np.diff(trace.rows)) + np.abs(np.diff(trace.columns))
     inside = [(0 <= row < 9 and 0 <= column < 12) for row, column in zip(trace.rows, trace.columns)]
@@ -78,11 +88,11 @@ def test_a_chains_cells_are_where_its_points_are_and_leave_no_gap(vertices):
     st.booleans(),
 )
 def test_painting_raises_what_is_under_the_mask_and_lowers_nothing(cells, mask, value, over_unknown):
-    found = np.array(cells, np.int8).reshape(3, 4)
+    painted = np.array(cells, np.int8).reshape(3, 4)
     covered = 255 * np.array(mask, np.uint8).reshape(3, 4)
-    Region((slice(0, 3), slice(0, 4)), covered, value, over_unknown, 1.0).apply(found)
+    Region((slice(0, 3), slice(0, 4)), covered, value, over_unknown, 1.0).apply(painted)
     wanted = [max(cell, value) if under and (cell >= 0 or over_unknown) else cell for cell, under in zip(cells, mask)]
-    assert found.ravel().tolist() == wanted
+    assert painted.ravel().tolist() == wanted
 
 
 @settings(STEADY, max_examples=40)
@@ -100,7 +110,7 @@ def test_a_wall_covers_half_its_width_on_each_side_of_its_chain(points, noise):
     for row, column in core:
         wanted[max(0, row - reach) : row + reach + 1, max(0, column - reach) : column + reach + 1] = True
     assume(core and (wanted & (cells == 0)).any())
-    assert (integrate(grid, VirtualBorder(chain, None, wall=True)).restricted_cells == wanted & (cells == 0)).all()
+    assert (compute_region(grid, VirtualBorder(chain, None, wall=True)).restricted_cells == wanted & (cells == 0)).all()
 
 
 def nearest(allowed, seed, radius):
@@ -110,7 +120,7 @@ def nearest(allowed, seed, radius):
     return {cell for cell, distance in away.items() if distance <= min(radius, least + 1e-9)}
 
 
-def polygon_by_cells(cells, vertices, seed, robots):
+def polygon_by_cells(cells, vertices, seed):
     """Returns what a polygon restricts, or the refusal's code, and the warnings' codes; all in cells (column, row)."""
     height, width = cells.shape
     ring = vertices + vertices[:1]
@@ -139,10 +149,7 @@ def polygon_by_cells(cells, vertices, seed, robots):
     codes += ["seed_moved"] * bool(moves)
     if not region.any():
         return "empty_region", codes
-    codes += ["covers_nearly_all"] * bool(region.sum() > 0.98 * (~obstacle & ~unknown).sum())
-    cells_of_robots = [(math.floor(y + 0.5), math.floor(x + 0.5)) for x, y in robots]
-    inside = [0 <= y < height and 0 <= x < width and bool(region[y, x]) for y, x in cells_of_robots]
-    return region, codes + ["robot_inside"] * any(inside)
+    return region, codes + ["covers_nearly_all"] * bool(region.sum() > 0.98 * (~obstacle & ~unknown).sum())
 
 
 @pytest.mark.parametrize("draw", range(8))
@@ -153,21 +160,22 @@ def test_a_polygon_restricts_what_its_definition_says_cell_by_cell(draw):
         cells[random.random(cells.shape) < random.choice([0.0, 0.6])] = 0
         if random.random() < 0.2:
             cells[:] = np.where(random.random(cells.shape) < 0.04, 0, 100)
-        grid, value = (
-            GridMap(cells, 0.05, (-0.3, 0.2, random.uniform(-3.0, 3.0))),
-            int(random.choice([1, 29, 64, 65, 100])),
-        )
+        grid = GridMap(cells, 0.05, (-0.3, 0.2, random.uniform(-3.0, 3.0)))
+        value = int(random.choice([1, 29, 64, 65, 100]))
         vertices = [tuple(vertex) for vertex in random.uniform(-4.0, 15.0, (random.integers(3, 7), 2)).tolist()]
-        seed, robots = random.uniform((-1.0, -1.0), (13.0, 10.0)).tolist(), random.uniform(-1.0, 12.0, (2, 2)).tolist()
+        seed = random.uniform((-1.0, -1.0), (13.0, 10.0)).tolist()
         border = VirtualBorder(grid.grid_to_world(vertices), grid.grid_to_world(seed)[0], value / 100.0, closed=True)
-        wanted, codes = polygon_by_cells(cells, vertices, seed, robots)
+        wanted, codes = polygon_by_cells(cells, vertices, seed)
         if isinstance(wanted, str):
             with refused(wanted):
-                integrate(grid, border, grid.grid_to_world(robots))
+                compute_region(grid, border)
             continue
-        found = integrate(grid, border, grid.grid_to_world(robots))
-        assert [issue.code for issue in found.issues] == codes
-        assert (found.restricted_cells == wanted).all() and np.array_equal(found.line, border.points)
-        assert math.isclose(found.area_m2, wanted.sum() * 0.05**2)
+        region = compute_region(grid, border)
+        assert [issue.code for issue in region.issues] == codes
+        assert (region.restricted_cells == wanted).all() and np.array_equal(region.line, border.points)
+        assert math.isclose(region.area_m2, wanted.sum() * 0.05**2)
         raised = wanted & ((cells >= 0) | (value >= 65))
-        assert np.array_equal(integrate(grid, border).posterior.data, np.where(raised, np.maximum(cells, value), cells))
+        assert np.array_equal(region.posterior.data, np.where(raised, np.maximum(cells, value), cells))
+        robots = random.integers(-3, 15, (2, 2)).tolist()  # (row, column)
+        on_map = [(row, column) for row, column in robots if 0 <= row < 9 and 0 <= column < 12]
+        assert region.contains_any(np.array(robots)) == any(wanted[cell] for cell in on_map)

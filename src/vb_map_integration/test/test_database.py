@@ -22,7 +22,6 @@ from vb_map_integration.map_integrator import MapIntegrator
 
 from integrators import GRID, integrator, square
 
-
 HERE = Path(__file__).parent
 
 
@@ -131,7 +130,7 @@ for number in range(3):
         keeper.add(square(50, 50), 2.0)
         print("taken")
     except CodedError as error:
-        print(error.code, *(border.id for border in keeper.borders if keeper.in_force.status(border)[0]))
+        print(error.code, *(border.id for border in keeper.borders if keeper.in_force.statuses[border.id].is_in_force))
 """
 
 
@@ -171,8 +170,7 @@ def test_a_repair_that_cannot_be_written_is_said_until_it_can(restart, tmp_path,
     assert keeper.borders == borders and codes(keeper) == ["database_repaired", "database_read_only"]
     keeper.undo()
     assert codes(keeper) == ["database_repaired"]
-    found = keeper.borders
-    assert again(restart) == (found, [])
+    assert again(restart) == (keeper.borders, [])
 
 
 @pytest.mark.parametrize("damage", ["truncated", "empty", "binary", "gone", "edited", "newer"])
@@ -193,9 +191,8 @@ def test_a_damaged_file_is_restored_from_the_copy_and_reported(restart, tmp_path
         path.write_bytes(damaged[damage])
     assert again(restart) == (borders, ["database_repaired"])
     assert again(restart) == (borders, []) and path.read_bytes() == content
-    assert [path.read_bytes() for path in tmp_path.glob("*.damaged")] == [
-        path for path in [damaged.get(damage)] if path is not None
-    ]
+    kept = [damaged[damage]] if damaged.get(damage) is not None else []
+    assert [path.read_bytes() for path in tmp_path.glob("*.damaged")] == kept
 
 
 def days(folder, *dates):
@@ -278,8 +275,7 @@ def test_files_lost_at_run_time_return_with_the_next_change(restart, tmp_path, f
         for path in tmp_path.rglob("borders*.jsonl"):
             path.write_bytes(b"?" * 9000)
     assert keeper.add(square(50, 50), 2.0).ids == ("b2",)
-    found = keeper.borders
-    assert again(restart) == (found, [])
+    assert again(restart) == (keeper.borders, [])
 
 
 def test_with_the_lock_deleted_the_second_integrator_takes_over(restart, tmp_path):
@@ -292,8 +288,7 @@ def test_with_the_lock_deleted_the_second_integrator_takes_over(restart, tmp_pat
         with refused("database_in_use"):
             first.add(square(50, 50), 1.0)
         assert first.borders == ()
-    found = second.borders
-    assert again(restart) == (found, [])
+    assert again(restart) == (second.borders, [])
 
 
 def test_a_refused_change_is_not_back_after_a_restart(restart, monkeypatch):

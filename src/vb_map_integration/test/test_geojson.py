@@ -10,8 +10,7 @@ from refusals import refused
 from vb_core import sentences
 from vb_core.errors import CodedError
 from vb_core.navigation_parameters import is_trinary
-from vb_map_integration.border import VirtualBorder
-from vb_map_integration.geojson import borders_from_geojson, borders_to_geojson
+from vb_map_integration.border import VirtualBorder, borders_from_geojson, borders_to_geojson
 
 RING = [[0, 0], [4, 0], [4, 4], [0, 4], [0, 0]]
 LINE = VirtualBorder([(0, 0), (0, 1), (0, 2)], (1, 1), closed=False)

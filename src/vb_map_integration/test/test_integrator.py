@@ -15,7 +15,7 @@ from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.grid import raster
 from vb_map_integration.grid.raster import count_free_parts
-from vb_map_integration.integration import Region, apply_regions, join_regions
+from vb_map_integration.border_region import Region, apply_regions, join_regions
 from vb_map_integration.map_integrator import MapIntegrator
 
 COMMANDS = st.lists(
@@ -136,15 +136,14 @@ def test_preview_changes_nothing_and_says_that_the_floor_is_split(monkeypatch):
     before = keeper.map_with_borders.data.copy()
     band = VirtualBorder(at((70, -5), (90, -5), (90, 125), (70, 125)), at((80, 60))[0], closed=True)
     check = keeper.check(band, at((20, 60)))
-    assert check.free_parts == 2 and "splits_free_space" in [found.code for found in check.issues]
+    assert check.free_parts == 2 and "splits_free_space" in [issue.code for issue in check.issues]
     assert np.array_equal(keeper.map_with_borders.data, before) and keeper.borders == ()
-    monkeypatch.setattr(
-        "vb_map_integration.borders_in_force.integrate", None
-    )  # what was checked is not integrated again
+    # what was checked is not computed again
+    monkeypatch.setattr("vb_map_integration.borders_in_force.compute_region", None)
     outcome = keeper.add(band, 1.0)
-    assert "splits_free_space" in [found.code for found in outcome.issues]
+    assert "splits_free_space" in [issue.code for issue in outcome.issues]
     # floor that is split already is not reported again for another border
-    assert "splits_free_space" not in [found.code for found in keeper.check(square(20, 20)).issues]
+    assert "splits_free_space" not in [issue.code for issue in keeper.check(square(20, 20)).issues]
     # replacing the band with a small square joins the parts again
     assert keeper.check(square(70, 50, id=outcome.ids[0])).free_parts == 1
 
@@ -163,8 +162,8 @@ def test_a_gap_narrower_than_the_robot_is_no_path(monkeypatch, door, radius, par
 def test_no_free_space_left_for_the_robot_is_reported():
     keeper = integrator()
     everything = VirtualBorder(at((-5, -5), (170, -5), (170, 130), (-5, 130)), at((80, 60))[0], closed=True)
-    found = [issue.code for issue in keeper.add(everything, 1.0).issues]
-    assert {"outside_map", "covers_nearly_all", "no_free_space_left"} == set(found)
+    codes = [issue.code for issue in keeper.add(everything, 1.0).issues]
+    assert {"outside_map", "covers_nearly_all", "no_free_space_left"} == set(codes)
     assert "no_free_space_left" not in [issue.code for issue in keeper.check(square(20, 20)).issues]  # none before
 
 

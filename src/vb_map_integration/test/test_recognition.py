@@ -4,77 +4,14 @@ import tracemalloc
 
 import numpy as np
 import pytest
-import shapely
 
+from integrators import GRID, OUTSIDE, ROOM, closed_off, flat, integrator, keep_out, status_of_first
 from refusals import refused
 from vb_core import sentences
-from vb_core.grid_map import GridMap, sample
-from vb_map_integration.border import VirtualBorder
+from vb_core.grid_map import GridMap
 from vb_map_integration.places import registration
-from vb_map_integration.places.registration import IDENTITY, Transform, WallMap
-
-from integrators import GRID, integrator
-
-
-OUTSIDE = [(0, 0), (9, 0), (9, 6), (0, 6), (0, 0)]
-PLANS = [
-    shapely.MultiLineString([OUTSIDE, *walls])
-    for walls in (
-        [
-            [(3.1, 0), (3.1, 1.2)],
-            [(3.1, 2.1), (3.1, 6)],
-            [(3.1, 3.7), (4.4, 3.7)],
-            [(5.3, 3.7), (9, 3.7)],
-            [(7, 3.7), (7, 6)],
-        ],
-        [
-            [(5.6, 0), (5.6, 3)],
-            [(5.6, 4), (5.6, 6)],
-            [(0, 2.2), (1.5, 2.2)],
-            [(2.4, 2.2), (5.6, 2.2)],
-            [(2, 2.2), (2, 6)],
-        ],
-    )
-]
-
-
-def flat(transform=IDENTITY, resolution=0.05, seed=0, plan=0, known=(0.0, 9.0)):
-    """Returns a map of a flat of 9 m x 6 m with four different rooms, as from SLAM: ragged, at any pose.
-
-    Args:
-        plan: 0, or 1 for another floor with the same outer walls.
-        known: [m] the range of its width that was explored.
-    """
-    random = np.random.default_rng(seed)
-    corners = transform.apply([(0, 0), (9, 0), (9, 6), (0, 6)])
-    origin = corners.min(axis=0) - 0.37
-    columns, rows = np.ceil((corners.max(axis=0) + 0.4 - origin) / resolution).astype(int)
-    grid = GridMap(np.full((rows, columns), -1, np.int8), resolution, (float(origin[0]), float(origin[1]), 0.0))
-    cells = np.argwhere(np.ones(grid.shape, bool))
-    place = transform.inverse.apply(grid.cell_to_world(cells))
-    inside = (place > 0).all(axis=1) & (place < (9, 6)).all(axis=1)
-    distance = shapely.distance(PLANS[plan], shapely.points(place))
-    values = np.where(distance < 0.06 + 0.02 * random.random(len(place)), 100, np.where(inside, 0, -1))
-    values[(place[:, 0] < known[0]) | (place[:, 0] > known[1])] = -1
-    return grid.with_data(values.astype(np.int8).reshape(grid.shape))
-
-
-ROOM = Transform(1.0, 4.0, 0.0)  # a square in the room at the upper left
-
-
-def keep_out(transform=IDENTITY, **options):
-    *corners, seed = transform.apply(ROOM.apply([(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.5)]))
-    return VirtualBorder(corners, seed, closed=True, **options)
-
-
-def closed_at(keeper, x, y):
-    """Returns whether a point [m] is closed in the map that navigation gets."""
-    return sample(keeper.map_with_borders, keeper.map_with_borders.data, [(x, y)])[0] == 100
-
-
-def closed_off(keeper, transform=IDENTITY):
-    """Returns whether the middle of the border is closed."""
-    return closed_at(keeper, *transform.apply(keep_out().seed[None])[0])
+from vb_map_integration.places.registration import WallMap
+from vb_map_integration.places.transform import Transform
 
 
 # ----------------------------------------------------------------- registration
@@ -82,27 +19,22 @@ def register(old, new):
     return registration.register(WallMap(old), WallMap(new))
 
 
-@pytest.mark.parametrize(
-    "truth, resolution",
-    [
-        (Transform(0.25, 0.0, 0.0), 0.05),
-        (Transform(0.0, 0.0, np.radians(3.0)), 0.05),
-        (Transform(-4.0, 2.0, np.pi), 0.05),
-        (Transform(3.3, 1.1, -2.0), 0.03),
-    ],
-)
-def test_a_moved_map_is_found(truth, resolution):
-    found = register(flat(), flat(truth, resolution, seed=1))
-    apart = np.linalg.norm(found.transform.apply(OUTSIDE) - truth.apply(OUTSIDE), axis=1)
-    assert found.is_unambiguous and apart.max() < 0.05
+@pytest.mark.parametrize("resolution", [0.03, 0.05])  # [m] of the new map; the old one's is 0.05
+@pytest.mark.parametrize("motion", [(0.25, 0, 0), (0, 0, np.radians(3.0)), (-4.0, 2.0, np.pi), (3.3, 1.1, -2.0)])
+def test_a_moved_map_is_found(motion, resolution):
+    truth = Transform(*motion)
+    registration = register(flat(), flat(truth, resolution, seed=1))
+    distances = np.linalg.norm(registration.transform.apply(OUTSIDE) - truth.apply(OUTSIDE), axis=1)
+    assert registration.is_certain
+    assert distances.max() < 0.05
 
 
 def test_floors_with_equal_outer_walls_are_not_confused():
-    assert not register(flat(), flat(plan=1, seed=1)).is_unambiguous
+    assert not register(flat(), flat(plan=1, seed=1)).is_certain
 
 
 def test_a_room_that_looks_the_same_when_turned_is_not_sure():
-    assert not register(GRID, GRID.with_data(np.ascontiguousarray(GRID.data[::-1, ::-1]))).is_unambiguous
+    assert not register(GRID, GRID.with_data(np.ascontiguousarray(GRID.data[::-1, ::-1]))).is_certain
 
 
 def test_a_large_map_or_a_tiny_one_does_no_harm():
@@ -115,14 +47,12 @@ def test_a_large_map_or_a_tiny_one_does_no_harm():
     cells[1200:1300, ::2] = 100  # and more cells than OpenCV remaps at once
     cells[1200:1300, 1::2] = 0
     moved = GridMap(cells, 0.05, (0.0, 0.0, 0.0))
-    found = register(large, moved)
+    result = register(large, moved)
     truth = moved.grid_to_world([[699.5, 299.5]])[0] - large.origin[:2]
-    assert (
-        not found.is_unambiguous or np.linalg.norm(found.transform.apply([(4.5, 3.0)])[0] - (4.5, 3.0) - truth) < 0.05
-    )
+    assert not result.is_certain or np.linalg.norm(result.transform.apply([(4.5, 3.0)])[0] - (4.5, 3.0) - truth) < 0.05
     for tiny in (np.array([[100]]), np.array([[100, 0, 100]]), np.array([[0], [100]])):
-        found = register(large, GridMap(tiny.astype(np.int8), 0.05))
-        assert found is None or not found.is_unambiguous
+        result = register(large, GridMap(tiny.astype(np.int8), 0.05))
+        assert result is None or not result.is_certain
 
 
 @pytest.mark.parametrize("column", [60, 61, 62])
@@ -132,8 +62,8 @@ def test_floor_seen_by_one_beam_far_outside_the_walls_is_harmless(column):
     data = np.vstack([np.full((below, grid.shape[1]), -1, np.int8), grid.data])
     data[: below + 100, column] = 0
     origin = (grid.origin[0], grid.origin[1] - below * grid.resolution, 0.0)
-    found = register(grid, GridMap(data, grid.resolution, origin))
-    assert found is not None and np.hypot(found.transform.x, found.transform.y) < 0.1
+    result = register(grid, GridMap(data, grid.resolution, origin))
+    assert result is not None and np.hypot(result.transform.x, result.transform.y) < 0.1
 
 
 def test_an_empty_canvas_costs_no_memory():
@@ -145,11 +75,11 @@ def test_an_empty_canvas_costs_no_memory():
         canvases.append(GridMap(cells, home.resolution))
     tracemalloc.start()
     try:
-        found = register(*canvases)
-        most = tracemalloc.get_traced_memory()[1]
+        result = register(*canvases)
+        peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert found is not None and found.is_unambiguous and most < 100e6  # one canvas of floats has 128 MB
+    assert result is not None and result.is_certain and peak < 100e6  # one canvas of floats has 128 MB
 
 
 def test_maps_without_walls_are_not_registered():
@@ -267,16 +197,15 @@ def test_undo_and_switches_keep_what_does_not_act():
     keeper.set_map(walled)
     keeper.confirm(True, "")
     outcome = keeper.undo()
-    assert [found.code for found in outcome.issues] == ["inactive_on_this_map"]
-    border = keeper.borders[0]
-    assert border.enabled and keeper.in_force.status(border) == (False, "inactive_on_this_map")
+    assert [issue.code for issue in outcome.issues] == ["inactive_on_this_map"]
+    assert keeper.borders[0].enabled and status_of_first(keeper) == (False, "inactive_on_this_map")
     assert "inactive_on_this_map" in [notice.code for notice in keeper.notices]
     assert keeper.set_enabled("b1", False, 3.0).issues == ()
-    assert [found.code for found in keeper.set_enabled("b1", True, 6.0).issues] == ["inactive_on_this_map"]
+    assert [issue.code for issue in keeper.set_enabled("b1", True, 6.0).issues] == ["inactive_on_this_map"]
     # it can be switched and renamed all the same, by either service
     assert keeper.rename("b1", "old rug", 7.0).ids == ("b1",)
     keeper.update(keeper.borders[0].replace(enabled=False), 8.0)
-    assert keeper.in_force.status(keeper.borders[0]) == (False, "disabled") and keeper.borders[0].name == "old rug"
+    assert status_of_first(keeper) == (False, "disabled") and keeper.borders[0].name == "old rug"
     assert not keeper.needs_confirmation
 
 
@@ -305,7 +234,7 @@ def test_slow_zones_limit_speeds_and_leave_the_map_alone():
     assert sorted(np.unique(limits.data)) == [0, 15] and (limits.data == 15).sum() == 400
     keeper.undo()
     assert sorted(np.unique(keeper.in_force.speed_limits.data)) == [0, 30]
-    assert keeper.in_force.area_m2("b1") == pytest.approx(1.0)
+    assert keeper.in_force.statuses["b1"].area_m2 == pytest.approx(1.0)
     keeper.remove("b1")
     assert not keeper.in_force.speed_limits.data.any()
     keeper.add(keep_out(zone="slow", max_speed=1.27), 1.0)

@@ -20,7 +20,6 @@ from vb_mqtt.entities import Lab, describe, key_in, key_of, leftovers
 from vb_mqtt.inbox import Inbox
 from vb_msgs.msg import InteractionState, VirtualBorder
 
-
 NOW = 1_700_000_000.25
 LAB = Lab("lab1", "en", ("red", "green"), ("", "ada"), {"b1": "Nursery", "ü/#+": "border 2"})
 
@@ -49,9 +48,8 @@ def test_all_entities_are_one_device_with_unique_ids():
         # the entity id of a border is better derived from its name
         assert config.get("default_entity_id") == (None if platform == "switch" else f"{platform}.lab1_{key}")
         topic_field = {"button": None, "image": "image_topic"}.get(platform, "state_topic")
-        assert {field: config[field] for field in ("state_topic", "image_topic") if field in config} == (
-            {topic_field: f"lab1/{key}"} if topic_field else {}
-        )
+        topics = {field: config[field] for field in ("state_topic", "image_topic") if field in config}
+        assert topics == ({topic_field: f"lab1/{key}"} if topic_field else {})
         assert config["availability"][0] == {"topic": "lab1/availability"} and config["availability_mode"] == "all"
 
 

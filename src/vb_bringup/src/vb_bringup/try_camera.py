@@ -45,9 +45,8 @@ from vb_laser_detect.camera.camera_files import save_lens
 from vb_laser_detect.camera.report import describing_command
 from vb_laser_detect.camera.source import CameraSource, Shot, is_file
 from vb_laser_detect.camera.controls import CaptureParams
-from vb_map_integration.border import VirtualBorder
+from vb_map_integration.border import VirtualBorder, borders_to_geojson
 from vb_map_integration.border_messages import border_from_message
-from vb_map_integration.geojson import borders_to_geojson
 from vb_msgs.msg import LaserSpot, VirtualBorderArray
 
 CAMERA = "camera"

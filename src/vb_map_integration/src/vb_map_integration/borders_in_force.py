@@ -1,9 +1,12 @@
-"""What is in force on a map: the map with borders, a verdict for each border, and notices about them.
+"""Which borders are in force on a map, what each of them restricts there, and the notices about them.
 
-A border is identified by the floor that it closes off as well as by its line. On the map on which a person accepted it,
-it is in force as drawn. On any other map it counts as the same if the walls round it are where they should be and it
-closes off the same floor; else it waits for a person. Meanwhile, to be safe, it restricts what it closed off before,
-what it closes off now unless that is much more, and its second possible position; nothing if none is on the map.
+A border is identified by the floor that it closes off as well as by its line:
+
+- On the map on which a person accepted it, it is in force as drawn.
+- On any other map, it is the same border if the walls round it are where they should be and it closes off the same
+  floor; else it waits for a person.
+- While it waits, it restricts, to be safe, what it restricted where it was accepted, what it would restrict now unless
+  that is much more, and its second possible position. If none of these is on the map, it is not in force.
 """
 
 from __future__ import annotations
@@ -13,17 +16,18 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
+import cv2
 import numpy as np
 
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.notices import Notice, Severity
 from vb_map_integration.border import IntegrationError, VirtualBorder
-from vb_map_integration.integration import Integration, Region, apply_regions, integrate, join_regions
-from vb_map_integration.places.recognition import BorderLocation
+from vb_map_integration.border_region import BorderRegion, Region, apply_regions, compute_region, join_regions
+from vb_map_integration.places.border_location import BorderLocation
 
-# verdict codes: the border waits for a person, or is not in force
+# status codes: the border waits for a person, or is not in force
 TO_BE_CONFIRMED, DOES_NOT_FIT = "to_be_confirmed", "inactive_on_this_map"
-# reasons for waiting, besides the codes of `IntegrationError`
+# causes of waiting, besides the codes of `IntegrationError`
 PLACE, EFFECT = "$place_uncertain", "$closes_something_else"
 # a border closes off the same floor if the IoU of what it closed off and closes off now is at least this
 _SAME_EFFECT = 0.5
@@ -33,94 +37,88 @@ _NAMED = 3  # how many borders are named to describe a place
 
 
 @dataclass(frozen=True)
-class Verdict:
+class BorderStatus:
     """The status of one border on the current map.
 
     Attributes:
-        stored: the border in its place's frame.
-        border: the border in the map's frame.
+        stored_border: the border in its place's frame.
+        map_border: the border in the map's frame.
         code: TO_BE_CONFIRMED, DOES_NOT_FIT, or "" if it is in force unchanged, or disabled.
-        why: PLACE, EFFECT, or the code of the error; "" if none applies.
+        cause: why it has the code: PLACE, EFFECT, or the code of the error; "" if it has none.
         region: the region in force; None if there is none.
-        before: the region that it restricted when it was accepted, on this map; None if not needed or off the map.
-        after: the region that it will restrict once confirmed; None if there is none.
+        region_before: the region that it restricted where it was accepted, as cells of this map; None if there are none,
+            or nothing is to be confirmed.
+        region_after: the region that will be in force once it is confirmed; None if there is none.
     """
 
-    stored: VirtualBorder
-    border: VirtualBorder
+    stored_border: VirtualBorder
+    map_border: VirtualBorder
     code: str = ""
-    why: str = ""
+    cause: str = ""
     region: Optional[Region] = field(default=None, repr=False)
-    before: Optional[Region] = field(default=None, repr=False)
-    after: Optional[Region] = field(default=None, repr=False)
+    region_before: Optional[Region] = field(default=None, repr=False)
+    region_after: Optional[Region] = field(default=None, repr=False)
+
+    @property
+    def is_in_force(self) -> bool:
+        """Whether the border restricts anything on the map."""
+        return self.region is not None
+
+    @property
+    def reason(self) -> str:
+        """Why it is not in force, "disabled" or DOES_NOT_FIT; or, if it is, TO_BE_CONFIRMED or ""."""
+        return self.code if self.map_border.enabled else "disabled"
+
+    @property
+    def area_m2(self) -> float:
+        """The area [m^2] that the border restricts now."""
+        return self.region.area_m2 if self.region else 0.0
 
     @property
     def can_be_confirmed(self) -> bool:
         """Whether a person can accept the border as it is now."""
-        return self.code == TO_BE_CONFIRMED and self.why in (PLACE, EFFECT)
+        return self.code == TO_BE_CONFIRMED and self.cause in (PLACE, EFFECT)
 
     @property
     def values(self) -> Dict[str, str]:
         """The values for the sentence that belongs to its code."""
-        before, after = (region.area_m2 if region else 0.0 for region in (self.before, self.after))
-        areas = {"before": f"{before:.1f}", "now": f"{after:.1f}"} if self.before else {}
-        return {"border": self.border.name, "why": self.why, **areas}
+        before, after = (region.area_m2 if region else 0.0 for region in (self.region_before, self.region_after))
+        areas = {"before": f"{before:.1f}", "now": f"{after:.1f}"} if self.region_before else {}
+        return {"border": self.map_border.name, "why": self.cause, **areas}
 
 
 @dataclass(frozen=True)
-class InForce:
-    """What is in force on a map.
+class BordersInForce:
+    """A map, and what its borders restrict there.
 
     Attributes:
         physical: the map without borders.
-        verdicts: by border id, the oldest first.
+        statuses: the status of each border by its id, the oldest border first.
     """
 
     physical: GridMap
-    verdicts: Mapping[str, Verdict] = field(default_factory=dict)
+    statuses: Mapping[str, BorderStatus] = field(default_factory=dict)
 
     @cached_property
     def map_with_borders(self) -> GridMap:
         """The map with all borders in force."""
-        return apply_regions(self.physical, self.regions())
+        return self.draw_map()
 
-    def regions(self, without: Iterable[str] = ()) -> List[Region]:
-        """Returns the regions of the borders in force, except `without`; those of slow zones have the value 0."""
-        return [
-            verdict.region
-            for key, verdict in self.verdicts.items()
-            if verdict.region is not None and key not in without
-        ]
+    def draw_map(self, without: Iterable[str] = (), also: Sequence[Region] = ()) -> GridMap:
+        """Draws the map with the borders in force, except those with the ids `without`, and also with further regions."""
+        regions = [status.region for key, status in self.statuses.items() if status.region and key not in without]
+        return apply_regions(self.physical, [*regions, *also])
 
     @property
-    def slow_zones(self) -> Tuple[Verdict, ...]:
+    def slow_zones(self) -> Tuple[BorderStatus, ...]:
         """The slow zones in force."""
-        return tuple(
-            verdict
-            for verdict in self.verdicts.values()
-            if verdict.region is not None and verdict.border.zone.limits_speed
-        )
-
-    def area_m2(self, border_id: str) -> float:
-        """Returns the area [m^2] that a border restricts now; 0 if it is not in force."""
-        region = self.verdicts[border_id].region if border_id in self.verdicts else None
-        return region.area_m2 if region else 0.0
-
-    def status(self, border: VirtualBorder) -> Tuple[bool, str]:
-        """Returns whether a border is in force now, and its status code.
-
-        Returns:
-            (in force, code): "to_be_confirmed" or "" if it is in force, else "disabled" or "inactive_on_this_map".
-        """
-        verdict = self.verdicts[border.id]
-        if not border.enabled:
-            return False, "disabled"
-        return verdict.code != DOES_NOT_FIT, verdict.code
+        in_force = (status for status in self.statuses.values() if status.is_in_force)
+        return tuple(status for status in in_force if status.map_border.zone.limits_speed)
 
     def outlines(self, border_id: str) -> Tuple[np.ndarray, np.ndarray]:
         """Returns the outlines (N, 2) [m] before and after confirmation; empty unless the border waits for it."""
-        verdict = self.verdicts[border_id]
-        regions = (verdict.before, verdict.after) if verdict.code == TO_BE_CONFIRMED else (None, None)
+        status = self.statuses[border_id]
+        regions = (status.region_before, status.region_after) if status.code == TO_BE_CONFIRMED else (None, None)
         return tuple(  # type: ignore[return-value]
             region.outline(self.physical) if region else np.zeros((0, 2)) for region in regions
         )
@@ -129,9 +127,9 @@ class InForce:
     def speed_limits(self) -> GridMap:
         """The speed limit of each cell [cm/s], 0: none; in the map's geometry."""
         cells = np.zeros(self.physical.shape, np.int8)
-        for verdict in self.slow_zones:
-            part, inside = cells[verdict.region.window], verdict.region.mask != 0  # type: ignore[union-attr]
-            limit = np.int8(max(1, min(127, round(100.0 * verdict.border.max_speed))))
+        for status in self.slow_zones:
+            part, inside = cells[status.region.window], status.region.mask != 0  # type: ignore[union-attr]
+            limit = np.int8(max(1, min(127, round(100.0 * status.map_border.max_speed))))
             part[inside] = np.where(part[inside] == 0, limit, np.minimum(part[inside], limit))
         return self.physical.with_data(cells)
 
@@ -140,71 +138,95 @@ def compute_in_force(
     grid: GridMap,
     borders: Iterable[VirtualBorder],
     locate: Callable[[VirtualBorder], BorderLocation],
-    before: Optional[InForce] = None,
-    checked: Optional[Integration] = None,
-) -> InForce:
+    before: Optional[BordersInForce] = None,
+    known_region: Optional[BorderRegion] = None,
+) -> BordersInForce:
     """Computes what is in force on a map.
 
     Args:
         grid: the physical map.
         borders: the stored borders, in the frame of their place.
         locate: finds where a border is on the map.
-        before: the previous result for the same map and the same `locate`: the verdicts of unchanged borders are taken
+        before: the previous result for the same map and the same `locate`: the statuses of unchanged borders are taken
             from it.
-        checked: a border of them that was just integrated into this map, and need not be again.
+        known_region: the region of one of these borders, if it was just computed on this map: it is not computed again.
     """
-    earlier = before.verdicts if before else {}
-    verdicts: Dict[str, Verdict] = {}
+    earlier = before.statuses if before else {}
+    statuses: Dict[str, BorderStatus] = {}
     for border in borders:
-        verdict = earlier.get(border.id)
-        is_same = verdict is not None and verdict.stored is border
-        verdicts[border.id] = verdict if is_same else _judge(border, locate(border), grid, checked)
-    return InForce(grid, verdicts)
+        status = earlier.get(border.id)
+        is_same = status is not None and status.stored_border is border
+        statuses[border.id] = status if is_same else _decide_status(border, locate(border), grid, known_region)
+    return BordersInForce(grid, statuses)
 
 
-def _judge(stored: VirtualBorder, location: BorderLocation, grid: GridMap, checked: Optional[Integration]) -> Verdict:
-    """Decides which region of a border is in force, and whether to ask a person; if in doubt, more is in force."""
+def _decide_status(
+    stored: VirtualBorder, location: BorderLocation, grid: GridMap, known_region: Optional[BorderRegion]
+) -> BorderStatus:
+    """Decides which region of a border is in force, and whether to ask a person. In doubt, it is the larger region."""
     border = location.border
     if not border.enabled:
-        return Verdict(stored, border)
-    current, error = _find_region(grid, border, checked)
+        return BorderStatus(stored, border)
+    current, error = _find_region(grid, border, known_region)
     if location.accepted is None:
-        return Verdict(stored, border, "" if current else DOES_NOT_FIT, error, current, after=current)
+        return BorderStatus(stored, border, "" if current else DOES_NOT_FIT, error, current, region_after=current)
     # a closed line or a wall closes off the same wherever it is, as the line alone decides
-    before = current if border.closed or border.wall else location.region_before(grid)
-    why = error
-    if not why and location.floor_is_known and not location.walls_agree:
-        why = PLACE
+    before = current if border.closed or border.wall else transfer_accepted_region(location, grid)
+    cause = error
+    if not cause and location.floor_is_known and not location.walls_agree:
+        cause = PLACE
     # they are the same object if the line alone decides: then there is nothing to compare
-    if not why and before is not current and (before is None or before.iou(current) < _SAME_EFFECT):
-        why = EFFECT
-    possible = [current, *(_find_region(grid, other, checked)[0] for other in location.others)]
-    if not why:
-        return Verdict(stored, border, region=join_regions(possible), after=current)
-    region = _region_while_waiting(before, possible)
-    return Verdict(stored, border, TO_BE_CONFIRMED if region else DOES_NOT_FIT, why, region, before, current)
+    if not cause and before is not current and (before is None or before.iou(current) < _SAME_EFFECT):
+        cause = EFFECT
+    possible = [current, *(_find_region(grid, other, known_region)[0] for other in location.others)]
+    if not cause:
+        return BorderStatus(stored, border, region=join_regions(possible), region_after=current)
+    region = _join_while_waiting(before, possible)
+    return BorderStatus(stored, border, TO_BE_CONFIRMED if region else DOES_NOT_FIT, cause, region, before, current)
 
 
-def _region_while_waiting(before: Optional[Region], possible: List[Optional[Region]]) -> Optional[Region]:
+def _join_while_waiting(before: Optional[Region], possible: List[Optional[Region]]) -> Optional[Region]:
     """Joins what is in force until a person answers: `before`, and each possible region that is not much larger."""
     if before is None:
         return join_regions(possible)
-    most = _MAX_GROWTH_WHILE_WAITING * before.area_m2
-    return join_regions([before, *(region for region in possible if region is not None and region.area_m2 <= most)])
+    max_area = _MAX_GROWTH_WHILE_WAITING * before.area_m2
+    return join_regions([before, *(region for region in possible if region is not None and region.area_m2 <= max_area)])
 
 
-def _find_region(grid: GridMap, border: VirtualBorder, checked: Optional[Integration]) -> Tuple[Optional[Region], str]:
+def _find_region(
+    grid: GridMap, border: VirtualBorder, known_region: Optional[BorderRegion]
+) -> Tuple[Optional[Region], str]:
     """Finds the region that a border restricts; else returns None and the code that says why there is none."""
     # on its way to the frame of its place and back a border may have moved by a rounding error: then it is not the same
-    if checked and checked.prior is grid and checked.value == border.value and checked.border.same_area(border):
-        return checked, ""
+    if known_region and known_region.prior is grid and known_region.value == border.value:
+        if known_region.border.same_area(border):
+            return known_region, ""
     try:
-        return integrate(grid, border), ""
+        return compute_region(grid, border), ""
     except IntegrationError as error:
         return None, error.code
 
 
-def find_notices(verdicts: Sequence[Verdict], is_certain: bool, place_name: str) -> List[Notice]:
+def transfer_accepted_region(location: BorderLocation, grid: GridMap) -> Optional[Region]:
+    """Transfers what a border restricted on the map where it was accepted to the free cells of a map; None if none."""
+    assert location.accepted is not None and location.accepted_on is not None
+    try:
+        accepted = compute_region(location.accepted_on, location.accepted)
+    except IntegrationError:  # accepted by an earlier version with other limits
+        return None
+    corners = location.accepted_on.grid_to_world([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    start, *ends = grid.world_to_grid(location.transform.apply(corners))
+    matrix = np.column_stack([*(end - start for end in ends), start])
+    cells = cv2.warpAffine(accepted.restricted_cells.view(np.uint8), matrix, grid.shape[::-1], flags=cv2.INTER_NEAREST)
+    left, top, width, height = cv2.boundingRect(cells)
+    window = slice(top, top + height), slice(left, left + width)
+    is_free = (grid.data[window] >= 0) & (grid.data[window] < OCCUPIED_THRESHOLD)
+    mask = cells[window] * is_free * np.uint8(255)
+    count = cv2.countNonZero(mask)
+    return Region(window, mask, accepted.value, False, count * grid.resolution**2) if count else None
+
+
+def find_notices(statuses: Sequence[BorderStatus], is_certain: bool, place_name: str) -> List[Notice]:
     """Returns the notices about a map's place, and about borders that have changed on this map.
 
     Args:
@@ -212,17 +234,20 @@ def find_notices(verdicts: Sequence[Verdict], is_certain: bool, place_name: str)
         place_name: the place's name; "" if it has none.
     """
     notices = []
-    waiting = [verdict.border for verdict in verdicts if verdict.can_be_confirmed]
+    waiting = [status.map_border for status in statuses if status.can_be_confirmed]
     if not is_certain:
-        values = {"count": str(len(verdicts)), **_describe_place(place_name, [verdict.border for verdict in verdicts])}
+        values = {
+            "count": str(len(statuses)),
+            **_describe_place(place_name, [status.map_border for status in statuses]),
+        }
         notices.append(Notice("borders_unconfirmed", Severity.WARNING, values=values))
     elif waiting:
         values = {"count": str(len(waiting)), "borders": _names(waiting)}
         notices.append(Notice("borders_to_confirm", Severity.WARNING, values=values))
     return notices + [
-        Notice(verdict.code, Severity.WARNING, border_id=verdict.border.id, values=verdict.values)
-        for verdict in verdicts
-        if verdict.code
+        Notice(status.code, Severity.WARNING, border_id=status.map_border.id, values=status.values)
+        for status in statuses
+        if status.code
     ]
 
 

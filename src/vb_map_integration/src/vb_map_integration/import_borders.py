@@ -13,8 +13,8 @@ from vb_msgs.srv import AddBorder, AddBorderRequest
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros import services
+from vb_map_integration.border import borders_from_geojson
 from vb_map_integration.border_messages import message_from_border
-from vb_map_integration.geojson import borders_from_geojson
 
 # [s] a border on 16 million cells takes half a second on a busy computer
 _TIMEOUT = 20.0

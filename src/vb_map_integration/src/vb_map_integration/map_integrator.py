@@ -1,7 +1,7 @@
 """Keeps physical map, borders, their database and the map with borders consistent.
 
-Borders are kept in the frame of the map on which their place's first border was drawn. `PlaceRecognizer` finds where
-they are on the current map, and `compute_in_force` computes what is in force there, as one value, `InForce`.
+Borders are kept in the frame of the map on which their place's first border was drawn. `PlaceRecognizer` finds which
+place the current map shows, and `compute_in_force` what is in force there, as one value, `BordersInForce`.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
-from vb_map_integration.border import IntegrationError, VirtualBorder, warning
-from vb_map_integration.geojson import borders_to_geojson
+from vb_map_integration.border import IntegrationError, VirtualBorder, borders_to_geojson, warning
+from vb_map_integration.border_region import BorderRegion, compute_region
+from vb_map_integration.borders_in_force import BordersInForce, BorderStatus, compute_in_force, find_notices
 from vb_map_integration.grid.raster import count_free_parts
-from vb_map_integration.borders_in_force import InForce, Verdict, compute_in_force, find_notices
-from vb_map_integration.integration import Integration, apply_regions, integrate
+from vb_map_integration.places.border_location import BorderLocator
 from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer
-from vb_map_integration.places.registration import Transform
+from vb_map_integration.places.transform import Transform
 from vb_map_integration.storage.database import BorderChange, Change, Database, fingerprint
 
 
@@ -30,12 +30,12 @@ class CheckResult:
     """Effect of adding or changing a border.
 
     Attributes:
-        integration: the border integrated into the physical map.
-        issues: warnings, the integration's first.
+        region: the region of the physical map that the border restricts.
+        issues: warnings, the region's first.
         free_parts: number of parts of the free space with the border, see `count_free_parts`.
     """
 
-    integration: Integration
+    region: BorderRegion
     issues: Tuple[Notice, ...]
     free_parts: int
 
@@ -78,7 +78,8 @@ class MapIntegrator:
         self._database = Database(root)
         self._recognizer = PlaceRecognizer(self._database, map_name)
         self._recognition = PlaceRecognition()
-        self._in_force: Optional[InForce] = None
+        self._locator: Optional[BorderLocator] = None  # None until the first map arrives, as `_in_force`
+        self._in_force: Optional[BordersInForce] = None
         self.map_id = ""
         self._free_parts: Optional[int] = None  # of the map with borders; None until they are counted
         self._place_notices: List[Notice] = []  # why the map's place could not be recorded
@@ -89,7 +90,7 @@ class MapIntegrator:
 
     # ------------------------------------------------------------- state
     @property
-    def in_force(self) -> InForce:
+    def in_force(self) -> BordersInForce:
         """What is in force; raises CodedError "no_map" until the first map arrives."""
         if self._in_force is None:
             raise CodedError("no_map")
@@ -113,12 +114,16 @@ class MapIntegrator:
     def map_with_borders_for(self, robot: str) -> GridMap:
         """Returns the map for one robot: with the borders that name it and those that name no robot."""
         others = [border.id for border in self.borders if border.robots and robot not in border.robots]
-        return apply_regions(self.physical, self.in_force.regions(others)) if others else self.map_with_borders
+        return self.in_force.draw_map(without=others) if others else self.map_with_borders
 
     @property
     def borders(self) -> Tuple[VirtualBorder, ...]:
         """All borders of the current map, in its frame, oldest first."""
-        return tuple(verdict.border for verdict in self._in_force.verdicts.values()) if self._in_force else ()
+        return tuple(status.map_border for status in self._statuses)
+
+    @property
+    def _statuses(self) -> List[BorderStatus]:
+        return list(self._in_force.statuses.values()) if self._in_force else []
 
     @property
     def revision(self) -> int:
@@ -133,22 +138,13 @@ class MapIntegrator:
     @property
     def needs_confirmation(self) -> bool:
         """Whether a person has to confirm which place the map shows, or that borders are right on it."""
-        return not self._recognition.certain or bool(self._unconfirmed_verdicts())
-
-    def _unconfirmed_verdicts(self) -> List[Verdict]:
-        """Returns the verdicts of the borders that a person can accept as they are now."""
-        verdicts = self._in_force.verdicts.values() if self._in_force else ()
-        return [verdict for verdict in verdicts if verdict.can_be_confirmed]
+        return not self._recognition.certain or any(status.can_be_confirmed for status in self._statuses)
 
     @property
     def notices(self) -> List[Notice]:
         """Notices about the database, the map's place, and borders that have changed on this map."""
-        verdicts = list(self._in_force.verdicts.values()) if self._in_force else []
-        return [
-            *self._database.notices,
-            *self._place_notices,
-            *find_notices(verdicts, self._recognition.certain, self.map_name),
-        ]
+        about_borders = find_notices(self._statuses, self._recognition.certain, self.map_name)
+        return [*self._database.notices, *self._place_notices, *about_borders]
 
     # ------------------------------------------------------------- the physical map
     def set_map(self, grid: GridMap) -> bool:
@@ -173,14 +169,21 @@ class MapIntegrator:
 
     def _adopt_map(self, grid: GridMap, recognition: PlaceRecognition) -> None:
         """Puts a place's borders in force on a map: a new one, or the same one after a person's answer about it."""
-        self._recognizer.start_map(grid, self.map_id, recognition)
-        self._recognition, self._in_force = recognition, None
+        self._set_recognition(grid, recognition)
+        self._in_force = None
         self._recompute_borders(grid)
 
-    def _recompute_borders(self, grid: GridMap, checked: Optional[Integration] = None) -> None:
-        """Puts in force the borders that the database has now; `checked` is one of them, just integrated."""
+    def _set_recognition(self, grid: GridMap, recognition: PlaceRecognition) -> None:
+        """Sets what the current map was recognised as, and with it the locator of borders on it."""
+        maps = self._database.maps_of(recognition.place)
+        self._locator = BorderLocator(grid, self.map_id, maps, recognition.transform, recognition.other)
+        self._recognition = recognition
+
+    def _recompute_borders(self, grid: GridMap, known_region: Optional[BorderRegion] = None) -> None:
+        """Puts in force the borders that the database has now; see `compute_in_force` for `known_region`."""
         borders = self._database.borders(self._recognition.place)
-        self._in_force = compute_in_force(grid, borders, self._recognizer.locate, self._in_force, checked)
+        locate = self._locator.locate  # type: ignore[union-attr]
+        self._in_force = compute_in_force(grid, borders, locate, self._in_force, known_region)
         self._free_parts = None
 
     # ------------------------------------------------------------- which place the map shows
@@ -207,17 +210,18 @@ class MapIntegrator:
                 self._database.rename_place(place, name)
             self._database.remember_place(place)
         else:
-            drawn_here = stored_map is not None and stored_map.number == stored_map.place
-            if drawn_here and not same and self._database.borders(stored_map.place):
+            is_places_first = stored_map is not None and stored_map.number == stored_map.place
+            if is_places_first and not same and self._database.borders(stored_map.place):
                 raise CodedError("drawn_on_this_map")
             place = self._database.add_map(grid, self.map_id, place, transform, name)
-        waiting = self._unconfirmed_verdicts() if same else []
+        waiting = [status for status in self._statuses if same and status.can_be_confirmed]
         self._adopt_map(grid, PlaceRecognition(place, transform))
-        if waiting:  # from now on, what these borders close off here counts as accepted
-            accepted = [self._to_place_frame(verdict.border.replace(map_id=self.map_id)) for verdict in waiting]
-            self._make_change(
-                tuple(BorderChange(verdict.stored.id, verdict.stored, new) for verdict, new in zip(waiting, accepted))
-            )
+        changes = []
+        for status in waiting:  # from now on, what these borders close off here counts as accepted
+            accepted = self._to_place_frame(status.map_border.replace(map_id=self.map_id))
+            changes.append(BorderChange(accepted.id, status.stored_border, accepted))
+        if changes:
+            self._make_change(tuple(changes))
         return ChangeResult()  # which borders were accepted is no news
 
     def check(self, border: VirtualBorder, robot_positions: Sequence[Sequence[float]] = ()) -> CheckResult:
@@ -227,20 +231,22 @@ class MapIntegrator:
             robot_positions: (N, 2) [m] of the robots that the border applies to.
 
         Raises:
-            CodedError: "no_map", "unknown_robot", or as `integrate`.
+            CodedError: "no_map", "unknown_robot", or as `compute_region`.
         """
         self._check_robots(border)
-        integration = integrate(self.physical, border, robot_positions)
-        regions = [*self.in_force.regions([border.id]), integration]
+        region = compute_region(self.physical, border)
+        issues = list(region.issues)
+        if region.contains_any(self.physical.world_to_cell(robot_positions)):
+            issues.append(warning("robot_inside"))
         if self._free_parts is None:
             self._free_parts = count_free_parts(self.map_with_borders, self._robot_radius)
-        before, after = self._free_parts, count_free_parts(apply_regions(self.physical, regions), self._robot_radius)
-        issues = list(integration.issues)
+        new_map = self.in_force.draw_map(without=[border.id], also=[region])
+        before, after = self._free_parts, count_free_parts(new_map, self._robot_radius)
         if after > before:
             issues.append(warning("splits_free_space"))
         if after == 0 < before:
             issues.append(warning("no_free_space_left"))
-        return CheckResult(integration, tuple(issues), after)
+        return CheckResult(region, tuple(issues), after)
 
     def _check_robots(self, border: VirtualBorder) -> None:
         """Refuses a border that names unknown robots, if names are configured."""
@@ -293,7 +299,7 @@ class MapIntegrator:
         after = border.replace(
             name=border.name or before.name, created=before.created, modified=now, map_id=before.map_id
         )
-        if border.same_area(in_force.verdicts[border.id].border):
+        if border.same_area(in_force.statuses[border.id].map_border):
             after = after.replace(points=before.points, seed=before.seed)
         else:
             check = self.check(border, robot_positions)
@@ -364,8 +370,7 @@ class MapIntegrator:
         if stored_map is None or stored_map.place != place:
             name = "" if place or self._database.find_place(self._expected_name) else self._expected_name
             place = self._database.add_map(self.physical, self.map_id, place, transform, name)
-            self._recognition = PlaceRecognition(place, transform)
-            self._recognizer.start_map(self.physical, self.map_id, self._recognition)
+            self._set_recognition(self.physical, PlaceRecognition(place, transform))
 
     def _make_change(
         self,
@@ -379,15 +384,15 @@ class MapIntegrator:
 
         Args:
             check: the check of the single border in this change; None for other changes, whose warnings are the
-                verdicts on their borders.
+                statuses of their borders.
         """
         physical, place = self.physical, place or self._recognition.place
         self._database.commit(place, change, kind, request_id)
         ids, issues = tuple(entry.id for entry in change), ()
         if place == self._recognition.place:
-            self._recompute_borders(physical, check.integration if check else None)
-            verdicts = [self.in_force.verdicts[entry.id] for entry in change if entry.after is not None]
-            issues = tuple(warning(verdict.code, **verdict.values) for verdict in verdicts if verdict.code)
+            self._recompute_borders(physical, check.region if check else None)
+            statuses = [self.in_force.statuses[entry.id] for entry in change if entry.after is not None]
+            issues = tuple(warning(status.code, **status.values) for status in statuses if status.code)
         return ChangeResult(ids, check.issues if check else issues)
 
     # ------------------------------------------------------------- files

@@ -82,7 +82,7 @@ class MapIntegratorNode:
         self._integrator = MapIntegrator(root, params.map_name, robots, radius)
         self._lock = threading.RLock()
         self._notices = NoticePublisher()
-        self._map_notices: List[Notice] = []  # why the last map was refused
+        self._map_notices: List[Notice] = []  # about the last map, if it was refused
         self._show_notices()
         self._last_stamp = rospy.Time(0)
         self._transforms = TransformLookup() if params.robot_frames else None
@@ -132,10 +132,8 @@ class MapIntegratorNode:
             if not self._integrator.set_map(grid):
                 self._show_notices()  # the last map may have been refused
                 return
-            count = len(self._integrator.borders)
-            rospy.loginfo(
-                "%s: a map of %s cells, %d border(s)", rospy.get_name(), " x ".join(map(str, grid.shape)), count
-            )
+            size, count = " x ".join(map(str, grid.shape)), len(self._integrator.borders)
+            rospy.loginfo("%s: a map of %s cells, %d border(s)", rospy.get_name(), size, count)
             self._publish()
 
     # ------------------------------------------------------------- one border
@@ -148,11 +146,11 @@ class MapIntegratorNode:
             with self._lock:
                 check = self._integrator.check(border, self._robot_positions(border))
         except CodedError as error:
-            return self._refused(response, error)
-        integration = check.integration
-        region = integration.prior.with_data(np.where(integration.restricted_cells, np.int8(100), np.int8(0)))
-        response.region = messages.message_from_grid(region, rospy.Time.now(), names.MAP_FRAME)
-        response.area_m2, response.line = integration.area_m2, messages.points_from_array(integration.line)
+            return self._refuse(response, error)
+        region = check.region
+        cells = region.prior.with_data(np.where(region.restricted_cells, np.int8(100), np.int8(0)))
+        response.region = messages.message_from_grid(cells, rospy.Time.now(), names.MAP_FRAME)
+        response.area_m2, response.line = region.area_m2, messages.points_from_array(region.line)
         response.free_parts = check.free_parts
         response.success, response.code = True, "ok"
         response.issues = messages_from_issues((*check.issues, *self._warn_if_soft_cost_is_ignored(border)))
@@ -202,8 +200,8 @@ class MapIntegratorNode:
             return ()
         bases = [f"/{name}/move_base" for name in self._robot_maps] or ["/move_base"]
         costmaps = [f"{base}/{which}_costmap" for base in bases for which in ("global", "local")]
-        blind = [name for name in costmaps if is_trinary(rospy.get_param(name, None))]
-        return (warning("soft_border_ignored", costmaps=", ".join(blind)),) if blind else ()
+        trinary = [name for name in costmaps if is_trinary(rospy.get_param(name, None))]
+        return (warning("soft_border_ignored", costmaps=", ".join(trinary)),) if trinary else ()
 
     # ------------------------------------------------------------- other changes
     def _remove(self, request: srv.RemoveBorderRequest) -> srv.RemoveBorderResponse:
@@ -239,17 +237,18 @@ class MapIntegratorNode:
                 self._publish()
                 revision = self._integrator.revision
         except CodedError as error:
-            return self._refused(response, error)
+            return self._refuse(response, error)
         for issue in result.issues:
             rospy.logwarn("%s: %s [%s]", rospy.get_name(), issue.message, issue.code)
         rospy.loginfo("%s: changed: %s", rospy.get_name(), ", ".join(result.ids) or "the map's place")
-        issues = messages_from_issues(result.issues)
-        return _fill(response, success=True, code="ok", id="".join(result.ids[:1]), issues=issues, revision=revision)
+        issues, changed_id = messages_from_issues(result.issues), next(iter(result.ids), "")
+        return _set_fields(response, success=True, code="ok", id=changed_id, issues=issues, revision=revision)
 
-    def _refused(self, response: Any, error: CodedError) -> Any:
+    def _refuse(self, response: Any, error: CodedError) -> Any:
+        """Fills in the response to a refused request, with the warnings found before, and logs it."""
         rospy.logwarn("%s: refused: %s", rospy.get_name(), error)
         issues = [*getattr(error, "warnings", ()), Notice.from_error(error, Severity.ERROR)]
-        return _fill(
+        return _set_fields(
             response,
             success=False,
             code=error.code,
@@ -288,9 +287,9 @@ class MapIntegratorNode:
             array.code, array.message = worst.code, worst.sentence()
             array.values = messages.values_from_mapping(worst.values)
         in_force = self._integrator.in_force
-        for border in self._integrator.borders:
-            status, outlines = in_force.status(border), in_force.outlines(border.id)
-            array.borders.append(message_from_border(border, in_force.area_m2(border.id), *status, outlines))
+        for key, status in in_force.statuses.items():
+            values = status.area_m2, status.is_in_force, status.reason, in_force.outlines(key)
+            array.borders.append(message_from_border(status.map_border, *values))
         return array
 
     def _show_notices(self) -> None:
@@ -311,7 +310,7 @@ class MapIntegratorNode:
             with self._lock:
                 response.files = [str(path) for path in self._integrator.save(self._map_dir, name, request.raw)]
         except CodedError as error:
-            return self._refused(response, error)
+            return self._refuse(response, error)
         response.success, response.code = True, "ok"
         return response
 
@@ -322,7 +321,7 @@ def next_stamp(now: rospy.Time, last: rospy.Time) -> rospy.Time:
     return now if is_later else last + rospy.Duration(0, 1000)
 
 
-def _fill(response: Any, **values: Any) -> Any:
+def _set_fields(response: Any, **values: Any) -> Any:
     """Sets those of the given fields that a response has; returns the response."""
     for key, value in values.items():
         if hasattr(response, key):

@@ -52,7 +52,7 @@ def read_connection(path: Path) -> Connection:
         raise CodedError("mqtt_file_bad", file=path, reason=reason) from None
 
 
-def _split(address: str) -> Tuple[str, Optional[int]]:
+def _split_address(address: str) -> Tuple[str, Optional[int]]:
     try:
         parts = urlsplit(f"//{address}")
         if parts.hostname and parts.netloc == address:  # a scheme would leave a path
@@ -85,7 +85,7 @@ class MqttClient:
         subscriptions: Dict[str, Callable[[str, bytes, bool], None]],
         on_fault: Callable[[Exception], None],
     ) -> None:
-        host, port = _split(address)
+        host, port = _split_address(address)
         port = port or connection.port or (8883 if connection.tls else 1883)
         self.address = f"{host}:{port}"
         self.trouble = ""  # why the broker last refused a connection or subscription; "": it did not
@@ -98,7 +98,7 @@ class MqttClient:
         if connection.username:
             self._client.username_pw_set(connection.username, connection.password or None)
         if connection.tls:
-            self._client.tls_set_context(_trust(connection.ca_file))
+            self._client.tls_set_context(_make_tls_context(connection.ca_file))
         self._client.reconnect_delay_set(*_RETRIES)
         self._client.on_connect, self._client.on_disconnect = self._on_connect, self._on_disconnect
         self._client.on_subscribe = self._on_subscribe
@@ -162,7 +162,7 @@ class MqttClient:
         return receive
 
 
-def _trust(ca_file: str) -> ssl.SSLContext:
+def _make_tls_context(ca_file: str) -> ssl.SSLContext:
     try:
         return ssl.create_default_context(cafile=str(Path(ca_file).expanduser()) if ca_file else None)
     except (OSError, ssl.SSLError) as error:

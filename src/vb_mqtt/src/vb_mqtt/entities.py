@@ -35,16 +35,18 @@ COMMAND, ANSWER, NOTICE = "command", "answer", "notice"  # topics of messages th
 ANSWERS = ("done", "asked", "refused")  # outcomes of a command
 NOTICES = ("info", "warning", "error")
 _KEY = re.compile(r"[A-Za-z0-9_-]{0,48}")
+# what a button or switch sends beside its command: time and id, or the stop or answer that its own state shows
 _DATED = '"at": {{ now().timestamp() }}, "id": "{{ now().timestamp() }}-{{ range(100000) | random }}"'
-_SEEN = "{{ this.attributes.stop_number | default('', true) }}"
+_SEEN_STOP = "{{ this.attributes.stop_number | default('', true) }}"
 _ANSWER = "{{ this.attributes.answer | default('', true) }}"
 NOBODY_ASKS = "-"
 QUESTION_TIME = 30.0  # [s] for which a question can be answered
 MAX_SIDE = 1000  # [px] of the map's picture
-_TEXT = 250  # characters; Home Assistant accepts 255
+_MAX_TEXT = 250  # characters; Home Assistant accepts 255
+# colours of the map's picture, bgr
 _WALL, _FREE, _UNSEEN = (34, 34, 40), (255, 255, 255), (208, 208, 208)
 _RESTRICTED, _SOFT = (60, 94, 213), (160, 175, 235)
-_LINE, _LINE_OFF = (0, 60, 170), (150, 150, 150)  # bgr
+_LINE, _LINE_OFF = (0, 60, 170), (150, 150, 150)
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ def describe(lab: Lab) -> Dict[str, Dict[str, Any]]:
         return name[:1].upper() + name[1:]
 
     def button(needs: str, shows: str, command: str) -> Dict[str, Any]:
-        template = f'{{"command": "{command}", "seen_stop": "{_SEEN}", {_DATED}}}'
+        template = f'{{"command": "{command}", "seen_stop": "{_SEEN_STOP}", {_DATED}}}'
         return {"needs": needs, "shows": shows, "command_template": template}
 
     entities: Dict[Tuple[str, str], Dict[str, Any]] = {
@@ -193,7 +195,7 @@ def state_value(message: Any, language: str) -> Dict[str, Any]:
         "last_command": message.last_command,
         "last_source": message.last_source,
         "last_code": message.last_code,
-        "last_answer": sentence_in(message, language, "last_")[:_TEXT],
+        "last_answer": sentence_in(message, language, "last_")[:_MAX_TEXT],
     }
 
 
@@ -208,7 +210,7 @@ def question_value(message: Any, language: str) -> Dict[str, Any]:
     is_open = message.last_code in QUESTIONS and answer_age <= QUESTION_TIME
     answer = mapping_from_values(message.last_values).get("answer", "") if is_open else ""
     return {
-        "question": sentence_in(message, language, "last_")[:_TEXT] if is_open else NOBODY_ASKS,
+        "question": sentence_in(message, language, "last_")[:_MAX_TEXT] if is_open else NOBODY_ASKS,
         "command": message.last_command if is_open else "",
         "asked": message.last_source if is_open else "",
         "answer": answer.replace(" ", "_"),
@@ -232,9 +234,7 @@ def border_value(border: Any) -> Dict[str, Any]:
 def robot_problems(name: str, lines: Sequence[Notice], notices: Iterable[Notice], language: str) -> List[str]:
     """Returns sentences on a robot's problems, or that it is not connected."""
     mine = [line for line in lines if line.robot == name]
-    problems = [
-        notice for notice in mine if notice.severity >= Severity.WARNING or notice.code == "robot_not_connected"
-    ]
+    problems = [line for line in mine if line.severity >= Severity.WARNING or line.code == "robot_not_connected"]
     # a notice about no robot has the empty name too, which is also that of the only robot
     value = sentences.robot_value(name)
     warnings = [notice for notice in notices if notice.severity >= Severity.WARNING]
@@ -248,7 +248,7 @@ def notice_value(notice: Notice, language: str) -> Dict[str, Any]:
     return {
         "event_type": NOTICES[notice.severity],
         "code": notice.code,
-        "text": notice.sentence(language)[:_TEXT],
+        "text": notice.sentence(language)[:_MAX_TEXT],
         **{field: value for field, value in about.items() if value},
     }
 
@@ -256,7 +256,7 @@ def notice_value(notice: Notice, language: str) -> Dict[str, Any]:
 def answer_value(sender_id: str, request_name: str, success: bool, code: str, text: str) -> Dict[str, Any]:
     """Returns the event that reports the result of a command or a switch."""
     kind = ANSWERS[0] if success else ANSWERS[1] if code in QUESTIONS else ANSWERS[2]
-    return {"event_type": kind, "id": sender_id, "command": request_name, "code": code, "text": text[:_TEXT]}
+    return {"event_type": kind, "id": sender_id, "command": request_name, "code": code, "text": text[:_MAX_TEXT]}
 
 
 def draw_map(prior: GridMap, posterior: GridMap, borders: Sequence[Any]) -> bytes:

@@ -77,7 +77,7 @@ class Inbox:
 
     def __init__(self, started: float) -> None:
         self._started = started
-        self._taken: Deque[str] = deque(maxlen=256)  # ids; more than the rate lets through within MAX_AGE
+        self._accepted_ids: Deque[str] = deque(maxlen=256)  # more than the rate lets through within MAX_AGE
         self._limiter = RateLimiter(RATE, BURST)
 
     def take(self, payload: bytes, retained: bool, now: float) -> Optional[Request]:
@@ -103,18 +103,18 @@ class Inbox:
             return Request(digest if {"id", "at"} <= set(fields) else f"mqtt:{uuid.uuid4().hex}", sender_id, STOP)
         try:
             # messages without an id are told apart by their contents, which include the time
-            request = self._checked(fields, f"mqtt:{sender_id}" if sender_id else digest, sender_id, now)
-            if request.id in self._taken:
+            request = self._check(fields, f"mqtt:{sender_id}" if sender_id else digest, sender_id, now)
+            if request.id in self._accepted_ids:
                 return None
             if not self._limiter.allows("", now):
                 raise Refusal("mqtt_too_fast")
         except Refusal as refusal:
             refusal.sender_id = sender_id
             raise
-        self._taken.append(request.id)
+        self._accepted_ids.append(request.id)
         return request
 
-    def _checked(self, fields: Dict[str, Any], identity: str, sender_id: str, now: float) -> Request:
+    def _check(self, fields: Dict[str, Any], identity: str, sender_id: str, now: float) -> Request:
         allowed = next((kind for kind in _KINDS if kind & set(fields)), frozenset({"command"}))
         unknown = sorted(set(fields) - allowed - {"at", "id"})
         if unknown:

@@ -29,7 +29,7 @@ from vb_core.ros.robot_status import CapabilitiesListener
 from vb_core.vocabulary import COMMANDS
 from vb_mqtt import entities
 from vb_mqtt.broker_connection import MqttClient, read_connection
-from vb_mqtt.entities import INTEGRATOR, MANAGER, OFFLINE, ONLINE, Lab, key_of
+from vb_mqtt.entities import CONFIRM, INTEGRATOR, MANAGER, MONITOR, OFFLINE, ONLINE, Lab, key_of
 from vb_mqtt.inbox import BURST, RATE, Inbox, Request
 
 SOURCE = "home_assistant"
@@ -78,16 +78,16 @@ class MqttNode:
         self._lab = Lab(params.device, params.language, tuple(params.cameras))
         self._lock = threading.Lock()
         self._inbox, self._answer_limiter = Inbox(time.time()), RateLimiter(RATE, BURST)
-        self._refused: Dict[str, int] = {}  # number of refusals, by code
-        self._described: Set[str] = set()  # topics on the broker that describe entities of this lab
+        self._refusal_counts: Dict[str, int] = {}  # by code
+        self._description_topics: Set[str] = set()  # of this lab's entities, on the broker
         self._borders: Optional[Dict[str, VirtualBorder]] = None  # by key; None: not known yet
         self._grids: Dict[str, Any] = {}
-        self._asked = False  # whether a question is open
-        self._heard: Dict[str, float] = {}  # [s] of the monotonic clock, last time by node or camera
+        self._question_is_open = False
+        self._last_heard: Dict[str, float] = {}  # [s] of the monotonic clock, last time by node or camera
         self._shown_notices: Optional[Set[Tuple[str, ...]]] = None  # keys of the last round's notices
         self._connected_at = time.monotonic()
         connection = read_connection(Path(params.connection_file).expanduser())
-        subscriptions = {self._lab.topic(entities.COMMAND): self._on_message, self._lab.discovery: self._on_described}
+        subscriptions = {self._lab.topic(entities.COMMAND): self._on_message, self._lab.discovery: self._on_description}
         will = (self._lab.topic("availability"), OFFLINE.encode())
         self._broker = MqttClient(params.broker, connection, params.device, will, subscriptions, _on_fault)
         self._command_sender = CommandSender(SOURCE, self._on_answer)
@@ -121,12 +121,12 @@ class MqttNode:
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_detector, queue_size=20)
 
     def _on_state(self, message: InteractionState) -> None:
-        self._heard[MANAGER] = time.monotonic()
-        self._put("state", entities.state_value(message, self._language))
-        self._put("stopped", entities.stop_value(message))
+        self._last_heard[MANAGER] = time.monotonic()
+        self._put_state("state", entities.state_value(message, self._language))
+        self._put_state("stopped", entities.stop_value(message))
         question = entities.question_value(message, self._language)
-        self._put("question", question)
-        self._asked = bool(question["answer"])
+        self._put_state("question", question)
+        self._question_is_open = bool(question["answer"])
         self._put_health()
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
@@ -135,7 +135,7 @@ class MqttNode:
         self._maps.put(True)
 
     def _on_detector(self, message: DetectorStatus) -> None:
-        self._heard["camera " + message.camera] = time.monotonic()
+        self._last_heard["camera " + message.camera] = time.monotonic()
 
     def _on_grid(self, message: Any) -> None:
         self._grids[message._connection_header["topic"]] = message
@@ -147,31 +147,29 @@ class MqttNode:
             return
         prior, posterior = map(messages.grid_from_message, grids)
         if prior.same_geometry(posterior):
-            self._broker.put(
-                self._lab.topic("map"), entities.draw_map(prior, posterior, list((self._borders or {}).values()))
-            )
+            image = entities.draw_map(prior, posterior, list((self._borders or {}).values()))
+            self._broker.put(self._lab.topic("map"), image)
 
     # ------------------------------------------------------------------ to the broker
-    def _put(self, key: str, value: Any) -> None:
+    def _put_state(self, key: str, value: Any) -> None:
         self._broker.put(self._lab.topic(key), _json(value))
 
-    def _on_described(self, topic: str, payload: bytes, _retained: bool) -> None:
+    def _on_description(self, topic: str, payload: bytes, _retained: bool) -> None:
         with self._lock:
-            (self._described.add if payload else self._described.discard)(topic)
+            change = self._description_topics.add if payload else self._description_topics.discard
+            change(topic)
         self._publish_timer.set()
 
-    def _is_heard(self, sender: str) -> bool:
-        return time.monotonic() - self._heard.get(sender, -1e9) < _SILENCE
+    def _is_alive(self, sender: str) -> bool:
+        return time.monotonic() - self._last_heard.get(sender, -1e9) < _SILENCE
 
     def _put_health(self) -> None:
-        manager, robots = self._is_heard(MANAGER), self._robots.current()
+        manager, robots = self._is_alive(MANAGER), self._robots.current()
         offered = effective_commands(robots[1], tuple(COMMANDS)) if robots is not None else COMMANDS
         health = {command: manager and command in offered for command in COMMANDS}
-        health.update(
-            {MANAGER: manager, entities.MONITOR: robots is not None, entities.CONFIRM: manager and self._asked}
-        )
+        health.update({MANAGER: manager, MONITOR: robots is not None, CONFIRM: manager and self._question_is_open})
         health[INTEGRATOR] = self._borders_subscriber.get_num_connections() > 0
-        self._put("health", {key: ONLINE if well else OFFLINE for key, well in health.items()})
+        self._put_state("health", {key: ONLINE if is_online else OFFLINE for key, is_online in health.items()})
 
     def _publish_all(self) -> None:
         """Publishes all entities with their availability and problems, and new notices."""
@@ -186,18 +184,17 @@ class MqttNode:
             lines = robots[1].lines if robots is not None else ()
             problems[key_of("robot", robot)] = entities.robot_problems(robot, lines, notices, self._language)
         for key, texts in problems.items():
-            self._put(key, {"problem": bool(texts), "problems": sorted(set(texts))})
+            self._put_state(key, {"problem": bool(texts), "problems": sorted(set(texts))})
         for key, border in (borders or {}).items():
-            self._put(key, entities.border_value(border))
+            self._put_state(key, entities.border_value(border))
         self._describe()
         self._send_news(notices)
         self._watch_connection()
 
     def _camera_problems(self, camera: str, notices: List[Notice]) -> List[str]:
-        problems = [
-            notice.sentence(self._language) for notice in notices if notice.camera == camera and notice.severity
-        ]
-        if not self._is_heard("camera " + camera):
+        warnings = [notice for notice in notices if notice.camera == camera and notice.severity]
+        problems = [warning.sentence(self._language) for warning in warnings]
+        if not self._is_alive("camera " + camera):
             problems.append(sentences.translate("mqtt_camera_silent", {"camera": camera}, self._language))
         return problems
 
@@ -205,19 +202,18 @@ class MqttNode:
         for topic, config in entities.describe(self._lab).items():
             self._broker.put(topic, _json(config))
         with self._lock:
-            described = list(self._described)
-        for topic in entities.leftovers(self._lab, described):
+            topics = list(self._description_topics)
+        for topic in entities.leftovers(self._lab, topics):
             self._broker.put(topic, b"")
             self._broker.put(self._lab.topic(entities.key_in(topic)), b"")
 
     def _send_news(self, notices: List[Notice]) -> None:
         values = [entities.notice_value(notice, self._language) for notice in notices]
         with self._lock:
-            refused = dict(self._refused)
-        self._put("notices", {"count": len(values), "notices": values[:20], "refused": refused})
-        current = dict(
-            zip(((notice.code, notice.robot, notice.border_id, notice.camera) for notice in notices), values)
-        )
+            counts = dict(self._refusal_counts)
+        self._put_state("notices", {"count": len(values), "notices": values[:20], "refused": counts})
+        keys = ((notice.code, notice.robot, notice.border_id, notice.camera) for notice in notices)
+        current = dict(zip(keys, values))
         for key, value in current.items():
             if self._shown_notices is not None and key not in self._shown_notices:
                 self._broker.send(self._lab.topic(entities.NOTICE), _json(value))
@@ -236,25 +232,25 @@ class MqttNode:
         try:
             request = self._inbox.take(payload, retained, time.time())
             if request is not None:
-                self._order(request)
+                self._carry_out(request)
         except CodedError as error:
             if retained:
                 self._broker.put(self._lab.topic(entities.COMMAND), b"")  # or it would arrive again at each connection
             self._refuse(Request("", getattr(error, "sender_id", "")), error)
 
-    def _order(self, request: Request) -> None:
+    def _carry_out(self, request: Request) -> None:
         is_accepted = self._command_sender.put(
             request.command or SWITCH,
             request,
             given=time.monotonic() - request.age,
             seen_stop=request.seen_stop,
             identity=request.id,
-            carry_out=send if request.command else lambda _order: self._switch(request),
+            carry_out=send if request.command else lambda _order: self._switch_border(request),
         )
         if not is_accepted:
             self._refuse(request, CodedError("mqtt_too_fast"))
 
-    def _switch(self, request: Request) -> Any:
+    def _switch_border(self, request: Request) -> Any:
         border = (self._borders or {}).get(request.border)
         if border is None:
             raise CodedError("mqtt_no_border", border=request.border)
@@ -269,10 +265,9 @@ class MqttNode:
 
     def _refuse(self, request: Request, error: CodedError) -> None:
         with self._lock:
-            self._refused[error.code] = self._refused.get(error.code, 0) + 1
-        self._send_answer(
-            request, False, error.code, sentences.translate(error.code, error.values, self._language, error.message)
-        )
+            self._refusal_counts[error.code] = self._refusal_counts.get(error.code, 0) + 1
+        text = sentences.translate(error.code, error.values, self._language, error.message)
+        self._send_answer(request, False, error.code, text)
 
     def _send_answer(self, request: Request, success: bool, code: str, text: str) -> None:
         request_name = request.command or request.border

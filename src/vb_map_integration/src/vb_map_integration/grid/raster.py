@@ -93,6 +93,10 @@ class Trace:
     segment: np.ndarray
     arc: np.ndarray
 
+    def between(self, first: int, last: int) -> "Trace":
+        """Returns the part from one cell to another, both included."""
+        return Trace(*(values[first : last + 1] for values in vars(self).values()))
+
 
 def trace_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> Trace:
     """Finds the cells along a chain (N, 2) (column, row), clipped to one cell beyond the map's rim."""

@@ -3,13 +3,15 @@
 Paper, Sect. 3: "its first and last line segments are linearly extended to the physical borders of the
 environment to allow the separation of the area".
 
-Whether a curve separates is a matter of topology: blocked cells (obstacles, unknown cells, everything off the map) form
-connected pieces, and a curve divides the free space round it if and only if both its ends meet the same piece. A
-table leg is a separate piece, so an extension that meets one goes on.
+A cell is *blocked* if it is an obstacle, unknown, or off the map. Blocked cells form connected pieces, and a curve
+divides the free space round it if and only if both its ends meet the same piece. A table leg is a separate piece, so an
+extension that meets one goes on.
 
-A drawn end may be joined to any wall within the tolerance: ahead, where the extension meets it; behind, where the end
-has passed it; or beside, where a straight extension would miss it, as happens with a line drawn a few centimetres in
-front of a doorway. No robot passes through so small a gap, so joining the end to the wall blocks no robot.
+A drawn end may be joined to any wall within the tolerance, as no robot passes through so small a gap:
+
+- ahead, where the extension meets it;
+- behind, where the end has passed it;
+- beside, where a straight extension would miss it: so a line a few centimetres in front of a doorway closes the doorway.
 """
 
 from __future__ import annotations
@@ -24,8 +26,9 @@ import numpy as np
 from vb_map_integration.border import IntegrationError
 from vb_map_integration.grid import raster
 
-# the restricted area touches a side of the curve if at least this share of the samples on that side were filled
+# the seed's area touches a side of the curve if at least this share of the free samples on that side were filled
 _TOUCHES = 0.1
+_ASIDE = 1.6  # [cells] how far from the curve the samples on both sides are
 # where the end of a chain is sampled to find its direction, as shares of the fitted length
 _SAMPLES = np.linspace(0.0, 1.0, 16)
 FindSeed = Callable[[np.ndarray, Optional[np.ndarray]], Tuple[int, int]]
@@ -105,10 +108,8 @@ def separate(
     """
     shape = (cells.shape[0] - 2, cells.shape[1] - 2)
     reach = 2.0 * sum(shape) + float(np.abs(points).max())
-    outer = [
-        points[0] + reach * end_direction(points[::-1], fit_length),
-        points[-1] + reach * end_direction(points, fit_length),
-    ]
+    directions = end_direction(points[::-1], fit_length), end_direction(points, fit_length)
+    outer = [points[0] + reach * directions[0], points[-1] + reach * directions[1]]
     trace = raster.trace_chain(np.concatenate([outer[:1], points, outer[1:]]), shape)
     drawn_length = float(np.hypot(*(points[1:] - points[:-1]).T).sum())
     before = -(trace.arc - reach)  # [cells] how far each cell lies before the chain's start
@@ -125,9 +126,8 @@ def separate(
             outer[index] = np.array(stop.cell[::-1], dtype=float)
     chain = np.concatenate([outer[:1], points, outer[1:]])
     trace = raster.trace_chain(chain, shape)
-    arc = trace.arc - float(np.hypot(*(points[0] - outer[0])))
-    drawn = (arc >= -1.0) & (arc <= drawn_length + 1.0)
-    return _cut(cells, chain, trace, drawn, start.inset or 0, len(arc) - 1 - (end.inset or 0), seed, find_seed)
+    between_stops = trace.between(start.inset or 0, len(trace.arc) - 1 - (end.inset or 0))
+    return _cut(cells, chain, between_stops, seed, find_seed)
 
 
 def _stops(
@@ -145,22 +145,16 @@ def _stops(
     indices = indices if len(indices) else np.array([0 if outwards < 0 else len(beyond) - 1])
     hit = cells[trace.rows[indices] + 1, trace.columns[indices] + 1] != _FREE
     hit[1:] &= ~hit[:-1]
-    ahead = [
-        _Stop(
-            max(float(beyond[k]), 0.0),
-            (int(trace.rows[k]), int(trace.columns[k])),
-            int(k if outwards < 0 else len(beyond) - 1 - k),
-        )
-        for k in (indices[hit] if hit.any() else indices[-1:])
-    ]
+    ahead = []
+    for k in (indices[hit] if hit.any() else indices[-1:]).tolist():
+        cell, inset = (int(trace.rows[k]), int(trace.columns[k])), k if outwards < 0 else len(beyond) - 1 - k
+        ahead.append(_Stop(max(float(beyond[k]), 0.0), cell, inset))
     within = int(tolerance)
     top, left = (max(int(value + 0.5) - within, 0) for value in point[::-1])
     rows, columns = np.nonzero(cells[1:-1, 1:-1][top : top + 2 * within + 1, left : left + 2 * within + 1])
     distances = np.hypot(rows + top - point[1], columns + left - point[0])
-    order = np.argsort(distances, kind="stable")
-    beside = [
-        _Stop(tolerance, (int(rows[k]) + top, int(columns[k]) + left), None) for k in order if distances[k] <= tolerance
-    ]
+    nearest_first = [k for k in np.argsort(distances, kind="stable") if distances[k] <= tolerance]
+    beside = [_Stop(tolerance, (int(rows[k]) + top, int(columns[k]) + left), None) for k in nearest_first]
     return sorted(ahead + beside, key=lambda stop: stop.extension)
 
 
@@ -182,79 +176,77 @@ def _stops_on_one_piece(cells: np.ndarray, starts: List[_Stop], ends: List[_Stop
         met = value(stop)
         if met == other:
             fill(stop, _MET_BY_BOTH)
-            start, end = (
-                next(candidate for candidate in stops if value(candidate) == _MET_BY_BOTH) for stops in (starts, ends)
-            )
-            return start, end
+            met_by_both = (next(stop for stop in stops if value(stop) == _MET_BY_BOTH) for stops in (starts, ends))
+            return tuple(met_by_both)  # type: ignore[return-value]
         if met == _BLOCKED:
             fill(stop, mark)
     return None
 
 
-def _cut(
-    cells: np.ndarray,
-    chain: np.ndarray,
-    trace: raster.Trace,
-    drawn: np.ndarray,
-    start: int,
-    end: int,
-    seed: np.ndarray,
-    find_seed: FindSeed,
-) -> Cut:
-    """Fills the seed's side of the curve between two of its stops."""
-    part = slice(start, end + 1)
-    rows, columns, segment = trace.rows[part], trace.columns[part], trace.segment[part]
-    flat, stride = cells.reshape(-1), cells.shape[1]
-    line_cells = (rows + 1) * stride + columns + 1
-    shut = flat[line_cells] != _FREE
-    flat[line_cells] = _BLOCKED
-    step = chain[1:] - chain[:-1]
-    steps = np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-12)
-    normal = step[:, ::-1] * (-1.0, 1.0) / steps[:, None]
+def _cut(cells: np.ndarray, chain: np.ndarray, trace: raster.Trace, seed: np.ndarray, find_seed: FindSeed) -> Cut:
+    """Blocks the cells of a curve between its stops, and fills the seed's side of it.
 
-    away = None
-    hit = np.flatnonzero((columns == math.floor(seed[0] + 0.5)) & (rows == math.floor(seed[1] + 0.5)))
-    if len(hit):  # the seed is in a cell of the curve, but on one side of it
-        crossed = segment[hit[0]]
-        side = float((seed - chain[crossed]) @ normal[crossed])
-        away = math.copysign(1.0, side) * normal[crossed] if abs(side) > 0.01 else None
-    row, column = find_seed(cells[1:-1, 1:-1], away)
+    Args:
+        chain: (N, 2) (column, row), the drawn chain, and one more point beyond each end.
+        trace: the chain's cells from stop to stop.
+    """
+    steps = chain[1:] - chain[:-1]
+    lengths = np.maximum(np.hypot(steps[:, 0], steps[:, 1]), 1e-12)
+    normals = steps[:, ::-1] * (-1.0, 1.0) / lengths[:, None]  # each segment's, to the left
+    arcs = np.cumsum(lengths[:-1])  # of the drawn points
+    flat, stride = cells.reshape(-1), cells.shape[1]
+    curve_cells = (trace.rows + 1) * stride + trace.columns + 1  # indices in `flat`
+    was_free = flat[curve_cells] == _FREE
+    flat[curve_cells] = _BLOCKED
+    row, column = find_seed(cells[1:-1, 1:-1], _way_to(seed, chain, normals, trace))
     _, _, _, (x, y, width, depth) = cv2.floodFill(cells, None, (column + 1, row + 1), _FILLED, flags=4)
 
-    middle = drawn[part] & ~shut
-    points, aside = trace.points[part][middle], 1.6 * normal[segment[middle]]
-    left, right = _shares(cells, np.array([points + aside, points - aside]))
+    samples = (trace.arc >= arcs[0] - 1.0) & (trace.arc <= arcs[-1] + 1.0) & was_free
+    side = _filled_side(cells, trace.points[samples], _ASIDE * normals[trace.segment[samples]])
+    # the curve's own cells go to the side that their centre is on, if that is the filled one
+    normal, offsets = normals[trace.segment], (normals * chain[:-1]).sum(axis=1)
+    heights = trace.columns * normal[:, 0] + trace.rows * normal[:, 1] - offsets[trace.segment]
+    own_cells = curve_cells[(heights * side > 0.0) & was_free]
+    neighbours = (np.array([-stride, 0, stride])[:, None] + [-1, 0, 1]).ravel()
+    flat[own_cells[(flat[own_cells[:, None] + neighbours] == _FILLED).any(axis=1)]] = _FILLED
+
+    # one cell wider all round, for the curve's own cells, and converted from the frame's coordinates to the map's
+    rows = slice(max(y - 2, 0), min(y + depth, cells.shape[0] - 2))
+    window = rows, slice(max(x - 2, 0), min(x + width, cells.shape[1] - 2))
+    region = cv2.inRange(cells[1:-1, 1:-1][window], _FILLED, _FILLED)
+    between = chain[1:-1][(arcs > trace.arc[0]) & (arcs < trace.arc[-1])]
+    line = np.concatenate([trace.points[:1], between, trace.points[-1:]])
+    stops = tuple((int(trace.rows[k]), int(trace.columns[k])) for k in (0, -1))
+    return Cut(window, region, line, stops)  # type: ignore[arg-type]
+
+
+def _way_to(seed: np.ndarray, chain: np.ndarray, normals: np.ndarray, trace: raster.Trace) -> Optional[np.ndarray]:
+    """Returns the direction (2,) that leads from the curve to a seed in one of its cells; None for any other seed."""
+    hits = np.flatnonzero((trace.columns == math.floor(seed[0] + 0.5)) & (trace.rows == math.floor(seed[1] + 0.5)))
+    if not len(hits):
+        return None
+    segment = trace.segment[hits[0]]
+    height = float((seed - chain[segment]) @ normals[segment])
+    return math.copysign(1.0, height) * normals[segment] if abs(height) > 0.01 else None
+
+
+def _filled_side(cells: np.ndarray, points: np.ndarray, offsets: np.ndarray) -> float:
+    """Returns on which side of a curve the cells were filled: 1 on the left, -1 on the right.
+
+    Args:
+        points, offsets: (K, 2) (column, row), points on the curve, and from each to a sample on its left.
+
+    Raises:
+        IntegrationError: "seed_on_both_sides", "no_separation".
+    """
+    samples = np.array([points + offsets, points - offsets])
+    # from the map's coordinates to the frame's; the frame's own cells are neither free nor filled
+    positions = np.minimum(np.maximum(samples + 1.5, 0.0), (cells.shape[1] - 1, cells.shape[0] - 1)).astype(np.int64)
+    values = cells[positions[..., 1], positions[..., 0]]
+    filled, free = ((values == state).sum(axis=1).tolist() for state in (_FILLED, _FREE))
+    left, right = (a / (a + b) if a + b else math.nan for a, b in zip(filled, free))
     if left >= _TOUCHES and right >= _TOUCHES:
         raise IntegrationError("seed_on_both_sides")
     if math.isnan(left + right) or left == right == 0.0:
         raise IntegrationError("no_separation")
-
-    # the cells that the curve runs through go to the side that their centre is on
-    offset = (normal * chain[:-1]).sum(axis=1)
-    height = columns * normal[segment, 0] + rows * normal[segment, 1] - offset[segment]
-    towards = 1.0 if left > right else -1.0
-    own = line_cells[(height * towards > 0.0) & ~shut]
-    round_it = (np.array([-stride, 0, stride])[:, None] + [-1, 0, 1]).ravel()
-    flat[own[(flat[own[:, None] + round_it] == _FILLED).any(axis=1)]] = _FILLED
-
-    # one cell wider all round, for the curve's own cells, and converted from the frame's coordinates to the map's
-    window = (
-        slice(max(y - 2, 0), min(y + depth, cells.shape[0] - 2)),
-        slice(max(x - 2, 0), min(x + width, cells.shape[1] - 2)),
-    )
-    region = cv2.inRange(cells[1:-1, 1:-1][window], _FILLED, _FILLED)
-    vertex_arc = np.cumsum(steps[:-1])
-    between = chain[1:-1][(vertex_arc > trace.arc[start]) & (vertex_arc < trace.arc[end])]
-    line = np.concatenate([trace.points[start : start + 1], between, trace.points[end : end + 1]])
-    stops = tuple((int(trace.rows[k]), int(trace.columns[k])) for k in (start, end))
-    return Cut(window, region, line, stops)  # type: ignore[arg-type]
-
-
-def _shares(cells: np.ndarray, points: np.ndarray) -> List[float]:
-    """Returns, for both sides' points (2, K, 2) (column, row), the filled share of free cells; NaN if none is free."""
-    # from the map's coordinates to the frame's; the frame's own cells are neither free nor filled
-    positions = np.minimum(np.maximum(points + 1.5, 0.0), (cells.shape[1] - 1, cells.shape[0] - 1)).astype(np.int64)
-    values = cells[positions[..., 1], positions[..., 0]]
-    filled = (values == _FILLED).sum(axis=1)
-    count = filled + (values == _FREE).sum(axis=1)
-    return [f / c if c else math.nan for f, c in zip(filled.tolist(), count.tolist())]
+    return 1.0 if left > right else -1.0

@@ -17,12 +17,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import List, NamedTuple, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
+from vb_map_integration.places.transform import IDENTITY, Transform
 
 # [m] a wall is found again if there is one this near: two cells of a usual map, and SLAM's distortion of a few cm
 TOLERANCE = 0.12
@@ -30,69 +31,34 @@ TOLERANCE = 0.12
 MIN_STRUCTURE_EXTENT = 3.0
 # [m] gaps up to this in a wall do not split it: cells that the laser missed
 _MAX_BRIDGED_GAP = 0.1
-_COARSE_CELL = 0.2  # [m]
-_COARSE_CELLS = 160
-_ANGLES = 120
-_HYPOTHESES = 10
-_REFINED_POINTS = 1500
-_DRAWN_FLOOR = 400_000  # points of free floor that are drawn when maps are compared
-_REMAPPED = 30_000  # rows that OpenCV remaps at once
-_UNIT, _FARTHEST = 1e-4, 20_000  # [m] unit of the stored distances, and the largest distance, in this unit
-_RIM = 4  # unknown cells that are kept round the known part of a map
-# [m] pairs farther apart are left out of the refinement, one value per iteration
-_INLIER_M = (0.6, 0.6, 0.4, 0.4, 0.3, 0.3, 0.2, 0.2, 0.15, 0.15, 0.15)
-# [m], [rad] hypotheses that differ by less are the same
-_SAME_DISTANCE, _SAME_ANGLE = 0.4, math.radians(6.0)
+_UNKNOWN_RIM = 4  # unknown cells that are kept round the known part of a map
+_DISTANCE_UNIT = 1e-4  # [m] unit of the stored distances to walls
+_MAX_DISTANCE = 20_000  # [_DISTANCE_UNIT] larger distances are stored as this
+_POINTS_AT_ONCE = 30_000  # points that OpenCV interpolates in one call
+_DRAWN_FLOOR = 400_000  # points of free floor that are drawn for the coarse search
+
+_MIN_COARSE_CELL = 0.2  # [m] size of the coarse search's cells; a large map's are larger
+_MAX_COARSE_CELLS = 160  # cells of the coarse search along a map
+_ANGLES = 120  # rotations of the coarse search
+_HYPOTHESES = 10  # transforms that are refined
+_SAME_DISTANCE = 0.4  # [m] hypotheses are the same if they differ by less than this
+_SAME_ANGLE = math.radians(6.0)  # [rad] and by less than this
+
+_REFINED_POINTS = 1500  # wall cells of each map that are matched
+_REACHES = (0.6, 0.6, 0.4, 0.4, 0.3, 0.3, 0.2, 0.2, 0.15, 0.15, 0.15)  # [m] `reaches` of `refine`
+# damping per pair, of x, y and yaw: the step stays short in a direction in which the walls decide nothing
+_DAMPING = np.diag([0.002, 0.002, 0.004])
+_MAX_STEP = np.array([0.3, 0.3, 0.05])  # [m], [m], [rad] the longest step of a refinement
 
 # When a registration is certain enough to use without asking a person; docs/results/maps/README.md has the evidence.
 MIN_AGREEMENT = 0.92  # share of long walls found again, in both directions
 MIN_OVERLAP = 0.7  # share of the smaller map's free floor that the other map knows
 MIN_WALL_LENGTH = 15.0  # [m] long walls that both maps know
 MIN_MARGIN = 0.3  # how much less the next best hypothesis explains, as a share
-_UNIQUE_MARGIN = 0.5  # the same, for a registration to be proposed
+MIN_MARGIN_ALONE = 0.5  # the same if the walls do not agree: then the margin alone speaks for a registration
 
-
-class Transform(NamedTuple):
-    """A rigid motion in the plane: q = R(yaw) p + (x, y).
-
-    Attributes:
-        x, y: [m].
-        yaw: [rad].
-    """
-
-    x: float = 0.0
-    y: float = 0.0
-    yaw: float = 0.0
-
-    def apply(self, points: np.ndarray) -> np.ndarray:
-        """Moves points (N, 2) [m]; the identity returns the same numbers."""
-        points = np.asarray(points, dtype=float).reshape(-1, 2)
-        if not any(self):
-            return points
-        return points @ self.rotation.T + (self.x, self.y)
-
-    @property
-    def rotation(self) -> np.ndarray:
-        """The rotation matrix (2, 2)."""
-        c, s = math.cos(self.yaw), math.sin(self.yaw)
-        return np.array([[c, -s], [s, c]])
-
-    @property
-    def inverse(self) -> "Transform":
-        """The motion back."""
-        if not any(self):
-            return self
-        x, y = -self.rotation.T @ (self.x, self.y)
-        return Transform(float(x), float(y), -self.yaw)
-
-    def after(self, first: "Transform") -> "Transform":
-        """Returns this motion after another one."""
-        x, y = self.rotation @ (first.x, first.y) + (self.x, self.y)
-        yaw = math.remainder(self.yaw + first.yaw, 2.0 * math.pi)
-        return Transform(float(x), float(y), yaw)
-
-
-IDENTITY = Transform()
+# wall cells (N, 2) [m] of the old map, and (K, 2) of the new one, each in its map's frame
+WallPair = Tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -116,14 +82,14 @@ class Registration:
     margin: float = 0.0
 
     @property
-    def is_unique(self) -> bool:
-        """Whether no other transform comes near, however well the maps agree; then this one is proposed."""
-        return self.margin >= _UNIQUE_MARGIN and self.overlap >= MIN_OVERLAP and self.walls_m >= MIN_WALL_LENGTH
+    def is_certain(self) -> bool:
+        """Whether borders may be moved by it without asking a person: walls agree, and no other transform comes near."""
+        return self.agrees and self.walls_m >= MIN_WALL_LENGTH and self.margin >= MIN_MARGIN
 
     @property
-    def is_unambiguous(self) -> bool:
-        """Whether it may be used without asking a person."""
-        return self.agrees and self.walls_m >= MIN_WALL_LENGTH and self.margin >= MIN_MARGIN
+    def is_clearly_best(self) -> bool:
+        """Whether borders are moved by it, but only until a person, or the walls round the borders, decide."""
+        return self.margin >= MIN_MARGIN_ALONE and self.overlap >= MIN_OVERLAP and self.walls_m >= MIN_WALL_LENGTH
 
     @property
     def agrees(self) -> bool:
@@ -159,41 +125,41 @@ class WallMap:
         self.is_structure = extent[labels[rows, columns]] >= MIN_STRUCTURE_EXTENT
         # the known part of the map: free floor, and the cells beside it
         self._known = cv2.dilate(self.free, np.ones((5, 5), np.uint8))
-        # [_UNIT] to the nearest wall, up to _FARTHEST: integers take half the memory
-        self._distance = np.full(self.grid.shape, _FARTHEST, np.uint16)
+        # [_DISTANCE_UNIT] to the nearest wall: integers take half the memory
+        self._distances = np.full(self.grid.shape, _MAX_DISTANCE, np.uint16)
         if len(self.walls):
-            far = cv2.distanceTransform(1 - surface, cv2.DIST_L2, 5)
-            far *= self.grid.resolution / _UNIT
-            far += 0.5
-            self._distance = np.minimum(far, _FARTHEST, out=far).astype(np.uint16)
+            distances = cv2.distanceTransform(1 - surface, cv2.DIST_L2, 5)
+            distances *= self.grid.resolution / _DISTANCE_UNIT
+            distances += 0.5
+            self._distances = np.minimum(distances, _MAX_DISTANCE, out=distances).astype(np.uint16)
 
     def look_up(self, points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """Returns distances (N,) [m] to the nearest wall, at most 2, and their gradients (N, 2) in the map frame."""
         if not len(points):
             return np.zeros(0), np.zeros((0, 2))
-        where = self.grid.world_to_grid(points).astype(np.float32)
-        here = self._interpolate(where)
+        positions = self.grid.world_to_grid(points).astype(np.float32)
         slopes = [
-            (self._interpolate(where + step) - self._interpolate(where - step)) / (2.0 * self.grid.resolution)
+            (self._interpolate(positions + step) - self._interpolate(positions - step)) / (2.0 * self.grid.resolution)
             for step in np.eye(2, dtype=np.float32)
         ]
-        c, s = math.cos(self.grid.origin[2]), math.sin(self.grid.origin[2])
-        return here, np.column_stack(slopes) @ np.array([[c, s], [-s, c]])
+        return self._interpolate(positions), np.column_stack(slopes) @ Transform(yaw=self.grid.origin[2]).rotation.T
 
-    def _interpolate(self, where: np.ndarray) -> np.ndarray:
-        options = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": _FARTHEST}
-        found = [
-            cv2.remap(self._distance, part[:, :1], part[:, 1:], cv2.INTER_LINEAR, **options)[:, 0]
-            for part in np.array_split(where, 1 + len(where) // _REMAPPED)
+    def _interpolate(self, positions: np.ndarray) -> np.ndarray:
+        """Returns the distances (N,) [m] to the nearest wall at positions (N, 2) float32 (column, row)."""
+        options = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": _MAX_DISTANCE}
+        distances = [
+            cv2.remap(self._distances, part[:, :1], part[:, 1:], cv2.INTER_LINEAR, **options)[:, 0]
+            for part in np.array_split(positions, 1 + len(positions) // _POINTS_AT_ONCE)
         ]
-        return np.concatenate(found).astype(float) * _UNIT
+        return np.concatenate(distances).astype(float) * _DISTANCE_UNIT
 
     def distances(self, points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """Returns distances (N,) [m] from the cells of points (N, 2) to the nearest wall, and which are known."""
-        where = np.floor(self.grid.world_to_grid(points) + 0.5).astype(np.int32)
-        inside = ((where >= 0) & (where < self.grid.shape[::-1])).all(axis=1)
-        columns, rows = np.where(inside[:, None], where, 0).T
-        return self._distance[rows, columns] * np.float32(_UNIT), inside & (self._known[rows, columns] != 0)
+        cells = np.floor(self.grid.world_to_grid(points) + 0.5).astype(np.int32)
+        is_inside = ((cells >= 0) & (cells < self.grid.shape[::-1])).all(axis=1)
+        columns, rows = np.where(is_inside[:, None], cells, 0).T
+        distances = self._distances[rows, columns] * np.float32(_DISTANCE_UNIT)
+        return distances, is_inside & (self._known[rows, columns] != 0)
 
     def is_known(self, points: np.ndarray) -> np.ndarray:
         """Returns (N,) bool: at which of the points (N, 2) [m] the map knows the floor, or the wall beside it."""
@@ -213,12 +179,12 @@ class WallMap:
         """Up to some thousand points (N, 2) [m] of free floor, spread evenly."""
         return self._some_floor(2000)[0]
 
-    def _some_floor(self, most: int) -> Tuple[np.ndarray, int]:
-        """Returns about `most` points (N, 2) [m] of free floor, four times as many at most, and the cells per point."""
-        step = max(1, int(math.sqrt(cv2.countNonZero(self.free) / most)))
+    def _some_floor(self, count: int) -> Tuple[np.ndarray, int]:
+        """Returns `count` to four times as many points (N, 2) [m] of free floor, spread evenly, and the cells per point."""
+        step = max(1, int(math.sqrt(cv2.countNonZero(self.free) / count)))
         rows, columns = np.nonzero(self.free[step // 2 :: step, step // 2 :: step])
-        where = np.column_stack([columns, rows]) * step + step // 2
-        return self.grid.grid_to_world(where), step * step
+        positions = np.column_stack([columns, rows]) * step + step // 2
+        return self.grid.grid_to_world(positions), step * step
 
     def draw_evidence(self, cell: float) -> np.ndarray:
         """Draws (n, n) float32 round the centre: positive at walls, slightly negative on free floor, 0 where unknown."""
@@ -256,8 +222,8 @@ def _known_part(grid: GridMap) -> GridMap:
     rows, columns = np.flatnonzero(known_mask.any(axis=1)), np.flatnonzero(known_mask.any(axis=0))
     if not len(rows):
         return grid
-    top, left = max(0, int(rows[0]) - _RIM), max(0, int(columns[0]) - _RIM)
-    cells = grid.data[top : rows[-1] + 1 + _RIM, left : columns[-1] + 1 + _RIM]
+    top, left = max(0, int(rows[0]) - _UNKNOWN_RIM), max(0, int(columns[0]) - _UNKNOWN_RIM)
+    cells = grid.data[top : rows[-1] + 1 + _UNKNOWN_RIM, left : columns[-1] + 1 + _UNKNOWN_RIM]
     x, y = grid.grid_to_world([[left - 0.5, top - 0.5]])[0]
     return GridMap(np.ascontiguousarray(cells), grid.resolution, (float(x), float(y), grid.origin[2]))
 
@@ -271,16 +237,13 @@ def register(old: WallMap, new: WallMap, guesses: Sequence[Transform] = (IDENTIT
     if not len(old.walls) or not len(new.walls):
         return None
     samples = _sample(old), _sample(new)
-    refined = [refine(old, new, start, *samples, old.center, _INLIER_M) for start in [*guesses, *_search(old, new)]]
-    best, *others = sorted(
-        (measure(old, new, candidate) for candidate in refined), key=lambda candidate: -candidate.balance_m
-    )
+    refined = [refine(old, new, start, samples, old.center, _REACHES) for start in [*guesses, *_search(old, new)]]
+    candidates = [measure(old, new, transform) for transform in refined]
+    best, *others = sorted(candidates, key=lambda candidate: -candidate.balance_m)
     if best.balance_m <= 0.0:
         return best
-    rest = [
-        candidate.balance_m for candidate in others if not _is_same(best.transform, candidate.transform, old.center)
-    ]
-    return replace(best, margin=1.0 - max([0.0, *rest]) / best.balance_m)
+    rivals = [other for other in others if not _is_same(best.transform, other.transform, old.center)]
+    return replace(best, margin=1.0 - max([0.0, *(rival.balance_m for rival in rivals)]) / best.balance_m)
 
 
 def measure(old: WallMap, new: WallMap, transform: Transform) -> Registration:
@@ -298,99 +261,100 @@ def measure(old: WallMap, new: WallMap, transform: Transform) -> Registration:
 
 
 def _is_same(transform: Transform, other: Transform, place: np.ndarray) -> bool:
-    distance, rotation = float(np.linalg.norm(transform.apply(place) - other.apply(place))), transform.yaw - other.yaw
-    return distance < _SAME_DISTANCE and abs(math.remainder(rotation, 2.0 * math.pi)) < _SAME_ANGLE
+    distance = float(np.linalg.norm(transform.apply(place) - other.apply(place)))
+    return distance < _SAME_DISTANCE and abs(math.remainder(transform.yaw - other.yaw, 2.0 * math.pi)) < _SAME_ANGLE
 
 
 def _search(old: WallMap, new: WallMap) -> List[Transform]:
     """Searches for the most promising transforms, the best first."""
     extent = max(old.radius, new.radius)
-    cell = max(_COARSE_CELL, 2.0 * extent / _COARSE_CELLS)
-    a, b = old.draw_evidence(cell), new.draw_evidence(cell)
-    size = cv2.getOptimalDFTSize(len(a) + len(b))
+    cell = max(_MIN_COARSE_CELL, 2.0 * extent / _MAX_COARSE_CELLS)
+    old_image, new_image = old.draw_evidence(cell), new.draw_evidence(cell)
+    size = cv2.getOptimalDFTSize(len(old_image) + len(new_image))
 
     def spectrum(image: np.ndarray) -> np.ndarray:
         padded = np.zeros((size, size), np.float32)
         padded[: len(image), : len(image)] = image
         return cv2.dft(padded)
 
-    of_new = spectrum(b)
-    middle = len(a) // 2
-    found: List[Tuple[float, float, int, int]] = []
+    new_spectrum = spectrum(new_image)
+    middle = len(old_image) // 2
+    peaks: List[Tuple[float, Transform]] = []  # the correlation's maxima
     for angle in np.arange(_ANGLES) * (360.0 / _ANGLES):
         # OpenCV's angles are for images whose rows go down; here rows go up, as y does
-        turned = cv2.warpAffine(a, cv2.getRotationMatrix2D((middle, middle), -angle, 1.0), a.shape[::-1])
-        product = cv2.mulSpectrums(of_new, spectrum(turned), 0, conjB=True)
+        rotation = cv2.getRotationMatrix2D((middle, middle), -angle, 1.0)
+        turned = cv2.warpAffine(old_image, rotation, old_image.shape[::-1])
+        product = cv2.mulSpectrums(new_spectrum, spectrum(turned), 0, conjB=True)
         scores = cv2.dft(product, flags=cv2.DFT_INVERSE | cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT)
         for _ in range(3):
-            _, best, _, (column, row) = cv2.minMaxLoc(scores)
-            found.append((best, math.radians(angle), column, row))
-            cv2.circle(scores, (column, row), max(2, int(0.6 / cell)), 0.0, -1)
-    found.sort(key=lambda one: -one[0])
+            _, score, _, cell_of_peak = cv2.minMaxLoc(scores)
+            # a shift to the left or downwards has wrapped round
+            shift = np.array([n if n < size - len(old_image) else n - size for n in cell_of_peak])
+            center_in_new = new.center + (shift + middle - len(new_image) // 2) * cell
+            peaks.append((score, Transform.turning(old.center, center_in_new, math.radians(angle))))
+            cv2.circle(scores, cell_of_peak, max(2, int(0.6 / cell)), 0.0, -1)
     chosen: List[Transform] = []
-    for _, yaw, column, row in found:
-        shift = np.array([value if value < size - len(a) else value - size for value in (column, row)])
-        # position of the old map's centre in the new map
-        place = new.center + (shift + middle - len(b) // 2) * cell
-        turned = Transform(0.0, 0.0, yaw).apply(old.center)[0]
-        transform = Transform(*(place - turned).tolist(), math.remainder(yaw, 2.0 * math.pi))
-        if all(not _is_same(transform, other, old.center) for other in chosen):
+    for _, transform in sorted(peaks, key=lambda peak: -peak[0]):
+        if len(chosen) < _HYPOTHESES and not any(_is_same(transform, other, old.center) for other in chosen):
             chosen.append(transform)
-            if len(chosen) == _HYPOTHESES:
-                break
     return chosen
 
 
-def thin(points: np.ndarray, most: int) -> np.ndarray:
-    """Thins points (N, 2) evenly to at least `most`, but fewer than twice as many; fewer points than that all stay."""
-    return points[:: max(1, len(points) // most)]
+def thin(points: np.ndarray, count: int) -> np.ndarray:
+    """Thins points (N, 2) evenly to at least `count`, but fewer than twice as many."""
+    return points[:: max(1, len(points) // count)]
 
 
-def _sample(shape: WallMap) -> np.ndarray:
+def _sample(wall_map: WallMap) -> np.ndarray:
     """Chooses wall cells (N, 2) [m] for the refinement: those of long walls if there are enough."""
-    points = shape.walls[shape.is_structure]
-    return thin(points if len(points) >= 100 else shape.walls, _REFINED_POINTS)
+    points = wall_map.walls[wall_map.is_structure]
+    return thin(points if len(points) >= 100 else wall_map.walls, _REFINED_POINTS)
 
 
 def refine(
-    old: WallMap,
-    new: WallMap,
-    start: Transform,
-    forward: np.ndarray,
-    backward: np.ndarray,
-    center: np.ndarray,
-    reaches: Sequence[float],
+    old: WallMap, new: WallMap, start: Transform, walls: WallPair, center: np.ndarray, reaches: Sequence[float]
 ) -> Transform:
     """Refines a transform to the nearby one at which the walls of both maps coincide.
 
+    In each iteration, d are the distances of one map's walls to the nearest walls of the other, J their derivatives by
+    a motion (x, y, yaw) of the old map, and W Tukey's biweight, (1 - (d / reach)^2)^2, which leaves out pairs farther
+    apart than `reach`. The transform is moved by the damped Gauss-Newton step -(J^T W J + N D)^-1 J^T W d.
+
     Args:
-        forward, backward: (N, 2) [m] walls of the old map, and of the new one, to match with the other map.
+        walls: those of the old map and of the new one that are matched with the other map's.
         center: (2,) [m] centre of rotation in the old map, which keeps rotation and shift decoupled.
-        reaches: [m] pairs farther apart are left out, one value per iteration.
+        reaches: [m] one value per iteration.
     """
-    place = start.apply(center)[0]
-    yaw = start.yaw
+    (old_walls, new_walls), center_in_new, yaw = walls, start.apply(center)[0], start.yaw
     for reach in reaches:
-        rotation = Transform(0.0, 0.0, yaw).rotation
-        arm = (forward - center) @ rotation.T
-        d1, g1 = new.look_up(arm + place)
-        j1 = np.column_stack([g1, g1[:, 1] * arm[:, 0] - g1[:, 0] * arm[:, 1]])
-        arm = (backward - place) @ rotation
-        d2, g2 = old.look_up(arm + center)
-        j2 = np.column_stack([-(g2 @ rotation.T), g2[:, 0] * arm[:, 1] - g2[:, 1] * arm[:, 0]])
-        distance, jacobian = np.concatenate([d1, d2]), np.concatenate([j1, j2])
-        weight = np.square(np.maximum(0.0, 1.0 - np.square(distance / reach)))
-        normal = (jacobian * weight[:, None]).T @ jacobian + 2e-3 * len(distance) * np.diag([1.0, 1.0, 2.0])
-        step = np.linalg.solve(normal, -(jacobian * weight[:, None]).T @ distance)
-        place = place + np.clip(step[:2], -0.3, 0.3)
-        yaw += float(np.clip(step[2], -0.05, 0.05))
-    shift = place - Transform(0.0, 0.0, yaw).apply(center)[0]
-    return Transform(float(shift[0]), float(shift[1]), math.remainder(yaw, 2.0 * math.pi))
+        rotation = Transform(yaw=yaw).rotation
+        arms = (old_walls - center) @ rotation.T  # from the centre to each wall, in the new map's frame
+        old_distances, gradients = new.look_up(center_in_new + arms)
+        old_jacobian = np.column_stack([gradients, _cross(arms, gradients)])
+        arms = (new_walls - center_in_new) @ rotation  # in the old map's frame, in which they move the other way
+        new_distances, gradients = old.look_up(center + arms)
+        new_jacobian = np.column_stack([-(gradients @ rotation.T), _cross(gradients, arms)])
+        distances = np.concatenate([old_distances, new_distances])
+        jacobian = np.concatenate([old_jacobian, new_jacobian])
+        weighted = jacobian * np.square(np.maximum(0.0, 1.0 - np.square(distances / reach)))[:, None]
+        normal_matrix = weighted.T @ jacobian + len(distances) * _DAMPING
+        step = np.clip(np.linalg.solve(normal_matrix, -weighted.T @ distances), -_MAX_STEP, _MAX_STEP)
+        center_in_new, yaw = center_in_new + step[:2], yaw + float(step[2])
+    return Transform.turning(center, center_in_new, yaw)
 
 
-def find_share(points: np.ndarray, other: WallMap) -> Tuple[float, float]:
-    """Returns, of wall cells (N, 2) [m] known to another map, the share that are walls there, and the share known."""
-    distance, is_known = other.distances(points)
+def _cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Computes the cross products (N,) of vectors (N, 2)."""
+    return first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+
+
+def compare_walls(walls: np.ndarray, other: WallMap) -> Tuple[float, float]:
+    """Compares wall cells (N, 2) [m] with another map.
+
+    Returns:
+        Of those that the map knows, the share that are walls there, and the share that it knows; 0 if it knows none.
+    """
+    distances, is_known = other.distances(walls)
     if not is_known.any():
         return 0.0, 0.0
-    return float((distance[is_known] < TOLERANCE + other.grid.resolution / 2.0).mean()), float(is_known.mean())
+    return float((distances[is_known] < TOLERANCE + other.grid.resolution / 2.0).mean()), float(is_known.mean())

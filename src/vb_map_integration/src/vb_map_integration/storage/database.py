@@ -11,16 +11,15 @@ import hashlib
 import itertools
 import json
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_map_integration.border import MAX_NAME, VirtualBorder
-from vb_map_integration.geojson import border_from_feature, border_to_feature
-from vb_map_integration.places.registration import IDENTITY, Transform
+from vb_map_integration.border import MAX_NAME, VirtualBorder, border_from_feature, border_to_feature
+from vb_map_integration.places.transform import IDENTITY, Transform
 from vb_map_integration.storage.durable_values import DurableValues
 
 # how many are kept: changes that can be undone, requests, maps of a place besides its first and current ones
@@ -55,7 +54,7 @@ class KnownMap:
     place: int
     fingerprint: str
     transform: Transform
-    _values: Mapping[str, Any]
+    _values: Mapping[str, Any] = field(compare=False, repr=False)
 
     @functools.cached_property
     def grid(self) -> GridMap:
@@ -87,6 +86,10 @@ class Database(DurableValues):
             for key, values in self.of_kind("maps").items()
         ]
 
+    def maps_of(self, place: int) -> Dict[str, KnownMap]:
+        """Returns the maps of a place by fingerprint, the oldest first."""
+        return {record.fingerprint: record for record in self.maps() if record.place == place}
+
     def find_map(self, map_id: str) -> Optional[KnownMap]:
         """Finds the map with a fingerprint; None if it is not known."""
         return next((record for record in self.maps() if record.fingerprint == map_id), None)
@@ -95,17 +98,13 @@ class Database(DurableValues):
         self, grid: GridMap, map_id: str, place: int = 0, transform: Transform = IDENTITY, name: str = ""
     ) -> int:
         """Stores a map of a place (0: a new one), which becomes the last place; returns the place's number."""
-        maps = self.maps()
-        number = next(
-            (record.number for record in maps if record.fingerprint == map_id),
-            1 + max((record.number for record in maps), default=0),
-        )
+        known = self.find_map(map_id)
+        number = known.number if known else 1 + max((record.number for record in self.maps()), default=0)
         place = place or number
         needed = {border.map_id for border in self.borders(place)}  # the place's borders are compared with these maps
-        others = [record for record in maps if record.place == place and record.number not in (place, number)]
-        changes: Dict[str, Any] = {
-            f"maps/{record.fingerprint}": None for record in others[:-MAX_MAPS] if record.fingerprint not in needed
-        }
+        others = [record for record in self.maps_of(place).values() if record.number not in (place, number)]
+        dropped = [record.fingerprint for record in others[:-MAX_MAPS] if record.fingerprint not in needed]
+        changes: Dict[str, Any] = {f"maps/{key}": None for key in dropped}
         changes[f"maps/{map_id}"] = {
             "id": number,
             "place": place,
@@ -161,15 +160,11 @@ class Database(DurableValues):
     # ------------------------------------------------------------- borders
     def borders(self, place: int) -> Tuple[VirtualBorder, ...]:
         """Returns the borders of a place in its frame, the oldest first."""
-        ids = sorted(self.names(f"borders/{place}"), key=lambda one: int(one[1:]))
+        ids = sorted(self.names(f"borders/{place}"), key=lambda border_id: int(border_id[1:]))
         return tuple(_read_border(self._values[f"borders/{place}/{border_id}"]) for border_id in ids)
 
     def find(self, border_id: str) -> Tuple[int, VirtualBorder]:
-        """Finds (place, border) by a border's id, whichever place it belongs to.
-
-        Raises:
-            CodedError: "unknown_border".
-        """
+        """Finds a border of any place by its id, and returns its place with it; raises CodedError "unknown_border"."""
         for place, key in (name.split("/") for name in self.names("borders")):
             if key == border_id:
                 return int(place), _read_border(self._values[f"borders/{place}/{border_id}"])
@@ -200,26 +195,26 @@ class Database(DurableValues):
         """
         changes = self._history(place, change, kind)
         for entry in change:
-            changes[f"borders/{place}/{entry.id}"] = _to_dict(entry.after)
+            changes[f"borders/{place}/{entry.id}"] = entry.after and border_to_feature(entry.after)
         if request_id:
             changes[f"requests/{request_id}"] = change[0].id
             changes.update({f"requests/{old}": None for old in self.names("requests")[:-MAX_REQUESTS]})
-        following = max(int(entry.id[1:]) + 1 for entry in change)
-        self.change({**changes, _NEXT: max(following, self.get(_NEXT, 1))})
+        next_number = max(int(entry.id[1:]) + 1 for entry in change)
+        self.change({**changes, _NEXT: max(next_number, self.get(_NEXT, 1))})
 
     def _history(self, place: int, change: Change, kind: str) -> Dict[str, Any]:
+        """Returns the values that record a change, so that it can be undone or redone."""
         changes = self.of_kind("changes")
         if kind in ("undo", "redo"):
             number = self._newest(place, kind)
             return {f"changes/{number}": {**changes[number], "undone": kind == "undo"}}
-        entries = [[entry.id, _to_dict(entry.before), _to_dict(entry.after)] for entry in change]
-        gone = [number for number, other in changes.items() if other["place"] == place and other["undone"]]
-        gone += list(changes)[: 1 - MAX_CHANGES]
+        states = ((entry.id, (entry.before, entry.after)) for entry in change)
+        entries = [[key, *(border and border_to_feature(border) for border in pair)] for key, pair in states]
+        dropped = [number for number, other in changes.items() if other["place"] == place and other["undone"]]
+        dropped += list(changes)[: 1 - MAX_CHANGES]
         number = str(1 + max(map(int, changes), default=0))
-        return {
-            **{f"changes/{old}": None for old in gone},
-            f"changes/{number}": {"place": place, "undone": False, "entries": entries},
-        }
+        record = {"place": place, "undone": False, "entries": entries}
+        return {**{f"changes/{old}": None for old in dropped}, f"changes/{number}": record}
 
     def available_commands(self, place: int) -> List[str]:
         """Lists "undo" and "redo", each only if there is something to undo or redo."""
@@ -229,9 +224,8 @@ class Database(DurableValues):
     def _newest(self, place: int, kind: str) -> str:
         """Returns the number of the change that undo would revert, or redo repeat."""
         changes = self.of_kind("changes")
-        numbers = [
-            key for key, change in changes.items() if change["place"] == place and change["undone"] == (kind == "redo")
-        ]
+        of_place = {number: change for number, change in changes.items() if change["place"] == place}
+        numbers = [number for number, change in of_place.items() if change["undone"] == (kind == "redo")]
         if not numbers:
             raise CodedError(f"nothing_to_{kind}")
         return (max if kind == "undo" else min)(numbers, key=int)
@@ -243,7 +237,8 @@ class Database(DurableValues):
             CodedError: "nothing_to_undo", "nothing_to_redo".
         """
         entries = self.get(f"changes/{self._newest(place, kind)}")["entries"]
-        change = tuple(BorderChange(key, _from_dict(before), _from_dict(after)) for key, before, after in entries)
+        states = ((key, (values and border_from_feature(values) for values in pair)) for key, *pair in entries)
+        change = tuple(BorderChange(key, *pair) for key, pair in states)
         if kind == "redo":
             return change
         return tuple(BorderChange(entry.id, entry.after, entry.before) for entry in reversed(change))
@@ -256,11 +251,3 @@ class Database(DurableValues):
 @functools.lru_cache(maxsize=10_000)  # an unchanged border stays the same object
 def _read_border(text: str) -> VirtualBorder:
     return border_from_feature(json.loads(text))
-
-
-def _to_dict(border: Optional[VirtualBorder]) -> Any:
-    return None if border is None else border_to_feature(border)
-
-
-def _from_dict(values: Any) -> Optional[VirtualBorder]:
-    return None if values is None else border_from_feature(values)

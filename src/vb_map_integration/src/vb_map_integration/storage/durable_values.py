@@ -120,24 +120,24 @@ class DurableValues:
         self.revision, self._values = content
 
     def _load(self, folder: Path) -> None:
-        path, content, refused = folder / FILE, None, None
+        path, content, read_error = folder / FILE, None, None
         try:
             content = _read(path)
         except OSError as error:  # it may be undamaged, and readable later
-            refused = error
-        damaged = content is None and refused is None and path.exists()
+            read_error = error
+        is_damaged = content is None and read_error is None and path.exists()
         copies = {path: _read_or_none(path) for path in (folder / "copies").glob("*.jsonl")}
         newest = max((copy.revision for copy in copies.values() if copy is not None), default=0)
         if content is None:
             content = self._choose_copy(folder, copies)
         elif content.revision < newest:  # a person restored an old copy: it counts from now on
             content = content._replace(revision=newest + 1)
-        if content is None and refused is not None:
-            raise CodedError("cannot_read", file=refused.filename, reason=refused.strerror) from None
-        if content is None and damaged:
+        if content is None and read_error is not None:
+            raise CodedError("cannot_read", file=read_error.filename, reason=read_error.strerror) from None
+        if content is None and is_damaged:
             self._report("borders_lost", Severity.ERROR, what=str(folder))
         try:
-            if damaged:
+            if is_damaged:
                 os.replace(str(path), f"{path}.damaged")
             for path in folder.rglob(".borders*"):  # left by an interrupted write
                 path.unlink()
@@ -148,13 +148,13 @@ class DurableValues:
         except (OSError, CodedError) as error:
             self._report_read_only(str(error))
 
-    def _choose_copy(self, folder: Path, read: Mapping[Path, Optional[_Content]]) -> Optional[_Content]:
+    def _choose_copy(self, folder: Path, copies: Mapping[Path, Optional[_Content]]) -> Optional[_Content]:
         """Returns the content of the copy with the highest revision; dates are for people, since clocks go wrong."""
-        sound = {path: content for path, content in read.items() if content is not None}
-        if not sound:
+        intact = {path: content for path, content in copies.items() if content is not None}
+        if not intact:
             return None
-        path, content = max(sound.items(), key=lambda item: item[1].revision)
-        if len(sound) == len(read):
+        path, content = max(intact.items(), key=lambda item: item[1].revision)
+        if len(intact) == len(copies):
             self._report("database_repaired", Severity.WARNING, what=str(folder), date=path.stem[-10:])
         else:
             self._report("borders_lost_since", Severity.ERROR, date=path.stem[-10:])

@@ -1,6 +1,6 @@
-"""Integration of a virtual border into the occupancy grid map (paper, Sect. 3).
+"""The region of the map that a virtual border restricts, which integrates the border into the map (paper, Sect. 3).
 
-M_posterior is M_prior with the area on the seed's side of the border raised to delta. Physical obstacles keep
+M_posterior is M_prior with the region on the seed's side of the border raised to delta. Physical obstacles keep
 their value; the prior itself is never changed.
 
 `map_integrator.MapIntegrator` handles several borders, undo, and maps that change.
@@ -8,8 +8,8 @@ their value; the prior itself is never changed.
 >>> import numpy as np
 >>> room = GridMap(np.zeros((60, 60), np.int8), resolution=0.05)      # 3 m x 3 m of free floor
 >>> border = VirtualBorder([(1.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0)], seed=(1.5, 1.5), closed=True)
->>> result = integrate(room, border)
->>> round(result.area_m2, 2), int(result.posterior.data[30, 30]), int(result.posterior.data[10, 10])
+>>> region = compute_region(room, border)
+>>> round(region.area_m2, 2), int(region.posterior.data[30, 30]), int(region.posterior.data[10, 10])
 (1.0, 100, 0)
 """
 
@@ -39,14 +39,14 @@ MAX_AREA_SHARE = 0.98
 # [m] width of a virtual wall's band; on coarse maps the band is just the cells that the chain runs through
 WALL_WIDTH = 0.1
 # [m] a longer extension causes a warning: people who draw from wall to wall stop nearer to the walls
-FAR = 1.0
+LONG_EXTENSION = 1.0
 # marks the cells that a fill has reached, in a mask of blocked cells
 _FILLED = 128
 
 
 @dataclass(frozen=True)
 class Region:
-    """Cells of the map that one border restricts.
+    """Cells of the map that are restricted.
 
     Attributes:
         window: the part of the map that contains it.
@@ -78,17 +78,24 @@ class Region:
             as_bytes = part.view(np.uint8)
             np.maximum(as_bytes, np.bitwise_and(self.mask, level), out=as_bytes)
 
+    def contains_any(self, cells: np.ndarray) -> bool:
+        """Returns whether any of the cells (N, 2) (row, column), on the map or not, belongs to it."""
+        cells = cells - [part.start for part in self.window]
+        cells = cells[((cells >= 0) & (cells < self.mask.shape)).all(axis=1)]
+        return bool(self.mask[tuple(cells.T)].any())
+
     def iou(self, other: Optional["Region"]) -> float:
         """Returns the intersection over union of the two regions' cells, 0 .. 1."""
         if other is None:
             return 0.0
-        one, two, either = (cv2.countNonZero(region.mask) for region in (self, other, join_regions([self, other])))
-        return (one + two - either) / max(1, either)
+        first, second = cv2.countNonZero(self.mask), cv2.countNonZero(other.mask)
+        union = cv2.countNonZero(join_regions([self, other]).mask)  # type: ignore[union-attr]
+        return (first + second - union) / max(1, union)
 
 
 @dataclass(frozen=True)
-class Integration(Region):
-    """A border integrated into a map.
+class BorderRegion(Region):
+    """The region that one border restricts on a map.
 
     Attributes:
         prior: the map without the border; it is not changed.
@@ -136,7 +143,7 @@ def join_regions(possible: Sequence[Optional[Region]]) -> Optional[Region]:
     )
     mask = raster.filled((window[0].stop - window[0].start, window[1].stop - window[1].start), 0)
     for region in regions:
-        part = tuple(slice(own.start - all_.start, own.stop - all_.start) for own, all_ in zip(region.window, window))
+        part = tuple(slice(own.start - out.start, own.stop - out.start) for own, out in zip(region.window, window))
         np.maximum(mask[part], region.mask, out=mask[part])
     first = regions[0]
     cell = max(region.area_m2 / max(1, cv2.countNonZero(region.mask)) for region in regions)
@@ -144,17 +151,13 @@ def join_regions(possible: Sequence[Optional[Region]]) -> Optional[Region]:
     return Region(window, mask, first.value, first.over_unknown, area)  # type: ignore[arg-type]
 
 
-def integrate(prior: GridMap, border: VirtualBorder, robots: Sequence[Sequence[float]] = ()) -> Integration:
-    """Integrates a border into a map.
+def compute_region(prior: GridMap, border: VirtualBorder) -> BorderRegion:
+    """Computes the region of a map that a border restricts.
 
     A polygon restricts its inside, unknown cells included, or, with the seed outside, all free space outside that is
     connected to the seed. A separating curve is extended to the physical borders and restricts the free space that is
     reachable from the seed without crossing it. A virtual wall restricts a thin band along its chain. Unknown cells
     are raised only if the value counts as an obstacle: a soft value would make them look known and passable.
-
-    Args:
-        prior, border: the map, and the border to integrate.
-        robots: (N, 2) [m] positions of robots, to warn if one is in the restricted area.
 
     Raises:
         IntegrationError: "no_separation", "seed_on_both_sides", "empty_region", "outside_map",
@@ -162,7 +165,7 @@ def integrate(prior: GridMap, border: VirtualBorder, robots: Sequence[Sequence[f
     """
     on_grid = _BorderOnGrid(prior, border)
     try:
-        return on_grid.integrate(robots)
+        return on_grid.compute_region()
     except IntegrationError as error:
         error.warnings = tuple(on_grid.issues)
         raise
@@ -187,11 +190,10 @@ class _BorderOnGrid:
         """Adds a warning."""
         self.issues.append(warning(code, **values))
 
-    def integrate(self, robots: Sequence[Sequence[float]]) -> Integration:
-        """Computes what the border restricts."""
-        prior, border = self.prior, self.border
+    def compute_region(self) -> BorderRegion:
+        """Computes the region that the border restricts."""
+        border, line = self.border, self.border.points
         self.check_shape()
-        line = border.points
         if border.wall:
             window, mask = self.fill_wall()
         elif border.closed:
@@ -204,17 +206,13 @@ class _BorderOnGrid:
         free = cv2.countNonZero(cv2.inRange(self.cells, 0, OCCUPIED_THRESHOLD - 1))
         if restricted > MAX_AREA_SHARE * free:
             self.warn("covers_nearly_all")
-        cells = prior.world_to_cell(robots) - (window[0].start, window[1].start)
-        cells = cells[((cells >= 0) & (cells < mask.shape)).all(axis=1)]
-        if mask[tuple(cells.T)].any():
-            self.warn("robot_inside")
-        return Integration(
+        return BorderRegion(
             window=window,
             mask=mask,
             value=border.value,
             over_unknown=border.closed is True and border.value >= OCCUPIED_THRESHOLD,
-            area_m2=restricted * prior.resolution**2,
-            prior=prior,
+            area_m2=restricted * self.prior.resolution**2,
+            prior=self.prior,
             border=border,
             line=line,
             issues=tuple(self.issues),
@@ -238,13 +236,8 @@ class _BorderOnGrid:
         if not inner.any():
             raise IntegrationError("empty_region")
         row, column = (int(value) for value in np.floor(self.seed[::-1] + 0.5))
-        rows, columns = window
-        is_inner = (
-            rows.start <= row < rows.stop
-            and columns.start <= column < columns.stop
-            and (inner[row - rows.start, column - columns.start] != 0)
-        )
-        if is_inner:
+        cell = row - window[0].start, column - window[1].start
+        if all(0 <= index < size for index, size in zip(cell, inner.shape)) and inner[cell] != 0:
             mask, part = inner, cells[window]
             cv2.subtract(mask, cv2.inRange(part, threshold, 127), dst=mask)  # unknown cells, 255, stay
             if threshold <= cells[row, column] <= 127:
@@ -269,9 +262,8 @@ class _BorderOnGrid:
         """Returns the free cells of a band along a chain: a window, and its (h, w) uint8 mask."""
         cells = self.cells
         trace = raster.trace_chain(self.points, cells.shape)
-        inside = (trace.rows >= 0) & (trace.columns >= 0) & (trace.rows < cells.shape[0])
-        inside &= trace.columns < cells.shape[1]
-        rows, columns = trace.rows[inside], trace.columns[inside]
+        is_on_map = self.prior.contains_cells(np.column_stack([trace.rows, trace.columns]))
+        rows, columns = trace.rows[is_on_map], trace.columns[is_on_map]
         if len(rows) == 0:
             raise IntegrationError("outside_map")
         reach = int(WALL_WIDTH / 2.0 / self.prior.resolution + 1e-6)
@@ -298,7 +290,7 @@ class _BorderOnGrid:
             on_map = 0 <= row < prior.shape[0] and 0 <= column < prior.shape[1]
             if not on_map or self.cells[row, column] > 127:
                 self.warn("no_wall_found")
-            elif length > FAR:
+            elif length > LONG_EXTENSION:
                 self.warn("extended_far", length=f"{length:.1f}", side=side)
         return cut.window, cut.region, line
 

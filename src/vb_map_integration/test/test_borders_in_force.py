@@ -1,17 +1,16 @@
-"""The verdict on each border when the map changes: it stays, is to be confirmed, or does not fit; never silently."""
+"""The status of each border when the map changes: it stays, is to be confirmed, or does not fit; never silently."""
 
 import cv2
 import numpy as np
 import pytest
 
-from integrators import integrator
+from integrators import closed_at, closed_off, flat, integrator, keep_out, status_of_first
 from refusals import refused
-from test_recognition import closed_at, closed_off, flat, keep_out
 from vb_core.errors import CodedError
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders_in_force import compute_in_force
-from vb_map_integration.places.recognition import BorderLocation
-from vb_map_integration.places.registration import Transform
+from vb_map_integration.borders_in_force import compute_in_force, transfer_accepted_region
+from vb_map_integration.places.border_location import BorderLocation
+from vb_map_integration.places.transform import Transform
 from vb_map_integration.storage.database import MAX_MAPS
 
 DOOR = VirtualBorder([(3.1, 1.25), (3.1, 2.05)], (2.6, 1.6), closed=False)  # a doorway of the room on the left
@@ -28,31 +27,46 @@ def with_walls(grid, *walls, transform=Transform()):
     return grid.with_data(cells)
 
 
-def test_a_line_with_another_effect_waits_and_keeps_its_old_effect(restart):
-    """On real maps 22 of 99 lines across doorways closed off something else on the next map, and nobody was told."""
-    partition = ((0.0, 2.4), (3.1, 2.4))
-    keeper = restart(with_walls(flat(), partition))
+@pytest.fixture
+def grown(restart):
+    """Returns an integrator on whose map a line closes off far more than where it was accepted, and that area [m^2]."""
+    keeper = restart(with_walls(flat(), ((0.0, 2.4), (3.1, 2.4))))
     keeper.add(DOOR, 1.0)
-    accepted = keeper.in_force.area_m2("b1")
-    assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0) and not keeper.needs_confirmation
+    assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0)
+    accepted = keeper.in_force.statuses["b1"].area_m2
     keeper.set_map(flat(seed=1))
-    assert keeper.in_force.status(keeper.borders[0]) == (True, "to_be_confirmed") and keeper.needs_confirmation
+    return keeper, accepted
+
+
+def test_a_line_with_another_effect_waits_and_keeps_its_old_effect(grown):
+    """On real maps 22 of 99 lines across doorways closed off something else on the next map, and nobody was told."""
+    keeper, _ = grown
+    assert status_of_first(keeper) == (True, "to_be_confirmed") and keeper.needs_confirmation
     assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0)  # not twice as much as was wanted
+
+
+def test_a_border_to_be_confirmed_shows_both_areas(grown):
+    keeper, accepted = grown
     notice = next(notice for notice in keeper.notices if notice.border_id == "b1")
-    assert notice.code == "to_be_confirmed" and notice.values["why"] == "$closes_something_else"
-    assert float(notice.values["before"]) == pytest.approx(accepted, abs=0.5)
-    assert float(notice.values["now"]) > 2.0 * accepted
-    before, after = (cv2.contourArea(np.float32(outline)) for outline in keeper.in_force.outlines("b1"))
-    assert before == pytest.approx(accepted, rel=0.1) and after == pytest.approx(float(notice.values["now"]), rel=0.1)
+    assert (notice.code, notice.values["why"]) == ("to_be_confirmed", "$closes_something_else")
+    area_before, area_now = (float(notice.values[key]) for key in ("before", "now"))
+    assert area_before == pytest.approx(accepted, abs=0.5)
+    assert area_now > 2.0 * accepted
+    outlined = [cv2.contourArea(np.float32(outline)) for outline in keeper.in_force.outlines("b1")]
+    assert outlined == [pytest.approx(accepted, rel=0.1), pytest.approx(area_now, rel=0.1)]
+
+
+def test_what_was_confirmed_is_in_force_also_after_a_restart_until_it_is_undone(grown, restart):
+    keeper, accepted = grown
     keeper.confirm(True, "")
-    assert keeper.in_force.status(keeper.borders[0]) == (True, "") and not keeper.needs_confirmation
-    assert all(len(outline) == 0 for outline in keeper.in_force.outlines("b1"))
-    assert closed_at(keeper, 1.0, 5.0) and keeper.in_force.area_m2("b1") > 2.0 * accepted
+    assert status_of_first(keeper) == (True, "") and not keeper.needs_confirmation
+    assert [len(outline) for outline in keeper.in_force.outlines("b1")] == [0, 0]
+    assert closed_at(keeper, 1.0, 5.0) and keeper.in_force.statuses["b1"].area_m2 > 2.0 * accepted
     cells = keeper.map_with_borders.data.copy()
-    again = restart(flat(seed=1))  # the acceptance is kept
-    assert again.in_force.status(again.borders[0]) == (True, "") and np.array_equal(again.map_with_borders.data, cells)
+    again = restart(flat(seed=1))
+    assert status_of_first(again) == (True, "") and np.array_equal(again.map_with_borders.data, cells)
     again.undo()
-    assert again.in_force.status(again.borders[0]) == (True, "to_be_confirmed")
+    assert status_of_first(again) == (True, "to_be_confirmed")
 
 
 def test_floor_that_the_next_map_does_not_know_yet_is_no_other_effect():
@@ -60,26 +74,26 @@ def test_floor_that_the_next_map_does_not_know_yet_is_no_other_effect():
     keeper = integrator(grid=flat())
     keeper.add(DOOR, 1.0)
     keeper.set_map(flat(seed=1, known=(1.8, 9.0)))
-    assert keeper.in_force.status(keeper.borders[0]) == (True, "") and closed_at(keeper, 2.5, 5.0)
-    region = keeper._recognizer.locate(keeper.borders[0]).region_before(keeper.physical)
+    assert status_of_first(keeper) == (True, "") and closed_at(keeper, 2.5, 5.0)
+    region = transfer_accepted_region(keeper._locator.locate(keeper.borders[0]), keeper.physical)
     assert (keeper.physical.data[region.window][region.mask > 0] == 0).all()
 
 
 def test_a_line_that_no_longer_integrates_keeps_its_old_effect():
     keeper = integrator(grid=flat())
     keeper.add(DOOR, 1.0)
-    before = keeper.in_force.area_m2("b1")
+    before = keeper.in_force.statuses["b1"].area_m2
     furnished = flat(seed=1)
     low, high = furnished.world_to_cell([(2.2, 1.3), (2.9, 1.9)])
     furnished.data[low[0] : high[0], low[1] : high[1]] = 100  # an obstacle on the seed
     keeper.set_map(furnished)
-    assert keeper.in_force.status(keeper.borders[0]) == (True, "to_be_confirmed")
+    assert status_of_first(keeper) == (True, "to_be_confirmed")
     assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 5.0, 1.0)
-    assert keeper.in_force.area_m2("b1") == pytest.approx(before, rel=0.1)
+    assert keeper.in_force.statuses["b1"].area_m2 == pytest.approx(before, rel=0.1)
     # nobody can accept it: it has to be drawn again or removed
     assert next(notice for notice in keeper.notices if notice.border_id).values["why"] == "seed_on_obstacle"
     keeper.confirm(True, "")
-    assert keeper.in_force.status(keeper.borders[0]) == (True, "to_be_confirmed") and not keeper.needs_confirmation
+    assert status_of_first(keeper) == (True, "to_be_confirmed") and not keeper.needs_confirmation
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -169,11 +183,12 @@ def test_the_map_of_acceptance_is_kept_as_long_as_its_border(restart):
 
 
 def state(keeper):
-    verdicts = {
-        key: (verdict.code, verdict.border, verdict.after and verdict.after.area_m2)
-        for key, verdict in keeper.in_force.verdicts.items()
+    """Returns what has to be the same after a restart: the borders' statuses, and the map."""
+    statuses = {
+        key: (status.code, status.map_border, status.region_after and status.region_after.area_m2)
+        for key, status in keeper.in_force.statuses.items()
     }
-    return verdicts, keeper.map_with_borders.data.tolist()
+    return statuses, keeper.map_with_borders.data.tolist()
 
 
 def test_what_is_in_force_is_a_function_of_what_is_stored(restart):
@@ -210,6 +225,6 @@ def test_a_border_that_no_longer_fits_where_accepted_waits():
     keeper.add(DOOR, 1.0)
     accepted = keeper.borders[0].replace(seed=(-50.0, -50.0))
     place = BorderLocation(keeper.borders[0], accepted=accepted, accepted_on=flat())
-    assert place.region_before(flat(seed=1)) is None
+    assert transfer_accepted_region(place, flat(seed=1)) is None
     in_force = compute_in_force(flat(seed=1), [keeper.borders[0]], lambda _border: place)
-    assert in_force.verdicts["b1"].code == "to_be_confirmed" and in_force.outlines("b1")[0].shape == (0, 2)
+    assert in_force.statuses["b1"].code == "to_be_confirmed" and in_force.outlines("b1")[0].shape == (0, 2)

@@ -1,0 +1,212 @@
+"""Locates a border on a new map by the walls round it: maps are distorted, so the whole map's transform is only a start.
+
+The walls within some metres of a border decide where it is. They are searched for near the position where the map's
+transform puts them. If they are found there and nowhere else, the border is there too. If their position is ambiguous
+(along a straight wall, in an open hall), walls a little farther away are included, which may confirm that the border is
+where it is expected; if that stays ambiguous, a person has to confirm it.
+
+Reach and limits were chosen on half of 28 maps that robots recorded, with parts displaced by half a metre;
+docs/results/maps/README.md has the results on the other half and on further maps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Mapping, Optional, Tuple
+
+import numpy as np
+
+from vb_core.grid_map import GridMap
+from vb_map_integration.border import VirtualBorder
+from vb_map_integration.places.registration import WallMap, compare_walls, refine, thin
+from vb_map_integration.places.transform import Transform
+from vb_map_integration.storage.database import KnownMap
+
+_SEEN = 0.5  # share of a border's points that the map must know before a person is asked about the border
+WALL_RADIUS = 3.0  # [m] walls this near a border decide where it is; others may be distorted differently
+WIDER_WALL_RADIUS = 4.5  # [m] the same, where those are ambiguous
+_MAX_WALLS = 300  # wall cells that are compared: `count` of `registration.thin`
+_MIN_WALLS = 10  # with fewer wall cells round it, a border cannot be located
+_SEARCH_REACH = 1.0  # [m] how far from the expected position the walls are searched for
+_SEARCH_STEP = 0.1  # [m]
+_SEARCH_YAWS = np.radians([-8.0, -5.3, -2.7, 0.0, 2.7, 5.3, 8.0])  # [rad]
+_REACHES = (0.6, 0.4, 0.3, 0.2, 0.15, 0.15)  # [m] `reaches` of `registration.refine`
+_SCORED_DISTANCE = 0.25  # [m] a wall cell this far from the new map's nearest wall scores 0
+_MIN_SEPARATION = 0.35  # [m] positions farther apart than this count as different
+_EIGHT_ANGLES = np.arange(8) * (np.pi / 4.0)  # [rad]
+_SHIFTS_ASIDE = _MIN_SEPARATION * np.column_stack([np.cos(_EIGHT_ANGLES), np.sin(_EIGHT_ANGLES)])
+_NO_SEARCH_SHARE = 0.97  # no search if this share of the walls is found again where expected, and clearly less nearby
+_MIN_KNOWN = 0.5  # share of the walls that must be in the known part of the new map
+# what it takes to accept a position: shares of walls found again (see `LocalFit.agreement`), and margin
+_EXPECTED_DISTANCE = 0.15  # [m] up to this far from where it is expected, less is demanded
+_MIN_HIGHER_AGREEMENT = 0.8
+_MIN_LOWER_AGREEMENT = 0.5
+_MIN_MARGIN = 0.05
+_MIN_AGREEMENT_ELSEWHERE = 0.9
+_MIN_MARGIN_ELSEWHERE = 0.1
+
+
+@dataclass(frozen=True)
+class BorderLocation:
+    """Where a border is on the current map.
+
+    Attributes:
+        border: the border at its position on this map.
+        walls_agree: whether the walls round it confirm the position.
+        floor_is_known: whether the map knows the floor there; until it does, no person is asked about the border.
+        others: the border at other possible positions, until a person says where it is.
+        accepted: the border as a person accepted it, on `accepted_on`; None if that is the current map.
+        accepted_on: the map on which it was accepted.
+        transform: transform from that map's frame to the current one's.
+    """
+
+    border: VirtualBorder
+    walls_agree: bool = True
+    floor_is_known: bool = True
+    others: Tuple[VirtualBorder, ...] = ()
+    accepted: Optional[VirtualBorder] = None
+    accepted_on: Optional[GridMap] = None
+    transform: Transform = Transform()
+
+
+@dataclass(frozen=True)
+class BorderLocator:
+    """Locates the borders of a place on one map of it.
+
+    Attributes:
+        grid, map_id: the map, and its fingerprint.
+        stored_maps: the place's stored maps by fingerprint, the oldest first.
+        transform: transform from the place's frame to the map's.
+        other_transform: a second possible one; None if there is none.
+    """
+
+    grid: GridMap
+    map_id: str
+    stored_maps: Mapping[str, KnownMap]
+    transform: Transform
+    other_transform: Optional[Transform]
+
+    @cached_property
+    def _walls(self) -> WallMap:  # only needed for a border that was accepted on another map
+        return WallMap(self.grid)
+
+    def locate(self, border: VirtualBorder) -> BorderLocation:
+        """Locates a stored border: where the walls round it are if these settle its position, else where it is expected."""
+        stored = self.stored_maps.get(border.map_id) or next(iter(self.stored_maps.values()), None)
+        if stored is None or stored.fingerprint == self.map_id:
+            return BorderLocation(border.moved(self.transform))
+        accepted = border.moved(stored.transform)
+        expected = self.transform.after(stored.transform.inverse)
+        fit = fit_locally(wall_map_of(stored), self._walls, expected, accepted.points)
+        points = expected.apply(np.concatenate([accepted.points, [accepted.seed]]))
+        floor_is_known = float(self._walls.is_known(points).mean()) >= _SEEN
+        walls_agree = fit is not None and fit.is_certain
+        others = [accepted.moved(fit.transform)] if fit is not None and fit.is_possible and not walls_agree else []
+        others += [border.moved(self.other_transform)] if self.other_transform is not None else []
+        transform = fit.transform if fit is not None and walls_agree else expected
+        here = accepted.moved(transform)
+        return BorderLocation(here, walls_agree, floor_is_known, tuple(others), accepted, stored.grid, transform)
+
+
+@lru_cache(maxsize=64)
+def wall_map_of(known_map: KnownMap) -> WallMap:
+    """Returns the walls of a stored map."""
+    return WallMap(known_map.grid)
+
+
+@dataclass(frozen=True)
+class LocalFit:
+    """Where the walls round a border are in a new map, and how well they fit there.
+
+    Attributes:
+        transform: from the old map's frame to the new one's, for this border.
+        agreement: shares of the walls round it that are found again, of both directions, the lower one first.
+        known: share of the old map's walls there that are in the known part of the new map.
+        margin: 0 .. 1, how much lower the score of the next best position is, as a share.
+        moved_m: [m] distance from the expected position.
+    """
+
+    transform: Transform
+    agreement: Tuple[float, float]
+    known: float
+    margin: float
+    moved_m: float
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether the border is certainly there: near where it was expected, or elsewhere on more evidence."""
+        lower, higher = self.agreement
+        if self.moved_m > _EXPECTED_DISTANCE:
+            is_found = lower >= _MIN_AGREEMENT_ELSEWHERE and self.margin >= _MIN_MARGIN_ELSEWHERE
+        else:
+            is_found = higher >= _MIN_HIGHER_AGREEMENT and lower >= _MIN_LOWER_AGREEMENT and self.margin >= _MIN_MARGIN
+        return is_found and self.known >= _MIN_KNOWN
+
+    @property
+    def is_ambiguous(self) -> bool:
+        """Whether the walls are found, but fit other positions about as well."""
+        return self.is_possible and self.margin < _MIN_MARGIN
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether the walls allow that the border is there."""
+        return self.known >= _MIN_KNOWN and self.agreement[1] >= _MIN_HIGHER_AGREEMENT
+
+
+def fit_locally(old: WallMap, new: WallMap, expected: Transform, outline: np.ndarray) -> Optional[LocalFit]:
+    """Finds the walls round a border in a new map; None if there are too few.
+
+    Args:
+        expected: the transform from the old map's frame to the new one's at which they are expected.
+        outline: (N, 2) [m] the border's, in the old map's frame.
+    """
+    near = _fit(WALL_RADIUS, old, new, expected, outline)
+    if near is not None and not near.is_ambiguous:
+        return near
+    wider = _fit(WIDER_WALL_RADIUS, old, new, expected, outline)
+    return wider if wider is not None and wider.is_certain and wider.moved_m <= _EXPECTED_DISTANCE else near
+
+
+def _fit(radius: float, old: WallMap, new: WallMap, expected: Transform, outline: np.ndarray) -> Optional[LocalFit]:
+    """Finds the walls within a radius [m] of a border in a new map, as `fit_locally` does."""
+    walls = old.walls_near(outline, radius)
+    if len(walls) < _MIN_WALLS:
+        return None
+    sample = thin(walls, _MAX_WALLS)
+    center = outline.mean(axis=0)
+    here, *aside = _scores(sample, new, expected, np.concatenate([[[0.0, 0.0]], _SHIFTS_ASIDE]))
+    share, _ = compare_walls(expected.apply(walls), new)
+    if share >= _NO_SEARCH_SHARE and max(aside) <= (1.0 - _MIN_MARGIN) * here:
+        best, margin = expected, 1.0 - max(aside) / here
+    else:
+        best, margin = _search(sample, new, expected, center)
+        new_walls = new.walls_near(best.apply(outline), radius)
+        best = refine(old, new, best, (sample, new_walls), center, _REACHES)
+    forward, known = compare_walls(best.apply(walls), new)
+    backward, _ = compare_walls(best.inverse.apply(new.walls_near(best.apply(outline), radius)), old)
+    moved = float(np.linalg.norm(best.apply(center)[0] - expected.apply(center)[0]))
+    return LocalFit(best, (min(forward, backward), max(forward, backward)), known, margin, moved)
+
+
+def _search(walls: np.ndarray, new: WallMap, expected: Transform, center: np.ndarray) -> Tuple[Transform, float]:
+    """Searches a grid of positions round the expected one; returns the best transform, and its `LocalFit.margin`."""
+    expected_center = expected.apply(center)[0]
+    count = round(_SEARCH_REACH / _SEARCH_STEP)
+    steps = np.arange(-count, count + 1) * _SEARCH_STEP
+    shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    transforms = [Transform.turning(center, expected_center, expected.yaw + turn) for turn in _SEARCH_YAWS]
+    scores = np.array([_scores(walls, new, transform, shifts) for transform in transforms])
+    turn, shift = np.unravel_index(int(np.argmax(scores)), scores.shape)
+    is_apart = np.linalg.norm(shifts - shifts[shift], axis=1) > _MIN_SEPARATION
+    margin = 1.0 - float(scores[:, is_apart].max()) / max(1e-9, float(scores[turn, shift]))
+    return Transform.turning(center, expected_center + shifts[shift], expected.yaw + _SEARCH_YAWS[turn]), margin
+
+
+def _scores(walls: np.ndarray, new: WallMap, transform: Transform, shifts: np.ndarray) -> np.ndarray:
+    """Scores (K,), 0 .. 1, how near walls (N, 2) are to the new map's, at each of the shifts (K, 2) [m]."""
+    points = transform.apply(walls)[None] + shifts[:, None]
+    distances, is_known = new.distances(points.reshape(-1, 2))
+    nearness = np.maximum(0.0, 1.0 - np.square(distances / _SCORED_DISTANCE)) * is_known
+    known_counts = is_known.reshape(len(shifts), -1).sum(axis=1)
+    return nearness.reshape(len(shifts), -1).sum(axis=1) / np.maximum(known_counts, _MIN_KNOWN * len(walls))
