@@ -31,8 +31,8 @@ from bench.harness import TOP, Table, arguments, quantiles
 from bench.lab.camera_clip import FRAMES, clip, scene, serving, write_files
 from bench.lab.page_nodes import node_process, start, wait
 from vb_core import names
+from vb_core.child_processes import Child
 from vb_core.ros.messages import message_from_transform
-from vb_evaluation.child_processes import Child
 from vb_laser_detect.camera.camera_files import save_lens
 from vb_msgs.msg import DetectorStatus, LaserSpot
 

@@ -11,7 +11,7 @@ from geometry_msgs.msg import Pose2D
 from rich.console import Console
 
 from vb_evaluation import demo
-from vb_evaluation.move_base_goals import GoalOutcome
+from vb_evaluation.running_system.move_base_goals import GoalOutcome
 from vb_msgs.msg import InteractionState, LabState
 from vb_sim.room import floor_plan
 

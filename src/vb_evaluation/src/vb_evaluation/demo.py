@@ -28,13 +28,13 @@ from rich.table import Table
 from roslib.packages import find_node
 
 from vb_core import names
+from vb_core.child_processes import Child, free_port, roslaunch
 from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import chain_length
 from vb_core.ros import services
 from vb_evaluation import metrics
-from vb_evaluation.move_base_goals import GoalOutcome, GoalRunner
-from vb_evaluation.observer import Observer, wait_until
-from vb_evaluation.child_processes import Child, free_port, roslaunch
+from vb_evaluation.running_system.move_base_goals import GoalOutcome, GoalRunner
+from vb_evaluation.running_system.observer import Observer, wait_until
 from vb_evaluation.provenance import repository_top
 from vb_evaluation.report.paper_results import METHOD_TITLES
 from vb_msgs.srv import SaveMap, SaveMapRequest

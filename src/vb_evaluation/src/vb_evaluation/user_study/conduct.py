@@ -209,6 +209,6 @@ def read_keys() -> Iterator[str]:
 
 def roslaunch(planned: NextRun) -> Callable[[], None]:
     """Starts the system as planned. Returns what stops it."""
-    from vb_evaluation.child_processes import Child
+    from vb_core.child_processes import Child
 
     return Child(list(planned.command), planned.folder / "launch.log").stop

@@ -14,7 +14,7 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 
 from vb_core import names
 from vb_core.ros.messages import message_from_pose2d
-from vb_evaluation.observer import wait_until
+from vb_evaluation.running_system.observer import wait_until
 from vb_msgs.msg import LabState
 
 AT_GOAL = 0.5  # [m] above navigation's tolerance and the localisation error (0.1 each), below a false report's (metres)

@@ -24,7 +24,7 @@ from vb_core.navigation_parameters import is_trinary
 from vb_core.ros import messages
 from vb_core.ros.services import call
 from vb_core.ros.transforms import TransformLookup
-from vb_evaluation.observer import Observer, wait_until
+from vb_evaluation.running_system.observer import Observer, wait_until
 from vb_msgs.msg import RobotStatus, RobotStatusArray, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
 
