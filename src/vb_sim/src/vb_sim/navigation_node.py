@@ -19,8 +19,8 @@ from std_srvs.srv import Empty, EmptyResponse
 
 from vb_core import geometry, names
 from vb_core.errors import CodedError
-from vb_core.parameters import Parameters, param
 from vb_core.geometry import Pose
+from vb_core.parameters import Parameters, param
 from vb_core.robot_profile import RobotProfile
 from vb_core.ros import messages, node, parameters, robot_profile
 from vb_core.ros.transforms import TransformLookup

@@ -14,8 +14,8 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.map_files import read_map, write_map
 from vb_evaluation import metrics
-from vb_evaluation.report.study_files import StudyResults, select
 from vb_evaluation.report.paper_results import method_title
+from vb_evaluation.report.study_files import StudyResults, select
 
 # RGB, the paper's colours
 TRUTH, AGREEMENT, EXCESS, UNION = (247, 214, 70), (64, 176, 88), (222, 60, 50), (25, 60, 220)

@@ -20,24 +20,24 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.ros import commands, parameters
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message
+from vb_evaluation.in_process_ros.launch_file import import_nodes, start_launch
+from vb_evaluation.in_process_ros.rospy_stand_in import Graph, Node
+from vb_evaluation.in_process_ros.threading_stand_in import Scheduler, replaced
 from vb_evaluation.provenance import repository_top
 from vb_evaluation.simulated_study.config import METHODS, Study, Traits
-from vb_evaluation.simulated_study.study_camera_node import RenderCache, StudyCeilingCameras, StudyRobotCamera
 from vb_evaluation.simulated_study.run_plan import Job
-from vb_evaluation.in_process_ros.rospy_stand_in import Graph, Node
-from vb_evaluation.in_process_ros.launch_file import import_nodes, start_launch
-from vb_evaluation.in_process_ros.threading_stand_in import Scheduler, replaced
+from vb_evaluation.simulated_study.study_camera_node import RenderCache, StudyCeilingCameras, StudyRobotCamera
 from vb_fusion import extraction
 from vb_msgs.msg import LaserSpot, VirtualBorderArray
-from vb_sim.room import floor_plan
-from vb_sim.robot.path_planner import Costmap, Planner
-from vb_sim.person.hand import perceive_border
-from vb_sim.simulated_lab import Lab
 from vb_sim.lab_simulator_node import LabSimulatorNode, LabSimulatorParams
-from vb_sim.person.walking import distance_to_chain
 from vb_sim.map_server_node import MapServerNode
 from vb_sim.participant_node import ParticipantNode, ParticipantParams
+from vb_sim.person.hand import perceive_border
+from vb_sim.person.walking import distance_to_chain
+from vb_sim.robot.path_planner import Costmap, Planner
+from vb_sim.room import floor_plan
 from vb_sim.room.world import Scenario, World
+from vb_sim.simulated_lab import Lab
 
 OFF_THE_LINE = 0.4  # [m] people do not stand on what they draw
 START_NS = 1_000_000_000_000  # keeps every timestamp away from zero, which would mean none

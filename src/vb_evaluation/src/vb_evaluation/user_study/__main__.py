@@ -11,9 +11,9 @@ from typing import Any, Callable, Iterable, Iterator, List, Optional
 from vb_core.errors import CodedError
 from vb_core.map_files import read_map
 from vb_evaluation import statistics
-from vb_evaluation.user_study import blind_judging, conduct, forms, recording_measures, privacy, protocol
 from vb_evaluation.report import answers
 from vb_evaluation.report.html_page import write_report
+from vb_evaluation.user_study import blind_judging, conduct, forms, privacy, protocol, recording_measures
 
 
 def main(arguments: Optional[List[str]] = None) -> int:

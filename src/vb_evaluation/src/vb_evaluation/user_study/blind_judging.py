@@ -13,8 +13,8 @@ from typing import Dict, List
 from vb_core.errors import CodedError
 from vb_core.map_files import read_map
 from vb_evaluation.metrics import restricted_cells
-from vb_evaluation.report.study_files import RUNS, read_sheet, write_table, yes_or_no
 from vb_evaluation.report.map_figures import draw_map
+from vb_evaluation.report.study_files import RUNS, read_sheet, write_table, yes_or_no
 
 FOLDER, SHEET, KEY = "judging", "judgements.csv", "judging_key.csv"
 

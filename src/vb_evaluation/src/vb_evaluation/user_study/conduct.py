@@ -18,10 +18,10 @@ import yaml
 
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
-from vb_evaluation.user_study import protocol
-from vb_evaluation.user_study.recording_measures import deviations, last_attempt
-from vb_evaluation.user_study.recording import BAGS, EVENTS, RUN, Recording
 from vb_evaluation.provenance import revision
+from vb_evaluation.user_study import protocol
+from vb_evaluation.user_study.recording import BAGS, EVENTS, RUN, Recording
+from vb_evaluation.user_study.recording_measures import deviations, last_attempt
 
 SETTINGS = "kit.yaml"
 TEMPLATE = """# How study_kit run starts the system. Arguments are those of the launch file; record:= comes from the protocol.

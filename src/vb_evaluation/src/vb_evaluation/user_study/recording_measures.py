@@ -11,15 +11,15 @@ import cv2
 import numpy as np
 
 from vb_core.errors import CodedError
-from vb_core.grid_map import GridMap, nearest_cell
 from vb_core.files import write_atomically
+from vb_core.grid_map import GridMap, nearest_cell
 from vb_core.map_files import write_map
 from vb_evaluation import metrics
+from vb_evaluation.report.map_figures import write_truths
+from vb_evaluation.report.study_files import META, REQUIRED, RUNS, SHEETS, STATES, WARNINGS
+from vb_evaluation.report.study_files import read_meta, read_sheet, write_table
 from vb_evaluation.user_study import blind_judging, protocol
 from vb_evaluation.user_study.recording import Recording
-from vb_evaluation.report.study_files import META, REQUIRED, RUNS, SHEETS, STATES, WARNINGS, read_meta, read_sheet
-from vb_evaluation.report.study_files import write_table
-from vb_evaluation.report.map_figures import write_truths
 
 _TIMES = (*STATES, "total")
 SEED_REACH = 0.2  # [m] from a seed to the free floor that it means

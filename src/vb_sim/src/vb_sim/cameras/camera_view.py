@@ -10,8 +10,8 @@ import numpy as np
 
 from vb_core.camera_model import CameraModel
 from vb_sim.lab_history import Pose2, Snapshot
-from vb_sim.room import bodies
 from vb_sim.models import Models, make_generator
+from vb_sim.room import bodies
 from vb_sim.room.laser_spot import SpotImage, add_spot, render_spot
 
 _PERSON_RADIUS = 0.26  # [m] of the average person's shadow

@@ -18,8 +18,8 @@ from vb_sim.lab_history import Snapshot
 from vb_sim.models import Models
 from vb_sim.room import bodies
 from vb_sim.room.floor_texture import FloorTexture
-from vb_sim.room.mesh import DepthBuffer, Mesh, RayGrid
 from vb_sim.room.laser_spot import SpotImage
+from vb_sim.room.mesh import DepthBuffer, Mesh, RayGrid
 from vb_sim.room.world import CeilingCamera
 
 # moving objects are drawn at half the resolution, because a Bayer pattern resolves colour no better

@@ -14,8 +14,8 @@ from vb_sim.lab_history import Pose2, Snapshot
 from vb_sim.models import Models
 from vb_sim.room import bodies
 from vb_sim.room.floor_texture import FloorTexture
-from vb_sim.room.mesh import DepthBuffer, Mesh, RayGrid
 from vb_sim.room.laser_spot import SpotImage
+from vb_sim.room.mesh import DepthBuffer, Mesh, RayGrid
 from vb_sim.room.world import Robot
 
 _CEILING = (206, 204, 198)
