@@ -11,8 +11,8 @@ from vb_core import geometry
 from vb_sim.person.hand import Stroke, Tremor, perceive_border, load_styles
 from vb_sim.person.walking import distance_to_chain
 from vb_sim.models import ParticipantModel
-from vb_sim.person.participant import Person
-from vb_sim.person.participant_methods import NetworkRobotSystemScript, RobotOnlyScript, choose_order
+from vb_sim.person.participant_methods import choose_order, make_script
+from vb_sim.person.person import Person
 from vb_sim.room.world import load_world
 from closed_loop import DT, System
 
@@ -28,10 +28,7 @@ def chain_of(border, closed):
 
 
 def system(key="carpet", method="nrs", seed=1, covered=EVERYWHERE, model=ParticipantModel(), **options):
-    scenario = WORLD.scenario(key)
-    near = scenario.stand if method == "nrs" else np.array(WORLD.robots[0].start[:2])
-    person = Person(WORLD, scenario, model, seed, near, method)
-    script = NetworkRobotSystemScript(person) if method == "nrs" else RobotOnlyScript(person)
+    script = make_script(WORLD, WORLD.scenario(key), model, method, seed)
     return System(script, WORLD.robots[0].start_pose(), covered, **{"follows": method != "nrs", **options})
 
 
@@ -111,7 +108,7 @@ def test_mistakes_are_drawn_for_each_run():
 
     def errs(seed, method):
         scenario, model = WORLD.scenario("carpet"), ParticipantModel(wrong_side=0.5)
-        return bool(np.any(Person(WORLD, scenario, model, seed, scenario.stand, method).seed != scenario.seed))
+        return bool(np.any(Person(WORLD, scenario, model, seed, method).seed != scenario.seed))
 
     errors = [(errs(seed, "nrs"), errs(seed, "robot_only")) for seed in range(40)]
     assert errors[:5] == [(errs(seed, "nrs"), errs(seed, "robot_only")) for seed in range(5)]

@@ -128,7 +128,9 @@ def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> 
         if job.file != RUNS:
             return Outcome(job, row)
         name = f"maps/p{job.participant:02d}_{job.scenario}_{job.method}.yaml"
-        return Outcome(job, {**row, "order": job.order, "map": "" if ended.seed is None else name}, ended.posterior)
+        return Outcome(
+            job, {**row, "order": job.order, "map": "" if ended.saved_seed is None else name}, ended.posterior
+        )
     except Exception as error:
         return Outcome(job, fault=str(error) if isinstance(error, CodedError) else traceback.format_exc())
 
@@ -141,10 +143,10 @@ def measure(run: LiveRun) -> Dict[str, object]:
     enclosed = (metrics.enclosed(floor, cells & floor, run.truth) for cells in (run.truth, restricted))
     # over every interaction of the run: cancelled ones took time too
     times = [sum(float(record[f"{state}_s"]) for record in run.records) for state in study_files.STATES]
-    saved = run.seed is not None
+    saved = run.saved_seed is not None
     requested_area = Polygon(run.scenario.region)
     script = run.script
-    seed_is_right = int(saved and requested_area.contains(Point(run.seed)))
+    seed_is_right = int(saved and requested_area.contains(Point(run.saved_seed)))
     return {
         # border points and a seed on the right side, whatever the accuracy (paper, Sect. 5.5)
         "completed": seed_is_right,
@@ -155,7 +157,7 @@ def measure(run: LiveRun) -> Dict[str, object]:
         "seed_is_right": seed_is_right,
         # 0: the person was drawn to point at the wrong side
         "pointed_right": int(requested_area.contains(Point(script.person.seed))),
-        "tries": script.person.tries,
+        "tries": script.tries,
         "spots": len(run.spots),
         "robot_collisions": sum(robot.collisions for robot in run.lab.robots),
         "jaccard_enclosed": round(metrics.jaccard(*enclosed), 4),

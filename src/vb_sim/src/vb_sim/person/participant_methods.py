@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import Callable, Generator, List, Optional
+from typing import Callable, Dict, Generator, List, Optional, Type
 
 import numpy as np
 from shapely.geometry import Point, Polygon
 
 from vb_core import geometry
+from vb_sim.models import ParticipantModel
 from vb_sim.person.hand import Stroke
-from vb_sim.person.participant import FEEDBACK_GAP, ParticipantScript, Step
+from vb_sim.person.participant_script import ParticipantScript
+from vb_sim.person.person import FEEDBACK_GAP, Person, Step
 from vb_sim.person.walking import distance_to_chain
+from vb_sim.room.world import Scenario, World
 
 LOST = 1.5  # [s] without feedback after which the robot has lost the spot
 EDGE_BEARING = math.radians(24.0)  # bearing at which the spot is about to leave the image of the robot's camera
@@ -350,3 +353,13 @@ class NetworkRobotSystemScript(ParticipantScript):
                 break
             person.step_aside(person.spot, person.scenario.border)
         yield from person.wait_for_seed(2.0)
+
+
+SCRIPTS: Dict[str, Type[ParticipantScript]] = {"nrs": NetworkRobotSystemScript, "robot_only": RobotOnlyScript}
+
+
+def make_script(
+    world: World, scenario: Scenario, model: ParticipantModel, method: str, random_seed: int
+) -> ParticipantScript:
+    """Creates the script of a person who carries out a scenario with a method, one of SCRIPTS."""
+    return SCRIPTS[method](Person(world, scenario, model, random_seed, method))
