@@ -174,8 +174,7 @@ class StandIns:
                 continue
             for attribute, real in _REAL.items():
                 if module is not None and module.__dict__.get(attribute) is real:
-                    setattr(module, attribute, self.modules[attribute])
-                    self._undone.callback(setattr, module, attribute, real)
+                    self._undone.enter_context(replaced({module: {attribute: self.modules[attribute]}}))
 
 
 class _Module:

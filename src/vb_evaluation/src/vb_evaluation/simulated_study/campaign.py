@@ -71,15 +71,8 @@ def run_jobs(study: Study, jobs: Sequence[Job], folder: Path, console: Console, 
     """
     facts = describe(study)
     open_folder(folder, configuration(study), facts)
-    world = study.world
-    truths = {key: floor_plan.ground_truth(world, world.scenario(key)) for key in study.design.scenarios}
-    write_truths(folder, floor_plan.physical_map(world), truths)
-    if any(job.file == WORLDS for job in jobs):
-        worlds = draw_worlds(study, study.design.worlds, study.design.seed)
-        write_table(
-            folder / DRAWS, ["draw", *worlds[0]], [{"draw": draw, **factors} for draw, factors in enumerate(worlds, 1)]
-        )
-    remaining = [job for job in jobs if not _row(folder, job).exists()]
+    _write_inputs(study, jobs, folder)
+    remaining = [job for job in jobs if not _row_file(folder, job).exists()]
     if len(remaining) < len(jobs):
         console.print(f"{len(jobs) - len(remaining)} of {len(jobs)} runs are done already")
     failed = 0
@@ -87,17 +80,13 @@ def run_jobs(study: Study, jobs: Sequence[Job], folder: Path, console: Console, 
     try:
         outcomes = parallel(joblib.delayed(_work)(study.document, study.sources, job) for job in remaining)
         for outcome in track(outcomes, "study", len(remaining), console=console):
-            job = outcome.job
             if outcome.row is None:
                 failed += 1
-                console.print(f"failed: {job.name}: {outcome.fault}", markup=False)
-                continue
-            if outcome.grid is not None and outcome.row.get("map"):
-                write_map(folder / outcome.row["map"][: -len(".yaml")], outcome.grid)
-            row = {**outcome.row, "revision": facts["revision"]}
-            write_atomically(_row(folder, job), json.dumps(row, default=lambda value: value.item()).encode())
+                console.print(f"failed: {outcome.job.name}: {outcome.fault}", markup=False)
+            else:
+                _store(outcome, folder, facts["revision"])
     except KeyboardInterrupt:
-        done = sum(_row(folder, job).exists() for job in jobs)
+        done = sum(_row_file(folder, job).exists() for job in jobs)
         console.print(
             f"interrupted: {done} of {len(jobs)} runs are done and kept in {folder}; the same command goes on from there"
         )
@@ -110,7 +99,26 @@ def run_jobs(study: Study, jobs: Sequence[Job], folder: Path, console: Console, 
     return failed
 
 
-def _row(folder: Path, job: Job) -> Path:
+def _write_inputs(study: Study, jobs: Sequence[Job], folder: Path) -> None:
+    """Writes what the runs are measured against, and the factors of the plausible worlds if there are any."""
+    world = study.world
+    truths = {key: floor_plan.ground_truth(world, world.scenario(key)) for key in study.design.scenarios}
+    write_truths(folder, floor_plan.physical_map(world), truths)
+    if any(job.file == WORLDS for job in jobs):
+        worlds = draw_worlds(study, study.design.worlds, study.design.seed)
+        rows = [{"draw": draw, **factors} for draw, factors in enumerate(worlds, 1)]
+        write_table(folder / DRAWS, list(rows[0]), rows)
+
+
+def _store(outcome: Outcome, folder: Path, revision: str) -> None:
+    """Keeps a run's map, if it has one, and then its row, which says that the run is done."""
+    if outcome.grid is not None and outcome.row.get("map"):
+        write_map(folder / outcome.row["map"][: -len(".yaml")], outcome.grid)
+    row = {**outcome.row, "revision": revision}
+    write_atomically(_row_file(folder, outcome.job), json.dumps(row, default=lambda value: value.item()).encode())
+
+
+def _row_file(folder: Path, job: Job) -> Path:
     """Returns the file of a run's row. It exists only once the run is done, so that nothing is ever half written."""
     return folder / ROWS / f"{job.name}.json"
 
@@ -127,10 +135,8 @@ def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> 
         row = {**job.columns(study.design.seed), **measure(ended)}
         if job.file != RUNS:
             return Outcome(job, row)
-        name = f"maps/p{job.participant:02d}_{job.scenario}_{job.method}.yaml"
-        return Outcome(
-            job, {**row, "order": job.order, "map": "" if ended.saved_seed is None else name}, ended.posterior
-        )
+        map_file = f"maps/p{job.participant:02d}_{job.scenario}_{job.method}.yaml" if ended.saved_seed else ""
+        return Outcome(job, {**row, "order": job.order, "map": map_file}, ended.posterior)
     except Exception as error:
         return Outcome(job, fault=str(error) if isinstance(error, CodedError) else traceback.format_exc())
 
