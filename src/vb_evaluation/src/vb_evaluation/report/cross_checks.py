@@ -27,16 +27,8 @@ def paper_comparison_section(study: StudyResults) -> List[Block]:
     if not rows:
         return []
     counts = {word: sum(row["reading"].startswith(word) for row in rows) for word in ("same", "better", "worse")}
-    heads = columns(
-        "scenario",
-        "quantity",
-        "paper",
-        "here",
-        "difference",
-        "reading",
-        here="Here [95 %]",
-        difference="Here minus paper",
-    )
+    keys = ("scenario", "quantity", "paper", "here", "difference", "reading")
+    heads = columns(*keys, here="Here [95 %]", difference="Here minus paper")
     return [
         f"{paper_results.CITATION}. It measured 15 people in a real lab.",
         (
@@ -104,21 +96,17 @@ def plausible_worlds_section(study: StudyResults) -> List[Block]:
     paired_rows = select(table, method=first).merge(
         select(table, method=baseline), on=["draw", "scenario"], suffixes=("", "_base")
     )
-    return [
-        (
-            f"All {len(inputs)} assumptions vary together over their plausible ranges: a Latin hypercube of "
-            f"{table.draw.nunique()} draws."
-        ),
-        Table(
-            "worlds",
-            columns("conclusion", "worlds", "holds", "n", holds="holds in [%] of worlds", n="Number"),
-            conclusions(study, paired_rows),
-            {"holds": 0},
-            words="Wilson's 95 % intervals. The ranges are assumed, too: a share of worlds is no probability that a conclusion is "
-            "true. A world is a draw of all assumptions, with one person who tries both methods. "
-            "Too bright: the lab's own check of the cameras asks for a shorter exposure before anybody draws.",
-        ),
-    ]
+    introduction = (
+        f"All {len(inputs)} assumptions vary together over their plausible ranges: a Latin hypercube of "
+        f"{table.draw.nunique()} draws."
+    )
+    heads = columns("conclusion", "worlds", "holds", "n", holds="holds in [%] of worlds", n="Number")
+    words = (
+        "Wilson's 95 % intervals. The ranges are assumed, too: a share of worlds is no probability that a conclusion is "
+        "true. A world is a draw of all assumptions, with one person who tries both methods. "
+        "Too bright: the lab's own check of the cameras asks for a shorter exposure before anybody draws."
+    )
+    return [introduction, Table("worlds", heads, conclusions(study, paired_rows), {"holds": 0}, words)]
 
 
 def _completed(rows: pandas.DataFrame, column: str) -> Tuple[pandas.Series, pandas.Series]:
@@ -148,12 +136,6 @@ def conclusions(study: StudyResults, worlds: pandas.DataFrame) -> List[Dict[str,
     for claim, (holds, is_known) in claims.items():
         for scope, within in scopes.items():
             outcomes = holds[is_known & within]
-            rows.append(
-                {
-                    "conclusion": claim,
-                    "worlds": scope,
-                    "n": len(outcomes),
-                    "holds": statistics.proportion(int(outcomes.sum()), len(outcomes)).scaled(100.0),
-                }
-            )
+            share = statistics.proportion(int(outcomes.sum()), len(outcomes)).scaled(100.0)
+            rows.append({"conclusion": claim, "worlds": scope, "n": len(outcomes), "holds": share})
     return rows

@@ -90,12 +90,8 @@ def representatives(study: StudyResults) -> Tuple[List[Tuple[str, str]], List[st
                     continue
                 drawn = metrics.restricted_cells(prior, read_map(study.folder / row["map"]))
                 score = metrics.jaccard(truth, drawn)
-                images.append(
-                    (
-                        _uri(draw_map(prior, truth, drawn)),
-                        f"{title}: {method_title(method).lower()}, Jaccard {score:.3f}, line {row.name}",
-                    )
-                )
+                caption = f"{title}: {method_title(method).lower()}, Jaccard {score:.3f}, line {row.name}"
+                images.append((_uri(draw_map(prior, truth, drawn)), caption))
         except CodedError as error:
             notes.append(f"{scenario}: {error.message}.")
     return images, notes

@@ -129,16 +129,9 @@ def participants_section(study: StudyResults) -> List[Block]:
     blocks: List[Block] = []
     if study.people and demographics_file.is_file():
         demographics = read_sheet(demographics_file, ("participant",)).drop(columns="participant")
-        blocks.append(
-            Table(
-                "demographics",
-                columns("question", "answers", answers=f"Answers of {len(demographics)} people"),
-                [
-                    {"question": column, "answers": _summary(answers[answers != ""])}
-                    for column, answers in demographics.items()
-                ],
-            )
-        )
+        heads = columns("question", "answers", answers=f"Answers of {len(demographics)} people")
+        rows = [{"question": key, "answers": _summary(column[column != ""])} for key, column in demographics.items()]
+        blocks.append(Table("demographics", heads, rows))
     if study.people and questionnaire_file.is_file():
         replies = read_questionnaire(questionnaire_file)
         rows = [
@@ -155,14 +148,12 @@ def participants_section(study: StudyResults) -> List[Block]:
         heads = columns(
             "statement", "nrs", "robot_only", "shift", "z", "p", "holm", "r", "n", shift="Difference", n="People"
         )
-        blocks += [
-            (
-                "The paper's five statements (1 to 5, 5 is the good end) and the UEQ-S (−3 to 3): means, Hodges-Lehmann difference, "
-                "Wilcoxon signed-rank test; Holm over the statements and over the scales."
-            ),
-            Table("questionnaire", heads, rows, {"z": 3}),
-            f"{QUESTION} Yes: {replies.helped} of {replies.asked}.",
-        ]
+        introduction = (
+            "The paper's five statements (1 to 5, 5 is the good end) and the UEQ-S (−3 to 3): means, Hodges-Lehmann difference, "
+            "Wilcoxon signed-rank test; Holm over the statements and over the scales."
+        )
+        helped = f"{QUESTION} Yes: {replies.helped} of {replies.asked}."
+        blocks += [introduction, Table("questionnaire", heads, rows, {"z": 3}), helped]
     return blocks
 
 
