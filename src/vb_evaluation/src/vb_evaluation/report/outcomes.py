@@ -214,8 +214,7 @@ def _count_outcomes(study: StudyResults) -> List[Block]:
     failures = [
         {
             "participant": row["participant"],
-            "scenario": study.scenario_title(row["scenario"]),
-            "method": paper_results.method_title(row["method"]),
+            **study.titles(row["scenario"], row["method"]),
             **{name: row[name] if isinstance(row[name], str) else f"{row[name]:g}" for name in explanations},
         }
         for row in failed.to_dict("records")

@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import json
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
@@ -67,6 +68,10 @@ class StudyResults:
         """Returns a scenario's name for people, as study.json or else the paper has it."""
         return str((self.meta.get("scenarios") or {}).get(key) or paper_results.scenario_title(key))
 
+    def titles(self, scenario: str, method: str) -> Dict[str, str]:
+        """Returns the cells of a row that name a scenario and a method for people."""
+        return {"scenario": self.scenario_title(scenario), "method": paper_results.method_title(method)}
+
     @property
     def scenarios(self) -> List[str]:
         """The scenarios in runs.csv: the paper's in its order, then the others as in study.json."""
@@ -95,28 +100,20 @@ class StudyResults:
         Args:
             where: only the runs with these values are measured.
         """
-        return [
-            {
-                "scenario": self.scenario_title(scenario),
-                "method": paper_results.method_title(method),
-                **measure(
-                    select(self.runs, scenario=scenario, method=method, **where),
-                    *paper_results.published(scenario, method),
-                ),
-            }
-            for scenario in self.scenarios
-            for method in self.methods
-        ]
+        rows = []
+        for scenario, method in product(self.scenarios, self.methods):
+            runs = select(self.runs, scenario=scenario, method=method, **where)
+            measures = measure(runs, *paper_results.published(scenario, method))
+            rows.append({**self.titles(scenario, method), **measures})
+        return rows
 
     @property
     def missing(self) -> List[str]:
         """The runs that a participant lacks and others have, in words."""
         present = set(zip(self.runs.participant, self.runs.scenario, self.runs.method))
         return [
-            f"{person}, {self.scenario_title(scenario)}, {paper_results.method_title(method)}"
-            for person in self.runs.participant.unique()
-            for scenario in self.scenarios
-            for method in self.methods
+            ", ".join((person, *self.titles(scenario, method).values()))
+            for person, scenario, method in product(self.runs.participant.unique(), self.scenarios, self.methods)
             if (person, scenario, method) not in present
         ]
 

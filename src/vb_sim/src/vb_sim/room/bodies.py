@@ -160,14 +160,9 @@ def person_pieces(
         tip = hand + beam / max(1e-6, float(np.linalg.norm(beam))) * 0.09
         joints = [shoulder, 0.5 * (shoulder + hand) - (0.0, 0.0, 0.06), hand, tip]
     count = len(joints) - 1
-    arm = BodyParts(
-        np.array(joints[:-1]),
-        np.array(joints[1:]),
-        breadth * _ARM_LOW_RADII[:count],
-        breadth * _ARM_HIGH_RADII[:count],
-        np.full(count, yaw),
-        _ARM_COLORS[:count],
-    )
+    low_radii, high_radii = breadth * _ARM_LOW_RADII[:count], breadth * _ARM_HIGH_RADII[:count]
+    low, high = np.array(joints[:-1]), np.array(joints[1:])
+    arm = BodyParts(low, high, low_radii, high_radii, np.full(count, yaw), _ARM_COLORS[:count])
     body = _PERSON.move_to(x, y, yaw)
     return join_pieces([body if build == AVERAGE else body.scale_to((x, y), build), arm])
 
