@@ -151,11 +151,8 @@ def read_study(folder: Path) -> StudyResults:
     folder = Path(folder)
     if not (folder / RUNS).is_file():
         raise CodedError("bad_study", f"{folder / RUNS} is missing: run 'make study' first, or name the study's folder")
-    tables = {
-        name: read_table(folder / name, conditions)
-        for name, conditions in CONDITIONS.items()
-        if (folder / name).is_file()
-    }
+    files = [name for name in CONDITIONS if (folder / name).is_file()]
+    tables = {name: read_table(folder / name, CONDITIONS[name]) for name in files}
     tables = {name: table for name, table in tables.items() if len(table) or name == RUNS}
     runs = tables[RUNS]
     planned = runs["as_planned"] != "0" if "as_planned" in runs else np.ones(len(runs), bool)
@@ -174,14 +171,9 @@ def read_sheet(path: Path, required: Iterable[str], code: str = "bad_study") -> 
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
         head = text.split("\n", 1)[0]
-        sheet = pandas.read_csv(
-            io.StringIO(text),
-            sep=";" if head.count(";") > head.count(",") else ",",
-            dtype=str,
-            keep_default_na=False,
-            skip_blank_lines=False,
-            index_col=False,
-        )
+        separator = ";" if head.count(";") > head.count(",") else ","
+        options = {"dtype": str, "keep_default_na": False, "skip_blank_lines": False, "index_col": False}
+        sheet = pandas.read_csv(io.StringIO(text), sep=separator, **options)
     except (OSError, ValueError) as error:
         raise CodedError(code, f"cannot read {path}: {error}") from None
     missing = [column for column in required if column not in sheet]
@@ -204,14 +196,12 @@ def read_table(path: Path, conditions: Sequence[str]) -> pandas.DataFrame:
     table = read_sheet(path, (*REQUIRED, *conditions))
     for column in (*MEASURES, *_FURTHER, *conditions):
         text = table.get(column, pandas.Series("", table.index))
-        numbers = pandas.to_numeric(text.str.lower().replace({"true": "1", "false": "0"}), errors="coerce").astype(
-            float
-        )
+        digits = text.str.lower().replace({"true": "1", "false": "0"})
+        numbers = pandas.to_numeric(digits, errors="coerce").astype(float)
         wrong = ~np.isfinite(numbers) & ((text != "") | (column in conditions)) & (column not in _FURTHER)
         if wrong.any():
-            raise CodedError(
-                "bad_study", f"{path}, line {wrong.idxmax()}: {column}: expected a number, got {text[wrong].iloc[0]!r}"
-            )
+            reason = f"expected a number, got {text[wrong].iloc[0]!r}"
+            raise CodedError("bad_study", f"{path}, line {wrong.idxmax()}: {column}: {reason}")
         table[column] = numbers
     table["completed"] = table.completed.where(table.completed.isna() | (table.completed == 0), 1.0)
     return table
