@@ -165,13 +165,10 @@ def test_a_sheet_is_read_as_spreadsheets_write_it(tmp_path):
 def test_methods_and_scenarios_keep_their_order_without_unplanned_runs(tmp_path):
     columns = ["participant", "scenario", "method", "seed", "completed", *TIMES, "jaccard", "as_planned", "helped"]
     rows = [
-        {"participant": person, "scenario": scenario, "method": method, "completed": done, "as_planned": planned}
-        for person, scenario, method, done, planned in (
-            ("p2", "corner", "robot_only", "true", ""),
-            ("p1", "door", "other", "2", "1"),
-            ("p1", "desk", "nrs", "0", "1"),
-            ("p3", "room", "nrs", "", "0"),
-        )
+        {"participant": "p2", "scenario": "corner", "method": "robot_only", "completed": "true", "as_planned": ""},
+        {"participant": "p1", "scenario": "door", "method": "other", "completed": "2", "as_planned": "1"},
+        {"participant": "p1", "scenario": "desk", "method": "nrs", "completed": "0", "as_planned": "1"},
+        {"participant": "p3", "scenario": "room", "method": "nrs", "completed": "", "as_planned": "0"},
     ]
     study_rows.write(tmp_path / "runs.csv", rows, columns)
     (tmp_path / "study.json").write_text('{"scenarios": {"desk": "The desk"}, "people": true}')

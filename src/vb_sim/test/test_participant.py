@@ -1,6 +1,7 @@
 """The simulated person, with a small stand-in for the system."""
 
 from pathlib import Path
+from typing import Any, Dict, NamedTuple, Sequence
 
 import numpy as np
 import pytest
@@ -41,34 +42,43 @@ def check_drawing(key, sim):
     assert max(missed) < 0.10
 
 
+class Situation(NamedTuple):
+    """Who draws which scenario in which time [s], what `system` is like, and the commands before a smooth drawing's."""
+
+    key: str
+    method: str = "nrs"
+    limit: float = 200.0
+    system: Dict[str, Any] = {}
+    commands_before: Sequence[str] = ()
+
+
 SCENARIOS = ("room", "carpet", "corner")
-ROBOT_ALONE = {"dispatch_after": 1e9, "follows": True}
+END_HIDDEN, BEGINNING_HIDDEN = (lambda spot: spot[0] < 7.0), (lambda spot: spot[1] < 4.2)
+ALONE, LED = dict(covered=NOWHERE, dispatch_after=1e9, follows=True), ("guide_robot",)
+SITUATIONS = {
+    **{key: Situation(key, limit=120.0) for key in SCENARIOS},
+    **{f"{key} by robot": Situation(key, "robot_only", 280.0, dict(covered=NOWHERE), LED) for key in SCENARIOS},
+    "end not covered": Situation("corner", system=dict(covered=END_HIDDEN, dispatch_after=4.0)),
+    "beginning not covered": Situation("corner", system=dict(covered=BEGINNING_HIDDEN, dispatch_after=4.0)),
+    "no camera": Situation("room", limit=280.0, system=ALONE, commands_before=["define_border", *LED]),
+    "slips": Situation("room", system=dict(model=SLIPS), commands_before=["define_border", "cancel"]),
+    "slips by robot": Situation(
+        "room", "robot_only", 200.0, dict(model=SLIPS), [*LED, "define_border", "cancel", *LED]
+    ),
+}
 
 
-@pytest.mark.parametrize(
-    "key, method, limit, options, first_commands",
-    [
-        *[(key, "nrs", 120.0, {}, []) for key in SCENARIOS],
-        *[(key, "robot_only", 280.0, {"covered": NOWHERE}, ["guide_robot"]) for key in SCENARIOS],
-        ("corner", "nrs", 200.0, {"covered": lambda spot: spot[0] < 7.0, "dispatch_after": 4.0}, []),
-        ("corner", "nrs", 200.0, {"covered": lambda spot: spot[1] < 4.2, "dispatch_after": 4.0}, []),
-        ("room", "nrs", 280.0, {**ROBOT_ALONE, "covered": NOWHERE}, ["define_border", "guide_robot"]),
-        ("room", "nrs", 200.0, {"model": SLIPS}, ["define_border", "cancel"]),
-        ("room", "robot_only", 200.0, {"model": SLIPS}, ["guide_robot", "define_border", "cancel", "guide_robot"]),
-    ],
-    ids=[*SCENARIOS, *(f"{key} by robot" for key in SCENARIOS)]
-    + ["end not covered", "beginning not covered", "no camera", "slips", "slips by robot"],
-)
-def test_whatever_happens_the_whole_border_is_drawn(key, method, limit, options, first_commands):
-    sim = system(key, method, **options)
-    assert sim.run(limit) == "saved"
-    assert sim.commands == [*first_commands, *DRAWN]
+@pytest.mark.parametrize("situation", SITUATIONS.values(), ids=SITUATIONS)
+def test_whatever_happens_the_whole_border_is_drawn(situation):
+    sim = system(situation.key, situation.method, **situation.system)
+    assert sim.run(situation.limit) == "saved"
+    assert sim.commands == [*situation.commands_before, *DRAWN]
     # a robot is led with its buttons, and without cameras there is no other input
-    assert ("buttons" in sim.sources) == ("guide_robot" in first_commands)
-    assert ("participant" in sim.sources) == (method == "nrs")
-    check_drawing(key, sim)
+    assert ("buttons" in sim.sources) == ("guide_robot" in situation.commands_before)
+    assert ("participant" in sim.sources) == (situation.method == "nrs")
+    check_drawing(situation.key, sim)
     if "buttons" not in sim.sources:
-        assert np.linalg.norm(np.mean(sim.seed, axis=0) - WORLD.scenario(key).seed) < 0.03
+        assert np.linalg.norm(np.mean(sim.seed, axis=0) - WORLD.scenario(situation.key).seed) < 0.03
 
 
 def test_a_robot_that_stays_behind_stops_nobody_whose_spot_is_seen():

@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 
 from vb_core import geometry
+from vb_core.geometry import Pose
 from vb_sim.cameras.camera_view import Body, View
-from vb_sim.lab_history import Pose2, Snapshot
+from vb_sim.lab_history import Snapshot
 from vb_sim.models import Models
 from vb_sim.room import bodies
 from vb_sim.room.floor_texture import FloorTexture
@@ -40,7 +41,7 @@ class RobotView(View):
         self._floors = [floor]
         while len(self._floors) < 5 and min(self._floors[-1].rgb.shape[:2]) > 64:
             self._floors.append(self._floors[-1].halved())
-        self._pose: Pose2 = robot.start_pose()
+        self._pose: Pose = robot.start_pose()
         self._buffer = DepthBuffer(RayGrid(self.model))
         self._depth_grid = RayGrid(self.depth_model)
         x, y = self._depth_grid.x, self._depth_grid.y

@@ -22,7 +22,7 @@ _CONTROLLER_PATIENCE = 15.0  # [s] for which the path may be blocked before a go
 _REPLAN_DISTANCE = 0.3  # [m] from the path at which a new one is planned
 _OBSTACLE_RANGE = 2.5  # [m] up to which the scan marks obstacles
 _MAP_TOLERANCE = 0.10  # [m] a scan point this near to a mapped obstacle is that obstacle: localisation is a few cm off
-# of following a path
+# following a path
 ACCELERATION, DECELERATION = 0.6, 0.5  # [m/s^2]; deceleration before the goal and obstacles
 MAX_TURN_RATE = 1.2  # [rad/s]
 _LOOKAHEAD = 0.35  # [m] of pure pursuit
