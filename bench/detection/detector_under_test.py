@@ -48,11 +48,8 @@ class Finder:
     """
 
     def __init__(self, role: str, source: Optional[Path] = None, judge: Any = None, **changes: Any) -> None:
-        names = (
-            "vb_laser_detect.detection.spot_detector",
-            "vb_core.image_format",
-            "vb_laser_detect.detection.projection",
-        )
+        detection = "vb_laser_detect.detection"
+        names = (f"{detection}.spot_detector", "vb_core.image_format", f"{detection}.projection")
         module, images, self._projection = import_from(source, *names)
         params = module.DetectorParams.mobile if role == "mobile" else module.DetectorParams
         self._detector = module.SpotDetector(params(**changes), judge)

@@ -56,12 +56,9 @@ class Running:
         ):
             rospy.Subscriber(topic, message_type, callback, queue_size=1000)
         self._poses = tf2_ros.StaticTransformBroadcaster()
-        self._poses.sendTransform(
-            [
-                message_from_transform(scene().pose, names.MAP_FRAME, f"{name}_optical_frame", rospy.Time.now())
-                for name in self.cameras
-            ]
-        )
+        pose, stamp = scene().pose, rospy.Time.now()
+        frames = [f"{name}_optical_frame" for name in self.cameras]
+        self._poses.sendTransform([message_from_transform(pose, names.MAP_FRAME, frame, stamp) for frame in frames])
         for number, name in enumerate(self.cameras):
             save_lens(folder / "lenses" / f"{name}.yaml", name, scene().model)
             (folder / "detectors").mkdir(exist_ok=True)

@@ -206,11 +206,8 @@ class Demo:
             return [name for name, is_ready in ready_conditions.items() if not is_ready()]
 
         if not wait_until(lambda: not missing() or not self._launched.running, READY_TIMEOUT) or missing():
-            raise CodedError(
-                "not_ready",
-                f"these did not come up: {'; '.join(missing())}. The last lines of "
-                f"{self._launched.log}:\n{self._launched.tail()}",
-            )
+            last_lines = f"The last lines of {self._launched.log}:\n{self._launched.tail()}"
+            raise CodedError("not_ready", f"these did not come up: {'; '.join(missing())}. {last_lines}")
         self._print(f"all nodes are up: {len(self._cameras) + 1} cameras, maps, interaction, navigation")
 
     # ------------------------------------------------------------- while it runs

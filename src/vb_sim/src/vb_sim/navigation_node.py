@@ -126,9 +126,8 @@ class NavigationNode:
             self._obstacles = geometry.apply(self._mount, points)[:, :2]
 
     def _pose(self) -> Pose:
-        return geometry.pose2d_from_transform(
-            self._transforms.lookup(names.MAP_FRAME, self._base_frame, rospy.Time(0), 0.5)
-        )
+        T = self._transforms.lookup(names.MAP_FRAME, self._base_frame, rospy.Time(0), 0.5)
+        return geometry.pose2d_from_transform(T)
 
     def _to_map_frame(self, pose: PoseStamped) -> Pose:
         """Returns a pose in the map frame.

@@ -20,53 +20,51 @@ TOLERATED_CM = 2.5  # [cm] one cell of the map: no robot respects a border more 
 def paper_comparison_section(study: StudyResults) -> List[Block]:
     """Compares each figure of the paper with ours, in both directions: being better does not count as agreement."""
     rows = [
-        _compare(study, scenario, *figure)
+        {"scenario": study.scenario_title(scenario), **row}
         for scenario in (PAPER if set(METHODS) <= set(study.methods) else ())
-        for figure in _figures(study, scenario)
+        for row in _compare_scenario(study, scenario)
     ]
     if not rows:
         return []
     counts = {word: sum(row["reading"].startswith(word) for row in rows) for word in ("same", "better", "worse")}
     keys = ("scenario", "quantity", "paper", "here", "difference", "reading")
     heads = columns(*keys, here="Here [95 %]", difference="Here minus paper")
-    return [
-        f"{paper_results.CITATION}. It measured 15 people in a real lab.",
-        (
-            "Same: the paper's figure lies in our 95 % interval. Better and worse are both disagreement: a simulation whose "
-            "people do better than real people is wrong in that figure, too. "
-            f"Of {len(rows)} figures {counts['same']} are the same, {counts['better']} better, {counts['worse']} worse."
-        ),
-        Table("beside_the_paper", heads, rows),
-    ]
+    readings = (
+        "Same: the paper's figure lies in our 95 % interval. Better and worse are both disagreement: a simulation whose "
+        "people do better than real people is wrong in that figure, too. "
+        f"Of {len(rows)} figures {counts['same']} are the same, {counts['better']} better, {counts['worse']} worse."
+    )
+    source = f"{paper_results.CITATION}. It measured 15 people in a real lab."
+    return [source, readings, Table("beside_the_paper", heads, rows)]
 
 
-def _figures(study: StudyResults, scenario: str) -> Iterator[Tuple[str, float, Interval, int, float]]:
-    """Yields (quantity, the paper's figure, ours, digits, the paper's rounding step) of a scenario, if it was run."""
+def _compare_scenario(study: StudyResults, scenario: str) -> Iterator[Dict[str, Any]]:
+    """Yields a row for each figure that the paper has of a scenario; none if it was not run."""
     scenario_runs = select(study.runs, scenario=scenario)
     published = PAPER[scenario]
     if not len(scenario_runs):
         return
-    yield "speed-up", published.speedup, effect_sizes.ratio(scenario_runs, METHODS), 2, 0.1
+    yield _compare("speed-up", published.speedup, effect_sizes.ratio(scenario_runs, METHODS), digits=2, step=0.1)
     if published.border_gain_s is not None:
         with_nrs, alone = pairs(scenario_runs, "time_border_s", METHODS)
-        yield "Border state shorter by [s]", published.border_gain_s, statistics.mean(alone - with_nrs), 1, 1.0
+        gain = statistics.mean(alone - with_nrs)
+        yield _compare("Border state shorter by [s]", published.border_gain_s, gain, digits=1, step=1.0)
     for method in METHODS:
         title = paper_results.method_title(method).lower()
         runs = select(scenario_runs, method=method)
         done = select(runs, completed=1)
-        similarity = statistics.median(known_values(done, "jaccard"))
-        yield f"Jaccard index, {title}", published.jaccard[method], similarity, 3, 1e-3
+        index, similarity = published.jaccard[method], statistics.median(known_values(done, "jaccard"))
+        yield _compare(f"Jaccard index, {title}", index, similarity, digits=3, step=1e-3)
         if scenario == "corner" and scenario_runs.jaccard_enclosed.notna().any():
             inside = statistics.median(known_values(done, "jaccard_enclosed"))
-            yield f"Jaccard index of the area drawn round, {title}", published.jaccard[method], inside, 3, 1e-3
+            yield _compare(f"Jaccard index of the area drawn round, {title}", index, inside, digits=3, step=1e-3)
         flags = known_values(runs, "completed")
         share = statistics.proportion(int(flags.sum()), len(flags)).scaled(100.0)
-        yield f"completed [%], {title}", 100 * published.completeness, share, 1, 0.1
+        yield _compare(f"completed [%], {title}", 100 * published.completeness, share, digits=1, step=0.1)
 
 
-def _compare(
-    study: StudyResults, scenario: str, quantity: str, published: float, ours: Interval, digits: int, step: float
-) -> Dict[str, Any]:
+def _compare(quantity: str, published: float, ours: Interval, *, digits: int, step: float) -> Dict[str, Any]:
+    """Makes the row of a figure, with so many digits. The paper's is rounded to multiples of `step`."""
     low, high = (ours.estimate if math.isnan(limit) else limit for limit in (ours.low, ours.high))
     tolerance = 0.5 * step
     above = ours.estimate > published
@@ -74,14 +72,9 @@ def _compare(
     difference = f"{ours.estimate - published:+.{digits}f}".replace("-", "\N{MINUS SIGN}")
     if math.isnan(ours.estimate):
         reading, difference = "unknown", ours.text(digits)
-    return {
-        "scenario": study.scenario_title(scenario),
-        "quantity": quantity,
-        "paper": f"{published:.{digits}f}",
-        "here": ours.text(digits),
-        "difference": difference,
-        "reading": reading,
-    }
+    paper = f"{published:.{digits}f}"
+    here = ours.text(digits)
+    return {"quantity": quantity, "paper": paper, "here": here, "difference": difference, "reading": reading}
 
 
 def plausible_worlds_section(study: StudyResults) -> List[Block]:

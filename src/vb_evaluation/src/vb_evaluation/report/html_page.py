@@ -72,14 +72,12 @@ def write_report(folder: Path) -> Path:
 def notices(study: StudyResults) -> List[str]:
     """Returns what readers must know before any figure."""
     people = study.runs.participant.nunique()
-    sentences = [
-        f"{people} people, {len(study.runs)} runs."
-        if study.people
-        else (
+    sentences = [f"{people} people, {len(study.runs)} runs."]
+    if not study.people:
+        sentences = [
             f"This is a simulation: {people} simulated people, {len(study.runs)} runs. No person took part. The figures follow "
             "from the assumptions in config/assumptions.yaml; they predict nothing about people, and user experience is not examined."
-        )
-    ]
+        ]
     facts = [
         f"{name} {study.meta[name]}" for name in ("revision", "command", "machine", "date") if study.meta.get(name)
     ]

@@ -104,7 +104,6 @@ def _uri(png: bytes) -> str:
 def nearest_to_median(study: StudyResults, scenario: str, method: str) -> Optional[pandas.Series]:
     """Finds the row of the completed run, with a map, nearest to the median Jaccard index; None if there is none."""
     runs = select(study.runs, scenario=scenario, method=method, completed=1).dropna(subset=["jaccard"])
-    with_map = runs[
-        [bool(name) and (study.folder / name).is_file() for name in runs.get("map", pandas.Series("", runs.index))]
-    ]
+    names = runs.get("map", pandas.Series("", runs.index))
+    with_map = runs[[bool(name) and (study.folder / name).is_file() for name in names]]
     return with_map.loc[(with_map.jaccard - runs.jaccard.median()).abs().idxmin()] if len(with_map) else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, List
+from typing import Any, Dict, List, NamedTuple
 
 import pandas
 
@@ -13,9 +13,22 @@ from vb_evaluation.report.page_blocks import Block, Figure, Table, columns
 from vb_evaluation.report.study_files import ERRORS, STATES, StudyResults, known_values, pairs
 
 ERROR_TITLES = dict(zip(ERRORS, ("mean", "95 % of the boundary within", "largest")))
-# measure: words, margin, sign that makes larger better, digits. One cell of the map is 2.5 cm; .05 is about twice the .028
-# that the paper calls not notable in practice
-MARGINS = {"jaccard": ("Jaccard index", 0.05, 1.0, 3), "error_mean_cm": ("mean boundary error [cm]", 2.5, -1.0, 1)}
+
+
+class Margin(NamedTuple):
+    """How much worse than the baseline a method may be in a measure. `sign` is 1 if larger values are better, else -1."""
+
+    words: str
+    margin: float
+    sign: float
+    digits: int
+
+
+# one cell of the map is 2.5 cm; .05 is about twice the .028 that the paper calls not notable in practice
+MARGINS = {
+    "jaccard": Margin("Jaccard index", 0.05, sign=1.0, digits=3),
+    "error_mean_cm": Margin("mean boundary error [cm]", 2.5, sign=-1.0, digits=1),
+}
 POINTS = 10  # margin of completeness [percentage points]
 _EXPLANATIONS = ("outcome", "reason", "pointed_right", "seed_is_right", "note")
 
@@ -76,7 +89,7 @@ def not_worse_blocks(study: StudyResults) -> List[Block]:
             p = statistics.noninferiority_p(sign * (first - second), margin)
             rows.append({"scenario": title, "measure": words, **reading, "n": len(first), "p_value": p})
     for column in MARGINS if study.people else ():
-        effect_sizes.add_holm([row for row in rows if row["measure"] == MARGINS[column][0]])
+        effect_sizes.add_holm([row for row in rows if row["measure"] == MARGINS[column].words])
     points = _compare_with_margin(effect_sizes.completed_more(study.runs, study.comparison, 0.9), POINTS, 0)
     rows.append({"scenario": "all", "measure": "completed [points]", **points, "n": ""})
     keys = ["scenario", "measure", "gain", "margin", "reading", "equivalent", "n", *(["holm"] if study.people else [])]

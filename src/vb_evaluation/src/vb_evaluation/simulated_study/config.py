@@ -242,9 +242,8 @@ def load(path: Optional[Path] = None, seed: Optional[int] = None) -> Study:
         document = _merge(document, _read(path))
     if seed is not None:
         document.setdefault("design", {})["seed"] = seed
-    return study_from_mapping(
-        document, {name: _read(_find_file(str(document.pop(name)), folder)) for name in ("world", "models")}
-    )
+    sources = {name: _read(_find_file(str(document.pop(name)), folder)) for name in ("world", "models")}
+    return study_from_mapping(document, sources)
 
 
 def study_from_mapping(document: Mapping[str, Any], sources: Mapping[str, Any]) -> Study:

@@ -34,10 +34,8 @@ def write(study: Path, results: Path) -> Path:
     try:
         (study / FOLDER).mkdir()
         for code, row in zip(codes, rows.to_dict("records")):
-            areas = [
-                restricted_cells(physical, read_map(results / name))
-                for name in (f"maps/truth_{row['scenario']}.yaml", row["map"])
-            ]
+            map_files = (f"maps/truth_{row['scenario']}.yaml", row["map"])
+            areas = [restricted_cells(physical, read_map(results / name)) for name in map_files]
             (study / FOLDER / f"{code}.png").write_bytes(draw_map(physical, *areas))
             key.append({"code": code, "recording": row["recording"]})
         sheet: List[Dict[str, str]] = [{"code": code, "completed": ""} for code in sorted(codes)]

@@ -144,9 +144,8 @@ class RobotView(View):
             depth = np.where(down > 1e-3, origin[2] / down, np.inf)
         # a pixel covers depth/f across the view and 1/down times that along it; takes the geometric mean
         footprint = depth / camera.focal_px / np.sqrt(np.clip(down, 1e-3, 1.0))
-        levels = np.clip(
-            np.floor(np.log2(np.maximum(footprint / self._floors[0].resolution, 1.0))), 0, len(self._floors) - 1
-        )
+        texels = np.maximum(footprint / self._floors[0].resolution, 1.0)
+        levels = np.clip(np.floor(np.log2(texels)), 0, len(self._floors) - 1)
         levels[~np.isfinite(depth)] = -1
         changes = np.concatenate([[0], np.nonzero(np.diff(levels))[0] + 1, [height]])
         for first, last in zip(changes[:-1], changes[1:]):
