@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple, Union
 
 import numpy as np
 
@@ -21,7 +21,7 @@ class LabeledFrame(NamedTuple):
     """One image of a clip or scene.
 
     Attributes:
-        image: as from a camera driver, in `encoding`.
+        image: as from a camera driver, in `encoding`, or the bytes of a "jpeg", as from a camera read directly.
         spots: positions of its spots, (u, v) [px] unless stated otherwise.
         unclear: positions that are not scored: a pulse's first or last light, unlabelled pulses, half-hidden spots.
         geometry: returns the `ImageGeometry` for a version's module `projection`; None if it is unknown.
@@ -29,7 +29,7 @@ class LabeledFrame(NamedTuple):
     """
 
     stamp: float
-    image: np.ndarray
+    image: Union[np.ndarray, bytes]
     spots: Sequence[Place]
     unclear: Sequence[Place] = ()
     geometry: Optional[Callable[[Any], Any]] = None
@@ -48,9 +48,9 @@ class Finder:
     """
 
     def __init__(self, role: str, source: Optional[Path] = None, judge: Any = None, **changes: Any) -> None:
-        detection = "vb_laser_detect.detection"
-        names = (f"{detection}.spot_detector", "vb_core.image_format", f"{detection}.projection")
-        module, images, self._projection = import_from(source, *names)
+        names = ("detection.spot_detector", "detection.projection", "camera.source")
+        modules = import_from(source, "vb_core.image_format", *(f"vb_laser_detect.{name}" for name in names))
+        images, module, self._projection, self._source = modules
         params = module.DetectorParams.mobile if role == "mobile" else module.DetectorParams
         self._detector = module.SpotDetector(params(**changes), judge)
         self._reader = images.PixelReader()
@@ -58,7 +58,11 @@ class Finder:
     def find(self, frame: LabeledFrame) -> List[Any]:
         """Searches an image; returns its spots, and those of earlier images that are confirmed only now."""
         geometry = frame.geometry(self._projection) if frame.geometry else None
-        return self._detector.detect(self._reader.read(frame.image, frame.encoding), frame.stamp, geometry).spots
+        if frame.encoding == "jpeg":
+            picture = self._source.Shot(frame.stamp, frame.image).picture()
+        else:
+            picture = self._reader.read(frame.image, frame.encoding)
+        return self._detector.detect(picture, frame.stamp, geometry).spots
 
 
 class Count:

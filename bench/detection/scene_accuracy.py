@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
 """Measures the spot detector's accuracy in the rendered scenes of scene_list.py (for clips: clip_accuracy.py).
 
-    python3 bench/detection/scene_accuracy.py [WORD ...] [--share PART] [--other REVISION|SRC] [--csv FILE]
+    python3 bench/detection/scene_accuracy.py [WORD ...] [--share PART] [--jpeg] [--other REVISION|SRC] [--csv FILE]
 
-Runs only scenes with a WORD in their name, and this PART of each scene's time; other versions see the same images.
+Runs only scenes with a WORD in their name, and this PART of each scene's time; other versions see the same images. With
+--jpeg, the ceiling cameras are webcams that the detector reads directly.
 """
 
 from __future__ import annotations
-
 
 import cv2
 
@@ -16,20 +16,24 @@ from bench.detection.scene_rendering import NEAR_MM, floor_place, frames
 from bench.detection.scene_rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes
 from bench.harness import Table, arguments, versions
+from bench.lab.camera_clip import webcam_jpeg
 
 
 def main() -> None:
     parser = arguments(__doc__, seed=1, other=True)
     parser.add_argument("scenes", nargs="*", default=[""], metavar="WORD")
     parser.add_argument("--share", type=float, default=1.0)
+    parser.add_argument("--jpeg", action="store_true")
     options = parser.parse_args()
     cv2.setNumThreads(1)
     table, room, rooms, counts_by_version = Table(options.csv, options.seed), lab(), Rooms(options.seed), {}
-    for scene in ceiling_scenes(room) + mobile_scenes(room):
+    for scene in ceiling_scenes(room) + ([] if options.jpeg else mobile_scenes(room)):
         if any(word in scene.title for word in options.scenes):
             finders = {version: Finder(scene.role, source) for version, source in versions(options).items()}
             counts = {version: Count(finder, NEAR_MM, floor_place) for version, finder in finders.items()}
             for frame in frames(scene, rooms, options.share):
+                if options.jpeg:
+                    frame = frame._replace(image=webcam_jpeg(frame.image, frame.encoding), encoding="jpeg")
                 for count in counts.values():
                     count.look(frame)
             for version, count in counts.items():

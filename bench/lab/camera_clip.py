@@ -17,6 +17,7 @@ from typing import Any, List, Tuple
 
 import av
 import cv2
+import numpy as np
 import psutil
 import simplejpeg
 
@@ -26,6 +27,7 @@ from bench.detection.scene_rooms import Rooms, lab, tiles
 from bench.detection.scene_list import CARPET
 from bench.harness import TOP
 from vb_core.child_processes import free_port
+from vb_core.image_format import PixelReader
 
 sys.path.append(str(TOP / "src/vb_laser_detect/test"))
 from mjpeg_server import MjpegServer  # noqa: E402
@@ -49,9 +51,14 @@ def clip() -> List[bytes]:
         if number in DRAWN:
             laser, velocity = place_and_velocity(border, t)
         image = view.frame(DisturbedSnapshot(t, {}, laser, "red", velocity, (4.6, 2.9, -1.5)))
-        bgr = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_BayerRGGB2BGR), (0, 0), DENOISED_PX)
-        jpegs.append(simplejpeg.encode_jpeg(bgr, quality=QUALITY, colorspace="BGR", colorsubsampling="420"))
+        jpegs.append(webcam_jpeg(image, view.encoding))
     return jpegs
+
+
+def webcam_jpeg(image: np.ndarray, encoding: str) -> bytes:
+    """Returns an image as a webcam sends it: denoised and compressed."""
+    bgr = cv2.GaussianBlur(PixelReader().read(image, encoding).bgr(), (0, 0), DENOISED_PX)
+    return simplejpeg.encode_jpeg(bgr, quality=QUALITY, colorspace="BGR", colorsubsampling="420")
 
 
 def write_files(jpegs: List[bytes], folder: Path) -> List[str]:

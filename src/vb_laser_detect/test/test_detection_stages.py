@@ -11,7 +11,6 @@ import yaml
 
 from spot_scenes import GREEN, RED, Scene, tinted
 from vb_core.errors import CodedError
-from vb_core.image_format import Picture
 from vb_laser_detect.detection import features
 from vb_laser_detect.detection.spot_detector import DetectorParams
 from vb_laser_detect.detection.background import Background, block_maxima, blocks_around, max_channel, relight
@@ -79,8 +78,8 @@ def test_what_a_spot_hides_stays_in_its_place_while_the_camera_moves():
         spots[5:7, int(left) // 8 : int(left) // 8 + 3] = True
         hidden = (slice(42, 54), slice(int(left) + 2, int(left) + 14))
         known = cv2.dilate(seen(i), np.ones((3, 3)))[hidden].astype(int)
-        assert np.abs(background.reference()[hidden] - known).mean() < 6.0, i
-        if background.update(Picture(image, "bgr"), changes.brighter, spots, 0.04):
+        assert np.abs(background.reference[hidden] - known).mean() < 6.0, i
+        if background.update(image, changes.brighter, spots, 0.04):
             keyframe = i
 
 
@@ -90,7 +89,7 @@ def test_a_camera_that_has_moved_far_shows_another_floor(moved, becomes_keyframe
     background = Background(image)
     background.compare(image, np.array([[1.0, 0, -moved], [0, 1, 0], [0, 0, 1]]))
     nothing = np.zeros(background.blocks, bool)
-    assert background.update(Picture(image, "bgr"), nothing, nothing, 0.04) == becomes_keyframe
+    assert background.update(image, nothing, nothing, 0.04) == becomes_keyframe
 
 
 def tint_of(lit, floor, bayer=False):

@@ -238,7 +238,6 @@ class CameraDetector:
     ) -> Tuple[Optional[ImageGeometry], Optional[CodedError]]:
         """Returns the image's geometry, or the reason why there is none. Spots are then found, but not published."""
         try:
-            self._report.require_own_frame(frame_id)
             return self._camera_geometry.geometry_of(frame_id, stamp, size), None
         except CodedError as error:
             return None, error.without_traceback()

@@ -91,7 +91,7 @@ class Shot(NamedTuple):
             return np.ascontiguousarray(sized.to_ndarray())
         how = dict(min_height=height, min_width=width, min_factor=whole / width)
         with _readable():
-            return simplejpeg.decode_jpeg(self.jpeg, "BGR", fastupsample=True, fastdct=False, **how)
+            return simplejpeg.decode_jpeg(self.jpeg, "BGR", fastupsample=True, fastdct=True, **how)
 
 
 @contextlib.contextmanager

@@ -12,7 +12,6 @@ from typing import NamedTuple, Optional, Tuple
 import cv2
 import numpy as np
 
-from vb_core.image_format import AnyPicture
 from vb_laser_detect.detection.stage_results import Box
 
 BLOCK = 8  # [px] edge of a block
@@ -66,24 +65,21 @@ class Background:
 
     Args:
         image: (H, W) or (H, W, 3) uint8, the first image as it is searched.
-        whole: the same at the camera's own size, if `image` has half of it.
 
     Attributes:
-        image: the background itself.
-        whole: the same at the camera's own size; None if that is the size searched.
+        image: the background itself, at the size searched.
         blocks: number of their rows and columns.
         bright: [grey levels] of the brightest surfaces in it, see `SearchedImage`.
         motion: (3, 3) maps the background's pixels to those of the last image; None if the camera was stationary.
+        reference: what the last image was compared with: the background as moved and lit in it.
     """
 
-    def __init__(self, image: np.ndarray, whole: Optional[np.ndarray] = None) -> None:
+    def __init__(self, image: np.ndarray) -> None:
         self.blocks = blocks = (image.shape[0] // BLOCK, image.shape[1] // BLOCK)
         self._noise, self._deviation, self._changed_s = np.zeros((3,) + blocks, np.float32)
         self._noise_s, self._noise_known = 0.0, False
-        self.whole = whole
         self._adopt(image)
-        self._reference = self.image
-        self._gains: Optional[np.ndarray] = None  # of each row of blocks, if the last image's rows differ in light
+        self.reference = self.image
 
     def _adopt(self, image: np.ndarray) -> None:
         """Makes an image the background."""
@@ -94,8 +90,7 @@ class Background:
         self._age, self._images = 0.0, 0
         # the room's brightest surfaces: single lamps are less than a hundredth of the image. Neighbouring pixels of a
         # Bayer image see different colours
-        pixels = image if self.whole is None else self.whole
-        cells = pixels if pixels.ndim == 3 else cv2.dilate(pixels, np.ones((2, 2), np.uint8), anchor=(0, 0))
+        cells = image if image.ndim == 3 else cv2.dilate(image, np.ones((2, 2), np.uint8), anchor=(0, 0))
         bright = float(np.percentile(max_channel(sample_blocks(cells)), _BRIGHT))
         self.bright = min(max(bright, _DARKEST), _BRIGHTEST)
         self._min_change = _MIN_CHANGE * self.bright
@@ -109,23 +104,23 @@ class Background:
         Returns:
             What changed. While the camera moves no block counts as darker: a new keyframe soon includes the change.
         """
-        self.motion, self._gains = motion, None
+        self.motion = motion
         if motion is not None:
             if self._brightest is None:
                 self._brightest = cv2.dilate(self.image, _SQUARE)
             # a fraction of a pixel does not matter to the maximum of nine
-            self._reference = _warp(self._brightest, motion, image.copy(), cv2.INTER_NEAREST)
-            self._rise = block_maxima(image, self._reference)
+            self.reference = _warp(self._brightest, motion, image.copy(), cv2.INTER_NEAREST)
+            self._rise = block_maxima(image, self.reference)
             return Changes(self._rise, self._exceeds_noise(self._rise), np.zeros(self.blocks, bool))
-        self._reference, now = self.image, sample_blocks(image)
+        self.reference, now = self.image, sample_blocks(image)
         changes = self._changes(image, now, self._sample)
         if changes.everywhere and self._relight_rows(now):
-            changes = self._changes(image, now, sample_blocks(self._reference))
+            changes = self._changes(image, now, sample_blocks(self.reference))
         return changes
 
     def _changes(self, image: np.ndarray, sample: np.ndarray, sample_before: np.ndarray) -> Changes:
         """Compares an image with the reference; `sample` and `sample_before` are those of their blocks."""
-        self._rise, fall = block_maxima(image, self._reference), max_channel(cv2.subtract(sample_before, sample))
+        self._rise, fall = block_maxima(image, self.reference), max_channel(cv2.subtract(sample_before, sample))
         return Changes(self._rise, self._exceeds_noise(self._rise), fall > self._min_change)
 
     def _relight_rows(self, now: np.ndarray) -> bool:
@@ -137,14 +132,8 @@ class Background:
         gains = np.median(light / light_before, axis=1)
         if np.ptp(gains) < _MIN_FLICKER * gains.mean():
             return False
-        self._gains, self._reference = gains, _apply_row_gains(self.image, gains, BLOCK)
+        self.reference = _apply_row_gains(self.image, gains)
         return True
-
-    def reference(self) -> np.ndarray:
-        """Returns what the last image was compared with, at the camera's own size."""
-        if self.whole is None:
-            return self._reference
-        return self.whole if self._gains is None else _apply_row_gains(self.whole, self._gains, 2 * BLOCK)
 
     def moved_part(self, part: Tuple[slice, slice], image: np.ndarray) -> np.ndarray:
         """Returns a part of the background as the camera sees it now; where it does not reach, the image."""
@@ -171,11 +160,10 @@ class Background:
             self._limit = cv2.max(noise, math.ceil(self._min_change))
         return cv2.compare(rise, self._limit, cv2.CMP_GE) > 0
 
-    def update(self, picture: AnyPicture, changed: np.ndarray, spots: np.ndarray, dt: float) -> bool:
+    def update(self, image: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float) -> bool:
         """Adds the image that was compared last.
 
         Args:
-            picture: one that is searched at half its size is decoded whole for each keyframe.
             changed, spots: (rows, columns) bool; blocks that changed, and blocks that show a spot.
             dt: [s] since the last image.
 
@@ -184,21 +172,23 @@ class Background:
         """
         self._age, self._images = self._age + dt, self._images + 1
         if self.motion is not None:
-            return self._update_moving(picture.searched, spots)
+            return self._update_moving(image, spots)
         self._changed_s = cv2.copyTo(cv2.add(self._changed_s, dt), (changed & ~spots).view(np.uint8))
         self._learn_noise(~(changed | spots), dt)
-        return self._update_stationary(picture, changed | spots)
+        return self._update_stationary(image, changed | spots)
 
-    def _update_stationary(self, picture: AnyPicture, unsteady: np.ndarray) -> bool:
+    def _update_stationary(self, image: np.ndarray, unsteady: np.ndarray) -> bool:
         """Averages the image into the keyframe once a period, except blocks that show a spot or changed only just now."""
         if self._age < _PERIOD:
             return False
         lasting = self._changed_s > _ABSORPTION_TIME
         kept = unsteady & ~lasting
         self._changed_s[lasting] = 0.0
-        if self.whole is not None:
-            self.whole = self._renewed(self.whole, picture.pixels, lasting, kept)
-        self._adopt(self._renewed(self.image, picture.searched, lasting, kept))
+        keyframe = cv2.addWeighted(image, _WEIGHT, self.image, 1.0 - _WEIGHT, 0.0)
+        for blocks, source in ((lasting, image), (kept, self.image)):
+            if blocks.any():
+                cv2.copyTo(source, mask_of_blocks(blocks, *image.shape[:2]), keyframe)
+        self._adopt(keyframe)
         return True
 
     def _update_moving(self, image: np.ndarray, spots: np.ndarray) -> bool:
@@ -219,19 +209,6 @@ class Background:
             cv2.copyTo(self.moved_part(part, image), mask, keyframe[part])
         self._adopt(keyframe)
         return True
-
-    def _renewed(self, keyframe: np.ndarray, image: np.ndarray, lasting: np.ndarray, kept: np.ndarray) -> np.ndarray:
-        """Returns a stationary camera's keyframe, at the size searched or the camera's own, with an image averaged in.
-
-        Args:
-            lasting, kept: (rows, columns) bool, blocks that are replaced by the image's, and that stay as they are.
-        """
-        result = cv2.addWeighted(image, _WEIGHT, keyframe, 1.0 - _WEIGHT, 0.0)
-        for blocks, source in ((lasting, image), (kept, keyframe)):
-            if blocks.any():
-                mask = mask_of_blocks(blocks, *self.image.shape[:2])
-                cv2.copyTo(source, cv2.resize(mask, image.shape[1::-1], interpolation=cv2.INTER_NEAREST), result)
-        return result
 
     def _learn_noise(self, steady: np.ndarray, dt: float) -> None:
         """Averages the rise of steady blocks, and its deviation; both change slowly, so not every image is used."""
@@ -262,9 +239,9 @@ def _warp(image: np.ndarray, motion: np.ndarray, target: np.ndarray, interpolati
     return cv2.warpAffine(image, motion[:2], target.shape[1::-1], target, interpolation, cv2.BORDER_TRANSPARENT)
 
 
-def _apply_row_gains(image: np.ndarray, gains: np.ndarray, edge: int) -> np.ndarray:
-    """Returns an image times the gains of its rows of blocks, interpolated; `edge` is a block's [px]."""
-    rows = np.interp(np.arange(len(image)), edge * (np.arange(len(gains)) + 0.5) - 0.5, gains).astype(np.float32)
+def _apply_row_gains(image: np.ndarray, gains: np.ndarray) -> np.ndarray:
+    """Returns an image times the gains of its rows of blocks, interpolated."""
+    rows = np.interp(np.arange(len(image)), BLOCK * (np.arange(len(gains)) + 0.5) - 0.5, gains).astype(np.float32)
     return cv2.convertScaleAbs(image * rows.reshape((-1, 1) + (1,) * (image.ndim - 2)))
 
 

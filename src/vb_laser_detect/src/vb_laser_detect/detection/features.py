@@ -13,13 +13,13 @@ import math
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, reduce
 from pathlib import Path
-from typing import Dict, List, Optional, Tuple
+from typing import Callable, Dict, List, NamedTuple, Optional, Tuple
 
 import cv2
 import numpy as np
 
 from vb_laser_detect.detection.background import BLOCK, blocks_around, brightest, max_channel, relight
-from vb_laser_detect.detection.stage_results import Box, SearchedImage, Spot
+from vb_laser_detect.detection.stage_results import Box, Part, SearchedImage, Spot
 
 _EDGE = 0.35  # a blob consists of the pixels whose rise exceeds this share of the peak
 _MAX_ELONGATION = 2.0  # largest length of a spot in largest diameters, as a fast one is elongated
@@ -95,6 +95,8 @@ def _unmeasured(box: Box, problem: str) -> Blob:
 def measure_blob(searched: SearchedImage, box: Box, max_diameter: float, max_width: float) -> Blob:
     """Measures the brightest blob of an image whose peak is in a box.
 
+    In an image searched at half its size, a blob that is too large for a spot there is not measured at full size.
+
     Args:
         max_diameter: [px] a spot's largest diameter; NaN if no floor is seen there.
         max_width: [px] width above which light is a change of the room's light, and belongs to the background.
@@ -104,16 +106,54 @@ def measure_blob(searched: SearchedImage, box: Box, max_diameter: float, max_wid
     """
     if math.isnan(max_diameter):
         return _unmeasured(box, "off_floor")
-    image = searched.picture.pixels
-    if brightest(image, box) < searched.min_level:  # now that it is decoded whole
+    picture = searched.picture
+    if picture.scale > 1:
+        small_box = tuple(side // picture.scale for side in box)
+        limits = max_diameter / picture.scale, max_width / picture.scale
+        cutout = _cut_out(picture.searched, lambda part: searched.reference[part], small_box, *limits)
+        if cutout.problem == "too_large":
+            return _unmeasured(box, "too_large")
+    if brightest(picture.pixels, box) < searched.min_level:  # now that it is decoded whole
         return _unmeasured(box, "too_dark")
+    cutout = _cut_out(picture.pixels, searched.floor, box, max_diameter, max_width)
+    if cutout.problem:
+        return _unmeasured(box, cutout.problem)
+    light = Light(*cutout.images, picture.mosaic)
+    moments = cv2.moments(cv2.copyTo(light.rise, light.mask))
+    u, v = moments["m10"] / moments["m00"] + cutout.left, moments["m01"] / moments["m00"] + cutout.top
+    features = {"elongation": cutout.elongation, **_features_of(light, u, v, cutout.diameter, searched)}
+    return Blob(u, v, cutout.diameter, features=features, light=light)
+
+
+class _Cutout(NamedTuple):
+    """A blob cut out of an image, with its surroundings.
+
+    Attributes:
+        problem: as in `Blob`; if it is set, nothing else is.
+        left, top: [px] where the images begin, even.
+        images: the blob's mask, rise, image and floor, as in `Light`.
+        diameter, elongation: the blob's shape.
+    """
+
+    problem: str
+    left: int = 0
+    top: int = 0
+    images: Tuple[np.ndarray, ...] = ()
+    diameter: float = 0.0
+    elongation: float = 0.0
+
+
+def _cut_out(
+    image: np.ndarray, floor_of: Callable[[Part], np.ndarray], box: Box, max_diameter: float, max_width: float
+) -> _Cutout:
+    """Cuts the brightest blob whose peak is in a box out of an image; `floor_of` returns the floor in a part of it."""
     left, top, right, bottom = box
     margin, missing = 20, 1
     while missing > 0:
         # even bounds keep each pixel's position in the Bayer pattern
         x0, y0 = max(0, left - margin) & ~1, max(0, top - margin) & ~1
-        window = slice(y0, bottom + margin), slice(x0, right + margin)
-        now, floor = image[window], searched.reference[window]
+        window = slice(y0, min(bottom + margin, image.shape[0])), slice(x0, min(right + margin, image.shape[1]))
+        now, floor = image[window], floor_of(window)
         if max_width < math.inf:
             floor = cv2.max(floor, relight(floor, now, max_width))
         # the kernel [1 2 1] averages out noise and a Bayer image's mosaic
@@ -123,8 +163,7 @@ def measure_blob(searched: SearchedImage, box: Box, max_diameter: float, max_wid
         label = labels[peak_pixel[1] + top - y0, peak_pixel[0] + left - x0]
         bx, by, bw, bh, _ = stats[label].tolist()
         if peak < 4 or max(bw, bh) > _MAX_ELONGATION * max_diameter:
-            middle = (left + right) / 2.0, (top + bottom) / 2.0
-            return Blob(*middle, float(max(right - left, bottom - top)), "too_faint" if peak < 4 else "too_large")
+            return _Cutout("too_faint" if peak < 4 else "too_large")
         # the window must include the blob's surroundings
         pad = int(math.ceil(0.6 * max(bw, bh))) + 4
         (window_height, window_width), (height, width) = now.shape[:2], image.shape[:2]
@@ -138,15 +177,12 @@ def measure_blob(searched: SearchedImage, box: Box, max_diameter: float, max_wid
     sx, sy = max(0, bx - pad) & ~1, max(0, by - pad) & ~1
     part = slice(sy, by + bh + pad), slice(sx, bx + bw + pad)
     mask = (labels[part] == label).view(np.uint8)
-    moments = cv2.moments(cv2.copyTo(smooth[part], mask))
-    u, v = moments["m10"] / moments["m00"] + x0 + sx, moments["m01"] / moments["m00"] + y0 + sy
     area, elongation = _shape_of(mask)
     diameter = 2.0 * math.sqrt(area / math.pi)
     if diameter > max_diameter:
-        return Blob(u, v, diameter, "too_large")
-    light = Light(mask, smooth[part], now[part], floor[part], searched.picture.mosaic)
-    features = {"elongation": elongation, **_features_of(light, u, v, diameter, searched)}
-    return Blob(u, v, diameter, features=features, light=light)
+        return _Cutout("too_large")
+    images = mask, smooth[part], now[part], floor[part]
+    return _Cutout("", x0 + sx, y0 + sy, images, diameter, elongation)
 
 
 def _features_of(light: Light, u: float, v: float, diameter: float, searched: SearchedImage) -> Dict[str, float]:

@@ -144,7 +144,7 @@ class RegionProposer:
             bright=background.bright,
             min_level=min_level,
             regions=regions,
-            reference=background.reference() if any(region.may_contain_spot for region in regions) else None,
+            reference=background.reference,
             motion=motion,
             shifted=background.motion is not None,
             changed=changes.brighter | changes.darker,
@@ -153,16 +153,15 @@ class RegionProposer:
 
     def _start(self, picture: AnyPicture, expected: Sequence[ExpectedSpot]) -> None:
         """Begins a new background. Where a spot is expected, the old background is used, relit."""
-        block, scene = BLOCK * picture.scale, self._background
-        keyframes = [picture.searched.copy()] + ([picture.pixels.copy()] if picture.scale > 1 else [])
+        keyframe, scene = picture.searched.copy(), self._background
         for spot in expected:
-            rows, columns = blocks_around(scene.blocks, *spot.position, spot.reach + spot.max_width, block)
-            for size, keyframe in zip((picture.scale, 1), keyframes):
-                part = tuple(slice(block // size * side.start, block // size * side.stop) for side in (rows, columns))
-                if keyframe[part].size:
-                    floor = scene.moved_part(part, keyframe) if keyframe is keyframes[0] else scene.whole[part]
-                    keyframe[part] = relight(floor, keyframe[part], spot.max_width / size)
-        self._background = Background(*keyframes)
+            reach = spot.reach + spot.max_width
+            sides = blocks_around(scene.blocks, *spot.position, reach, BLOCK * picture.scale)
+            part = tuple(slice(BLOCK * side.start, BLOCK * side.stop) for side in sides)
+            if keyframe[part].size:
+                floor = scene.moved_part(part, keyframe)
+                keyframe[part] = relight(floor, keyframe[part], spot.max_width / picture.scale)
+        self._background = Background(keyframe)
         self._ghost_s = np.zeros(self._background.blocks, np.float32)  # [s] time for which each block may show a ghost
         if self._registration is not None:
             self._registration.set_keyframe()
@@ -179,7 +178,7 @@ class RegionProposer:
         # nothing is known of what happened between images far apart
         moved = (searched.changed & ~spot_blocks) | (elapsed >= _UNSEEN)
         self._ghost_s = np.where(moved, GHOST_TIME, self._ghost_s - elapsed)
-        is_keyframe = self._background.update(searched.picture, searched.changed, spot_blocks, elapsed)
+        is_keyframe = self._background.update(searched.picture.searched, searched.changed, spot_blocks, elapsed)
         if is_keyframe and self._registration is not None:
             self._registration.set_keyframe()
 

@@ -94,7 +94,7 @@ class SpotDetector:
     def reset(self) -> None:
         """Forgets the scene. The next frame begins a new one."""
         self._stamp: Optional[float] = None
-        self._measured = False  # whether anything in the last image was bright enough to measure
+        self._measured = False  # whether anything in the last image had to be measured at full size
         self._shape: Optional[Tuple[int, ...]] = None
         self._proposer = RegionProposer(self.params.moving_camera)
         self._tracker = SpotTracker(self.params.confirm_frames, self.params.max_dwell_time)
@@ -128,10 +128,11 @@ class SpotDetector:
         expected = self._tracker.predict(stamp)
         searched = self._proposer.propose(picture, expected)
         max_diameters = self._max_diameters(searched, geometry)
-        self._measured = any(
-            not math.isnan(max_diameters[region.box]) for region in searched.regions if region.may_contain_spot
-        )
         candidates = features.examine_regions(searched, max_diameters, self._classifier, self.params.min_probability)
+        self._measured = any(
+            region.may_contain_spot and candidate.rejection not in ("off_floor", "too_large")
+            for region, candidate in zip(searched.regions, candidates)
+        )
         if geometry is not None:
             candidates = geometry.locate(candidates)
         detection = self._tracker.update(_without_repetitions(candidates), searched)

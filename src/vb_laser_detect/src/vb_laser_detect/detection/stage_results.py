@@ -16,6 +16,7 @@ import numpy as np
 from vb_core.image_format import AnyPicture
 
 Box = Tuple[int, int, int, int]  # left, top, right, bottom [px]; right and bottom are excluded
+Part = Tuple[slice, slice]  # rows and columns [px]
 
 
 class ExpectedSpot(NamedTuple):
@@ -84,7 +85,7 @@ class SearchedImage(NamedTuple):
         bright: [grey levels] level of the room's bright surfaces at the current exposure; spots are judged relative to it.
         min_level: [grey levels] lowest level of a spot's brightest sample.
         regions: regions to examine, the brightest first.
-        reference: what the picture would show without anything new; None if no region may contain a spot.
+        reference: what the searched pixels would show without anything new.
         motion: (3, 3) from the last image's pixels to this one's; None if the camera stands still, or it is unknown.
         shifted: whether the camera has moved since the reference was taken.
         changed: (rows, columns) bool, blocks that became brighter or darker.
@@ -96,11 +97,20 @@ class SearchedImage(NamedTuple):
     bright: float
     min_level: float
     regions: Sequence[Region]
-    reference: Optional[np.ndarray]
+    reference: np.ndarray
     motion: Optional[np.ndarray]
     shifted: bool
     changed: np.ndarray
     ghost_s: np.ndarray
+
+    def floor(self, part: Part) -> np.ndarray:
+        """Returns what a part of the picture's pixels would show without anything new; it begins at even pixels."""
+        scale = self.picture.scale
+        if scale == 1:
+            return self.reference[part]
+        small = tuple(slice(side.start // scale, -(-side.stop // scale)) for side in part)
+        enlarged = cv2.resize(self.reference[small], None, fx=scale, fy=scale, interpolation=cv2.INTER_LINEAR)
+        return enlarged[: part[0].stop - part[0].start, : part[1].stop - part[1].start]
 
 
 @dataclass(frozen=True)

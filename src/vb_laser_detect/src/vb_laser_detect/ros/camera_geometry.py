@@ -184,11 +184,13 @@ class CameraGeometry:
             size: [px] width and height of the image.
 
         Raises:
-            CodedError: "no_camera_info"; "no_transform", "bad_transform" if tf does not connect map and camera at all.
+            CodedError: "camera_no_frame", "shared_frame"; "no_camera_info"; "no_transform", "bad_transform" if tf does not
+                connect map and camera at all.
         """
         now = time.monotonic()
         if self._cached_for != (frame_id, size) or now - self._cached_at >= _LOOKUP_PERIOD:
             self._cached_at = -math.inf  # until lens and pose are known, retry with every image
+            self._report.require_own_frame(frame_id)
             self._camera = self._info.model_for(size)
             self._report.focal = float(self._camera.matrix[0, 0])
             self._pose = self._newest_pose(frame_id, stamp)
