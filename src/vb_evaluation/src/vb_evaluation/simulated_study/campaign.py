@@ -40,9 +40,7 @@ if TYPE_CHECKING:  # only running needs ROS: reading a study does not
     from vb_evaluation.simulated_study.live_run import LiveRun
 
 AREAS, ROWS = "areas.npz", "rows"
-FURTHER = tuple(
-    "outcome reason seed_is_right pointed_right tries spots robot_collisions jaccard_enclosed too_bright".split()
-)
+FURTHER = "outcome reason seed_is_right pointed_right tries spots robot_collisions jaccard_enclosed too_bright".split()
 COLUMNS = (*study_files.MEASURES, *FURTHER)
 
 

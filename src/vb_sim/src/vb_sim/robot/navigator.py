@@ -114,9 +114,8 @@ class Follower:
             return Motion(0.0, self._turn_rate(error), off_path=off_path)
         distance = max(math.hypot(target[0] - pose[0], target[1] - pose[1]), 1e-3)
         curvature = 2.0 * math.sin(error) / distance
-        speed = min(
-            self._max_speed, self._speed + ACCELERATION * dt, math.sqrt(2.0 * DECELERATION * max(remaining, 0.01))
-        )
+        braking_speed = math.sqrt(2.0 * DECELERATION * max(remaining, 0.01))
+        speed = min(self._max_speed, self._speed + ACCELERATION * dt, braking_speed)
         if abs(curvature) > 1e-6:
             speed = min(speed, self._max_turn_rate / abs(curvature))
         free_distance = self._free_distance(obstacles, curvature)
