@@ -118,7 +118,7 @@ def test_mistakes_are_drawn_for_each_run():
 
     def errs(seed, method):
         scenario, model = WORLD.scenario("carpet"), ParticipantModel(wrong_side=0.5)
-        return bool(np.any(Person(WORLD, scenario, model, seed, method).seed != scenario.seed))
+        return bool(np.any(Person(WORLD, scenario, model, method, seed).seed != scenario.seed))
 
     errors = [(errs(seed, "nrs"), errs(seed, "robot_only")) for seed in range(40)]
     assert errors[:5] == [(errs(seed, "nrs"), errs(seed, "robot_only")) for seed in range(5)]

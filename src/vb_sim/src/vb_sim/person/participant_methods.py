@@ -364,4 +364,4 @@ def make_script(
     world: World, scenario: Scenario, model: ParticipantModel, method: str, random_seed: int
 ) -> ParticipantScript:
     """Creates the script of a person who carries out a scenario with a method, one of SCRIPTS."""
-    return SCRIPTS[method](Person(world, scenario, model, random_seed, method))
+    return SCRIPTS[method](Person(world, scenario, model, method, random_seed))

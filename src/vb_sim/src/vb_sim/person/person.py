@@ -51,7 +51,7 @@ class Perception:
         has_seed: whether the display shows a seed point.
         state: name of the state that the display shows.
         hold_requested: time when the display last asked the person to hold still, as a robot is coming.
-        answer: to the command with the number `answered`.
+        answer: the answer to the command with the number `answered`.
     """
 
     now: float = 0.0
@@ -91,7 +91,9 @@ class Action:
     Attributes:
         laser: (x, y) [m] of the spot; None while the laser is off.
         pose: (x, y, yaw) [m, m, rad].
-        command: to send now, with its number; otherwise empty.
+        doing: what the person does, in words.
+        command, number: the command to give now and its number; the command is empty if there is none.
+        source: what gives the command, "participant" for the voice or "buttons".
         outcome: "saved" or "gave_up" at the end of the run; empty before.
     """
 
@@ -117,9 +119,9 @@ class Person:
 
     Args:
         scenario: the task.
-        random_seed: seed of everything that differs between people.
         method: "nrs" or "robot_only". A person has one style, but aim, tremor and mistakes differ between scenarios and
             methods, as nobody repeats a movement or a mistake.
+        random_seed: seed of everything that differs between people.
 
     Attributes:
         percept: what the person perceives now.
@@ -131,7 +133,7 @@ class Person:
     """
 
     def __init__(
-        self, world: World, scenario: Scenario, model: ParticipantModel, random_seed: int, method: str = "nrs"
+        self, world: World, scenario: Scenario, model: ParticipantModel, method: str, random_seed: int
     ) -> None:
         self._run_seeds = [random_seed, zlib.crc32(f"{scenario.key} {method}".encode())]
         self.rng = np.random.default_rng(self._run_seeds)
