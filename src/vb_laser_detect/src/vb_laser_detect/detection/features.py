@@ -108,7 +108,8 @@ def measure_blob(searched: SearchedImage, box: Box, max_diameter: float, max_wid
         return _unmeasured(box, "off_floor")
     picture = searched.picture
     if picture.scale > 1:
-        small_box = tuple(side // picture.scale for side in box)
+        left, top, right, bottom = box
+        small_box = left // picture.scale, top // picture.scale, -(-right // picture.scale), -(-bottom // picture.scale)
         limits = max_diameter / picture.scale, max_width / picture.scale
         cutout = _cut_out(picture.searched, lambda part: searched.reference[part], small_box, *limits)
         if cutout.problem == "too_large":
