@@ -24,7 +24,7 @@ from vb_testing import is_listening, wait_until
 from vb_core import geometry, names, sentences
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_transform
 from vb_core.ros.notices import NoticeListener
-from vb_evaluation.child_processes import free_port
+from vb_core.child_processes import free_port
 from vb_msgs.msg import DriverState, RobotStatusArray, VirtualBorder, VirtualBorderArray
 from vb_msgs.srv import AddBorder, RemoveBorder
 

@@ -17,7 +17,7 @@ from scipy.spatial.distance import directed_hausdorff
 from phone import WALL, Browser
 from vb_testing import run_command, wait_until
 from vb_core.errors import CodedError
-from vb_evaluation.child_processes import Child, free_port
+from vb_core.child_processes import Child, free_port
 from vb_map_integration.border import borders_from_geojson
 
 ROOM = Path(rospkg.RosPack().get_path("vb_bringup")) / "try"

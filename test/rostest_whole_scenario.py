@@ -13,7 +13,7 @@ from vb_testing import wait_until
 from vb_core import names
 from vb_core.geometry import resample_chain
 from vb_evaluation import metrics
-from vb_evaluation.observer import Observer
+from vb_evaluation.running_system.observer import Observer
 from vb_msgs.msg import DetectorStatus, LaserSpot, NoticeArray
 from vb_sim.lab_simulator_node import MIN_PACE
 from vb_sim.room import floor_plan

@@ -170,14 +170,12 @@ def _continue_inwards(image: np.ndarray, light: np.ndarray, u: float, v: float, 
         if not label or stats[label, cv2.CC_STAT_AREA] > 0.08 * labels.size:
             continue
         inside = (labels == label).view(np.uint8)
-        depth = cv2.distanceTransform(cv2.copyMakeBorder(inside, 1, 1, 1, 1, cv2.BORDER_CONSTANT), cv2.DIST_L2, 5)[
-            1:-1, 1:-1
-        ]
+        padded = cv2.copyMakeBorder(inside, 1, 1, 1, 1, cv2.BORDER_CONSTANT)
+        depth = cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1]
         radius = float(depth.max())
         sigma = max(radius / widths, 0.5)
-        light[part][:, :, channel] *= np.where(
-            inside > 0, np.exp((radius**2 - (radius - depth) ** 2) / (2.0 * sigma**2)), 1.0
-        )
+        gain = np.exp((radius**2 - (radius - depth) ** 2) / (2.0 * sigma**2))
+        light[part][:, :, channel] *= np.where(inside > 0, gain, 1.0)
 
 
 def takes(name: str, random: np.random.Generator) -> List[Tuple[str, CameraSettings]]:

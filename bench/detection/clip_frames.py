@@ -19,10 +19,8 @@ NEAR_FRAMES, FIRST_FRAMES = 8, 60  # in long clips, only frames near a shot and 
 # frames with unlabelled pulses, found by eye; in 115 and 116 on a wall that is white anyway
 UNLABELED = {"logitech-indoor-tree-green.mp4": (43, 44, 70, 71, 87, 88, 115, 116, 126, 127, 222, 223)}
 # parts of the clips' names
-CAMERAS, ROOMS = (
-    ("highres", "lifecam", "logitech", "no_interference"),
-    ("indoor", "outdoor", "safari", "motion", "nobg"),
-)
+CAMERAS = ("highres", "lifecam", "logitech", "no_interference")
+ROOMS = ("indoor", "outdoor", "safari", "motion", "nobg")
 
 
 def camera_and_room(group: str) -> Tuple[str, str]:

@@ -64,21 +64,13 @@ def fit(examples: pandas.DataFrame) -> SpotClassifier:
     def loss(heights: np.ndarray) -> Tuple[float, np.ndarray]:
         margins = design @ heights
         slopes = -weights * np.exp(-np.logaddexp(0.0, margins))
-        return (
-            float(weights @ np.logaddexp(0.0, -margins) + 0.5 * penalty @ heights**2),
-            design.T @ slopes + penalty * heights,
-        )
+        value = float(weights @ np.logaddexp(0.0, -margins) + 0.5 * penalty @ heights**2)
+        return value, design.T @ slopes + penalty * heights
 
     # a ramp that would have the wrong sign, by chance in these examples, is flat
     bounds = [(0.0, None)] * (len(signs) - 1) + [(None, None)]
-    solution = minimize(
-        loss,
-        np.zeros(len(signs)),
-        jac=True,
-        method="L-BFGS-B",
-        bounds=bounds,
-        options={"maxiter": 5000, "maxfun": 10000, "ftol": 0.0, "gtol": 1e-6},
-    )
+    limits = {"maxiter": 5000, "maxfun": 10000, "ftol": 0.0, "gtol": 1e-6}
+    solution = minimize(loss, np.zeros(len(signs)), jac=True, method="L-BFGS-B", bounds=bounds, options=limits)
     heights = solution.x * signs
     intercept, curves, first = float(heights[-1]), {}, 0
     for name, x, usual_value in zip(names, knots, usual_values):

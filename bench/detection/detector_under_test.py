@@ -48,13 +48,9 @@ class Finder:
     """
 
     def __init__(self, role: str, source: Optional[Path] = None, judge: Any = None, **changes: Any) -> None:
-        names = (
-            "vb_laser_detect.detection.spot_detector",
-            "vb_core.image_format",
-            "vb_laser_detect.detection.projection",
-            "vb_laser_detect.camera.source",
-        )
-        module, images, self._projection, self._source = import_from(source, *names)
+        names = ("detection.spot_detector", "detection.projection", "camera.source")
+        modules = import_from(source, "vb_core.image_format", *(f"vb_laser_detect.{name}" for name in names))
+        images, module, self._projection, self._source = modules
         params = module.DetectorParams.mobile if role == "mobile" else module.DetectorParams
         self._detector = module.SpotDetector(params(**changes), judge)
         self._reader = images.PixelReader()

@@ -119,9 +119,8 @@ def parts_of(clips: Optional[Path], words: Sequence[str]) -> Iterator[Tuple[str,
 def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--clips", type=Path, metavar="DIR")
-    parser.add_argument(
-        "--scenes", nargs="+", default=[""], metavar="WORD", help="only scenes with a WORD in their name"
-    )
+    about_scenes = "only scenes with a WORD in their name"
+    parser.add_argument("--scenes", nargs="+", default=[""], metavar="WORD", help=about_scenes)
     parser.add_argument("--examples", type=Path, metavar="FOLDER", default=TOP / "out" / "spot_examples")
     parser.add_argument("--out", type=Path, help="write the classifier")
     options = parser.parse_args()
@@ -143,9 +142,8 @@ def main() -> None:
     left_out = curve_fitting.leave_out(examples)
     for group, (_, truth, score) in left_out.items():
         found, false_spots = int((score[truth] > 0).sum()), int((score[~truth] > 0).sum())
-        table.add(
-            left_out=group, spots=int(truth.sum()), found=found, others=int((~truth).sum()), taken_for_spots=false_spots
-        )
+        spots, others = int(truth.sum()), int((~truth).sum())
+        table.add(left_out=group, spots=spots, found=found, others=others, taken_for_spots=false_spots)
     groups = pandas.DataFrame(table.rows)
     for kind, part in groups.groupby(groups.left_out.map(curve_fitting.kind_of)):
         spots, found, others, false_spots = part[["spots", "found", "others", "taken_for_spots"]].sum()

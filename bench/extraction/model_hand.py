@@ -18,7 +18,7 @@ from __future__ import annotations
 import sys
 import time
 from dataclasses import dataclass, replace
-from typing import Any, Callable, Dict, List, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Tuple
 
 import numpy as np
 from scipy.signal import lfilter
@@ -32,7 +32,6 @@ from vb_core import geometry  # noqa: E402
 
 MODULES = "vb_fusion.extraction", "vb_fusion.spot_collector"
 BAD_M = 0.25
-Judgement = Tuple[bool, bool, bool, float]  # bad, silent, told, and error [m]
 MARGIN = 0.5  # [m] around the drawing, in which strays appear
 SLOW = 0.1  # [m/s] below which a hand moves at constant speed
 STEP = 0.005  # [s] between samples of the hand's movement
@@ -44,13 +43,22 @@ BIAS, NOISE, TREMOR = 0.03, 0.005, 0.012  # [m]
 DROPPED, BURSTS, STRAYS = 0.2, 0.3, 0.03  # share, [1/s], share
 
 
+class Judgement(NamedTuple):
+    """Whether a border or seed is bad, and that silently; whether a warning was given; and the error [m]."""
+
+    bad: bool
+    silent: bool
+    reported: bool
+    error: float
+
+
 @dataclass
 class Scene:
-    """A drawn line, the pointer's path in steps of time, and whether cameras see the spot at each step."""
+    """A drawn line, the pointer's path (N, 2) [m] in steps of STEP, and whether cameras see the spot at each step."""
 
     truth: np.ndarray
     closed: bool
-    way: np.ndarray
+    path: np.ndarray
     shown: np.ndarray
     setback: float = 0.0  # [s] by which all clocks are set back in the middle
 
@@ -103,7 +111,7 @@ def ring(size: float, rng: np.random.Generator, sweep: float = 2.0 * np.pi, flat
 def hidden(width: float, rng: np.random.Generator) -> Scene:
     """Draws a box, of which no camera sees a piece."""
     scene = polygon(np.roll(BOX, rng.integers(4), axis=0), True, rng)
-    arc = geometry.arc_lengths(scene.way)
+    arc = geometry.arc_lengths(scene.path)
     scene.shown = np.abs(arc - rng.uniform(0.6, arc[-1] - 0.6)) > 0.5 * width
     return scene
 
@@ -111,11 +119,11 @@ def hidden(width: float, rng: np.random.Generator) -> Scene:
 def lifted(rng: np.random.Generator) -> Scene:
     """Draws a box and switches the pointer off once, and continues some centimetres before or after that point."""
     scene = polygon(BOX, True, rng)
-    off = int(rng.uniform(0.2, 0.8) * len(scene.way))
+    off = int(rng.uniform(0.2, 0.8) * len(scene.path))
     pause = int(rng.uniform(0.5, 3.0) / STEP)
     on = max(0, off + int(rng.uniform(-0.4, 0.4) / STEP))
-    scene.way = np.vstack([scene.way[:off], np.repeat(scene.way[off : off + 1], pause, axis=0), scene.way[on:]])
-    scene.shown = np.ones(len(scene.way), bool)
+    scene.path = np.vstack([scene.path[:off], np.repeat(scene.path[off : off + 1], pause, axis=0), scene.path[on:]])
+    scene.shown = np.ones(len(scene.path), bool)
     scene.shown[off : off + pause] = False
     return scene
 
@@ -136,23 +144,23 @@ def sides_apart(rng: np.random.Generator) -> Scene:
 
 def look(scene: Scene, rng: np.random.Generator):
     """Simulates the cameras' observation of a scene; returns points, stamps and cameras, in order of arrival."""
-    end = len(scene.way) * STEP
+    end = len(scene.path) * STEP
     decay = np.exp(-STEP / 0.25)
-    hand = lfilter([1.0], [1.0, -decay], rng.normal(0.0, TREMOR * np.sqrt(1 - decay**2), scene.way.shape), axis=0)
+    hand = lfilter([1.0], [1.0, -decay], rng.normal(0.0, TREMOR * np.sqrt(1 - decay**2), scene.path.shape), axis=0)
     rows = []
     for camera, rate in enumerate(RATES):
         t = np.arange(rng.uniform(0.0, 1.0 / rate), end, 1.0 / rate)
         for burst_start in rng.uniform(0.0, end, rng.poisson(BURSTS * end)):
             t = t[(t < burst_start) | (t > burst_start + rng.exponential(0.2))]
-        index = np.minimum((t / STEP).astype(int), len(scene.way) - 1)
+        index = np.minimum((t / STEP).astype(int), len(scene.path) - 1)
         seen = scene.shown[index] & (rng.random(len(t)) >= DROPPED)
         t, index = t[seen], index[seen]
         angle = rng.uniform(0.0, 2.0 * np.pi)
         bias = BIAS * np.array([np.cos(angle), np.sin(angle)])
-        positions = scene.way[index] + hand[index] + bias + rng.normal(0.0, NOISE, (len(t), 2))
+        positions = scene.path[index] + hand[index] + bias + rng.normal(0.0, NOISE, (len(t), 2))
         rows.append(np.column_stack([t, positions, np.full(len(t), camera)]))
     count = int(round(STRAYS * sum(map(len, rows))))
-    low, high = scene.way.min(axis=0) - MARGIN, scene.way.max(axis=0) + MARGIN
+    low, high = scene.path.min(axis=0) - MARGIN, scene.path.max(axis=0) + MARGIN
     strays = np.column_stack([rng.uniform(0.0, end, count), rng.uniform(low, high, (count, 2))])
     rows.append(np.column_stack([strays, rng.integers(0, len(RATES), count)]))
     rows = np.vstack(rows)
@@ -197,11 +205,11 @@ def judge_seed(make: Callable, modules: List[Any], rng: np.random.Generator) -> 
     drawn = extraction.DrawnBorder(dwells=extraction.find_dwells(points, stamps=stamps, cameras=cameras))
     error = float(np.hypot(*(scene.truth[0] - drawn.seed)))
     reported = drawn.other_dwell is not None
-    return error > 0.15, error > 0.15 and not reported, reported, error
+    return Judgement(error > 0.15, error > 0.15 and not reported, reported, error)
 
 
 def judge(make: Callable, modules: List[Any], rng: np.random.Generator) -> Judgement:
-    """Returns whether the border is bad, whether silently, whether there is a warning, and the border's error [m]."""
+    """Judges the border that is extracted from what the cameras see of a scene."""
     extraction, collecting = modules
     scene = make(rng)
     collector = collecting.SpotCollector()
@@ -211,12 +219,12 @@ def judge(make: Callable, modules: List[Any], rng: np.random.Generator) -> Judge
     live = extraction.LiveExtractor(extraction.ExtractionParams(), 1.0)
     chain = live.update(collector.collection(), time.monotonic).chain
     if chain is None:
-        return True, False, True, np.nan
+        return Judgement(bad=True, silent=False, reported=True, error=np.nan)
     truth = scene.truth[np.append(True, np.hypot(*np.diff(scene.truth, axis=0).T) > 1e-9)]
     error = hausdorff(chain.points, geometry.resample_chain(truth, 0.01), scene.closed)
     bad = error > BAD_M or chain.closed != scene.closed
     reported = bool(chain.left_out_spots) or getattr(chain, "unseen", 0.0) > 0.5 * extraction.ExtractionParams().eps
-    return bad, bad and not reported, reported, error
+    return Judgement(bad, bad and not reported, reported, error)
 
 
 ROWS: Dict[str, Tuple[Callable, int]] = {

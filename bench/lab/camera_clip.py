@@ -26,8 +26,8 @@ from bench.detection.scene_motions import along, place_and_velocity
 from bench.detection.scene_rooms import Rooms, lab, tiles
 from bench.detection.scene_list import CARPET
 from bench.harness import TOP
+from vb_core.child_processes import free_port
 from vb_core.image_format import PixelReader
-from vb_evaluation.child_processes import free_port
 
 sys.path.append(str(TOP / "src/vb_laser_detect/test"))
 from mjpeg_server import MjpegServer  # noqa: E402

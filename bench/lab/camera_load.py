@@ -31,8 +31,8 @@ from bench.harness import TOP, Table, arguments, quantiles
 from bench.lab.camera_clip import FRAMES, clip, scene, serving, write_files
 from bench.lab.page_nodes import node_process, start, wait
 from vb_core import names
+from vb_core.child_processes import Child
 from vb_core.ros.messages import message_from_transform
-from vb_evaluation.child_processes import Child
 from vb_laser_detect.camera.camera_files import save_lens
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
@@ -56,12 +56,9 @@ class Running:
         ):
             rospy.Subscriber(topic, message_type, callback, queue_size=1000)
         self._poses = tf2_ros.StaticTransformBroadcaster()
-        self._poses.sendTransform(
-            [
-                message_from_transform(scene().pose, names.MAP_FRAME, f"{name}_optical_frame", rospy.Time.now())
-                for name in self.cameras
-            ]
-        )
+        pose, stamp = scene().pose, rospy.Time.now()
+        frames = [f"{name}_optical_frame" for name in self.cameras]
+        self._poses.sendTransform([message_from_transform(pose, names.MAP_FRAME, frame, stamp) for frame in frames])
         for number, name in enumerate(self.cameras):
             save_lens(folder / "lenses" / f"{name}.yaml", name, scene().model)
             (folder / "detectors").mkdir(exist_ok=True)

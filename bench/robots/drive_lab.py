@@ -19,14 +19,14 @@ from std_msgs.msg import Float64
 from bench.harness import TOP
 from bench.lab.page_nodes import wait
 from vb_core import names
+from vb_core.child_processes import free_port, roslaunch
 from vb_core.errors import CodedError
 from vb_core.geometry import chain_length
 from vb_core.grid_map import distance_to
 from vb_core.ros import messages
 from vb_core.ros.services import call
-from vb_evaluation.move_base_goals import GoalRunner
-from vb_evaluation.observer import Observer, wait_until
-from vb_evaluation.child_processes import free_port, roslaunch
+from vb_evaluation.running_system.move_base_goals import GoalRunner
+from vb_evaluation.running_system.observer import Observer, wait_until
 from vb_msgs.msg import DriverState, LabState, ParticipantState, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
 from vb_sim.room.world import load_world

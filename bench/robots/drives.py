@@ -21,6 +21,7 @@ import functools
 import itertools
 import math
 from collections import Counter
+from typing import NamedTuple, Optional
 
 import numpy as np
 
@@ -50,6 +51,16 @@ INSIDE = 2  # goals inside each border
 MIN_LEG = 0.6  # [m] minimum between two poses
 
 
+class Drive(NamedTuple):
+    """A drive of a kind in WANTED; poses are (x, y, yaw) [m, m, deg]. A surprise has no scenario and chooses its goal."""
+
+    kind: str
+    scenario: str
+    number: int
+    start: tuple
+    goal: Optional[tuple] = None
+
+
 @functools.lru_cache(maxsize=None)
 def places(scenario: str, seed: int):
     """Returns poses (x, y, yaw) [m, m, deg]: a chain round a scenario's border, and poses inside the restricted area.
@@ -70,46 +81,44 @@ def places(scenario: str, seed: int):
     while len(chain) <= ROUNDS // 2:
         start = np.array(chain[-1][:2])
         ends = cells[rng.integers(len(cells), size=300)]
-        ends = ends[
-            (np.linalg.norm(ends - start, axis=1) >= MIN_LEG) & np.isfinite(clearance_map.path_lengths(start, ends))
-        ]
+        is_far = np.linalg.norm(ends - start, axis=1) >= MIN_LEG
+        ends = ends[is_far & np.isfinite(clearance_map.path_lengths(start, ends))]
         if not len(ends):
             chain[-1] = (*cells[rng.integers(len(cells))], 0)  # replaces the pose, from which no path leads on
             continue
         lines = start + np.linspace(0.0, 1.0, 100)[None, :, None] * (ends - start)[:, None, :]
         crosses = sample(posterior, restricted, lines.reshape(-1, 2)).reshape(len(ends), -1).any(axis=1)
         chain.append((*ends[int(np.argmax(crosses))], int(yaws[len(chain)])))
-    inside = posterior.cell_to_world(
-        np.argwhere(restricted & (distance_to(~restricted) * posterior.resolution > RADIUS))
-    )
+    is_deep = distance_to(~restricted) * posterior.resolution > RADIUS
+    inside = posterior.cell_to_world(np.argwhere(restricted & is_deep))
     inside = [(*inside[rng.integers(len(inside))], 0) for _ in range(INSIDE)]
     return [tuple(float(round(value, 3)) for value in place) for place in (*chain, *inside)]
 
 
 def tasks(seed: int):
-    """Yields the drives (kind, scenario, number, start, goal), with kinds and scenarios alternating."""
+    """Yields the drives, with kinds and scenarios alternating."""
     for first in range(0, ROUNDS, 10):
         for scenario in SCENARIOS:
             chain, inside = places(scenario, seed)[:-INSIDE], places(scenario, seed)[-INSIDE:]
             tour = chain + chain[-2::-1]
-            yield from (("round", scenario, i, tour[i], tour[i + 1]) for i in range(first, first + 10))
+            yield from (Drive("round", scenario, i, tour[i], tour[i + 1]) for i in range(first, first + 10))
             if first == 0:
-                yield from (("inside", scenario, i, tour[10], goal) for i, goal in enumerate(inside))
+                yield from (Drive("inside", scenario, i, tour[10], goal) for i, goal in enumerate(inside))
         share = NOSES * 10 // ROUNDS
         for kind in ("nose", "box"):
             numbers = range(first // 10 * share, (first // 10 + 1) * share)
-            yield from ((kind, "", i, (7.0, 0.9, 180), None) for i in numbers)
+            yield from (Drive(kind, "", i, (7.0, 0.9, 180)) for i in numbers)
 
 
 def drive_scenario(lab, scenario, drives, record) -> None:
     """Drives to the start of the first drive, adds the border, and does the drives."""
-    task_scenario, start = lab.world.scenarios[scenario], drives[0][3]
+    task_scenario, start = lab.world.scenarios[scenario], drives[0].start
     if math.dist(lab.pose()[:2], start[:2]) > 0.2:
         lab.drive(start)
     border = lab.add(task_scenario.border, task_scenario.seed, task_scenario.closed)
     try:
-        for kind, _, number, _, goal in drives:
-            record(kind, scenario, number, lab.drive(goal)[1])
+        for drive in drives:
+            record(drive, lab.drive(drive.goal)[1])
     finally:
         lab.remove(border)
 
@@ -122,25 +131,27 @@ def main() -> None:
     parser.add_argument("--drives", type=int, default=1000, help="maximum number")
     options = parser.parse_args()
     table, counts = Table(options.csv, options.seed), Counter()
-    drives = [task for task in tasks(options.seed) if task[0] in options.kinds][options.first :][: options.drives]
+    drives = [drive for drive in tasks(options.seed) if drive.kind in options.kinds]
+    drives = drives[options.first :][: options.drives]
     if not drives:
         parser.error("no drives are left")
-    lab = Lab(options.robot, drives[0][3], options.seed)
+    lab = Lab(options.robot, drives[0].start, options.seed)
 
-    def record(kind, scenario, number, row) -> None:
+    def record(drive, row) -> None:
         entered, added = (row["entered_m"] or -1.0) > 0.0, row.get("border", "added") == "added"
-        good = row["outcome"] in WANTED[kind] and not entered and row["still_s"] <= STUCK
-        counts[kind, "done"] += added
-        counts[kind, "as wanted"] += added and good
-        table.add(robot=options.robot, kind=kind, scenario=scenario, number=number, **row, as_wanted=good)
+        good = row["outcome"] in WANTED[drive.kind] and not entered and row["still_s"] <= STUCK
+        counts[drive.kind, "done"] += added
+        counts[drive.kind, "as wanted"] += added and good
+        names = {"kind": drive.kind, "scenario": drive.scenario, "number": drive.number}
+        table.add(robot=options.robot, **names, **row, as_wanted=good)
 
     try:
-        for scenario, group in itertools.groupby(drives, key=lambda task: task[1]):
+        for scenario, group in itertools.groupby(drives, key=lambda drive: drive.scenario):
             if scenario:
                 drive_scenario(lab, scenario, list(group), record)
                 continue
-            for kind, _, number, _, _ in group:
-                record(kind, scenario, number, SURPRISES[kind](lab, number, options.seed))
+            for drive in group:
+                record(drive, SURPRISES[drive.kind](lab, drive.number, options.seed))
     finally:
         lab.child.stop()
     for kind in options.kinds:

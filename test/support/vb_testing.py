@@ -11,7 +11,7 @@ from xmlrpc.client import ServerProxy
 import rosgraph
 import rospy
 
-from vb_evaluation.child_processes import spawn
+from vb_core.child_processes import spawn
 
 _HEARD = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
 TIMEOUT = 120.0  # [s] a busy computer takes ten times as long as an idle one; only a failure waits this long

@@ -83,10 +83,7 @@ class Session:
 
     def run(self):
         """Runs a whole interaction and returns its result."""
-        wait(
-            lambda: self.state is not None and self.spots.get_num_connections() >= 2,
-            "the state, and fusion and manager, who see spots",
-        )
+        wait(lambda: self.state is not None and self.spots.get_num_connections() >= 2, "the state, fusion and manager")
         self.map.publish(message_from_grid(ROOM, rospy.Time.now()))
         wait(lambda: self.grid is not None, "the map")
         # the previewed seed is saved, perhaps a mean of fewer spots: exact for 2.0 and 1.75, whatever their number
@@ -103,10 +100,8 @@ class Session:
         self.show(seed)
         wait(lambda: self.progress.seed_spots == len(seed), "the seed's spots")
         self.give_command("save")
-        wait(
-            lambda: self.borders is not None and self.borders.borders and grid_from_message(self.grid).data.any(),
-            "the saved border",
-        )
+        wait(lambda: self.borders is not None and self.borders.borders, "the saved border")
+        wait(lambda: grid_from_message(self.grid).data.any(), "the map with the border")
         saved = self.borders.borders[0]
         return {
             "answers": self.answers,

@@ -24,18 +24,11 @@ from vb_voice_wizard.interaction import Interaction
 
 YELLOW, RED, BLUE = (0, 215, 247), (0, 0, 255), (180, 90, 40)  # (b, g, r)
 EXACT = ((0.751, 0.251), (2.249, 1.249))  # the ground truth's corners [m], to the cell
-
-
-def make_room():
-    """Returns a map of a room of 4 m x 3 m with walls and a table, unknown outside; 5 cm cells."""
-    cells = np.full((70, 90), -1, np.int8)
-    cells[5:65, 5:85] = 100
-    cells[7:63, 7:83] = 0
-    cells[40:44, 60:64] = 100
-    return GridMap(cells, 0.05, (-0.25, -0.25, 0.0))
-
-
-ROOM = make_room()
+# a room of 4 m x 3 m with walls and a table, unknown outside; 5 cm cells
+ROOM = GridMap(np.full((70, 90), -1, np.int8), 0.05, (-0.25, -0.25, 0.0))
+ROOM.data[5:65, 5:85] = 100
+ROOM.data[7:63, 7:83] = 0
+ROOM.data[40:44, 60:64] = 100
 TRUTH = np.zeros(ROOM.shape, bool)
 TRUTH[10:30, 20:50] = ROOM.data[10:30, 20:50] == 0
 

@@ -4,6 +4,7 @@ import contextlib
 import json
 from pathlib import Path
 from types import SimpleNamespace
+from typing import NamedTuple, Optional
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from geometry_msgs.msg import Pose2D
 from rich.console import Console
 
 from vb_evaluation import demo
-from vb_evaluation.move_base_goals import GoalOutcome
+from vb_evaluation.running_system.move_base_goals import GoalOutcome
 from vb_msgs.msg import InteractionState, LabState
 from vb_sim.room import floor_plan
 
@@ -48,38 +49,48 @@ OUT, IN, GOAL = (6.0, 0.5), (4.12, 1.425), (1.6, 1.6)  # beside the carpet, on i
 ROUND = [OUT, (6.0, 0.3), (2.5, 0.3), GOAL]
 
 
-@pytest.mark.parametrize(
-    "code, at_save, first, driven, outcome, after",
-    [
-        ("went_round", OUT, [OUT], ROUND, "reached", ROUND),
-        ("out_of_reach", OUT, [OUT], [OUT], "refused", []),
-        ("no_border", OUT, None, [], "", []),
-        ("way_crosses", OUT, [OUT], ROUND, "reached", [OUT, IN, GOAL]),
-        ("robot_entered", OUT, [OUT], [OUT, IN, GOAL], "reached", ROUND),
-        ("robot_entered", OUT, [OUT, IN], [IN], "refused", []),  # on the way to the start of the proof
-        ("robot_entered", OUT, [IN], [IN], "refused", []),  # between the save and the first goal
-        ("robot_entered", IN, [IN, OUT], [OUT, IN], "reached", ROUND),
-        ("saved_over_robot", IN, [], [IN], "refused", []),
-        ("saved_over_robot", IN, [IN], [IN, (4.2, 1.4)], "reached", ROUND),
-        ("went_round", IN, [IN, OUT], ROUND, "reached", ROUND),
-        ("went_round", IN, [IN], [IN, *ROUND], "reached", ROUND),
-        ("goal_not_reached", OUT, [OUT], [OUT], "time_is_up", ROUND),
-    ],
-)
-def test_verdict_distinguishes_entering_from_standing_inside(
-    code, at_save, first, driven, outcome, after, tmp_path, capsys
-):
+class Proof(NamedTuple):
+    """The robot's place when a border was saved, its path to the start and the goal of the proof, and the verdict."""
+
+    verdict: str
+    saved_at: tuple = OUT
+    to_start: list = [OUT]
+    to_goal: Optional[list] = ROUND  # None if no border was saved
+    outcome: str = "reached"
+    plan: list = ROUND
+
+
+PROOFS = [
+    Proof("went_round"),
+    Proof("out_of_reach", to_goal=[OUT], outcome="refused", plan=[]),
+    Proof("no_border", to_goal=None, outcome="", plan=[]),
+    Proof("way_crosses", plan=[OUT, IN, GOAL]),
+    Proof("robot_entered", to_goal=[OUT, IN, GOAL]),
+    Proof("robot_entered", to_start=[OUT, IN], to_goal=[IN], outcome="refused", plan=[]),
+    Proof("robot_entered", to_start=[IN], to_goal=[IN], outcome="refused", plan=[]),  # before the first drive
+    Proof("robot_entered", saved_at=IN, to_start=[IN, OUT], to_goal=[OUT, IN]),
+    Proof("saved_over_robot", saved_at=IN, to_start=[], to_goal=[IN], outcome="refused", plan=[]),
+    Proof("saved_over_robot", saved_at=IN, to_start=[IN], to_goal=[IN, (4.2, 1.4)]),
+    Proof("went_round", saved_at=IN, to_start=[IN, OUT]),
+    Proof("went_round", saved_at=IN, to_start=[IN], to_goal=[IN, *ROUND]),
+    Proof("goal_not_reached", to_goal=[OUT], outcome="time_is_up"),
+]
+
+
+@pytest.mark.parametrize("proof", PROOFS, ids=lambda proof: proof.verdict)
+def test_verdict_distinguishes_entering_from_standing_inside(proof, tmp_path, capsys):
     options = demo.parse(["--out", str(tmp_path)])
     prior = floor_plan.physical_map(options.world)
     restricted = floor_plan.ground_truth(options.world, options.scenario)
     posterior = prior.with_data(np.where(restricted, np.int8(100), prior.data))
-    lab = LabState(robot_poses=[Pose2D(*at_save, 0.0)])
+    lab = LabState(robot_poses=[Pose2D(*proof.saved_at, 0.0)])
     observer = SimpleNamespace(state=InteractionState(), prior=prior, posterior=posterior, lab_at_save=lab)
-    paths = [np.array(points, dtype=float).reshape(-1, 2) for points in (after, first or [], driven)]
-    drives = [] if first is None else [GoalOutcome("refused", path=paths[1]), GoalOutcome(outcome, path=paths[2])]
+    paths = (np.reshape(places, (-1, 2)) for places in (proof.to_start, proof.to_goal or [], proof.plan))
+    to_start, to_goal, plan = paths
+    drives = [GoalOutcome("refused", path=to_start), GoalOutcome(proof.outcome, path=to_goal)]
     with contextlib.ExitStack() as stack:
         show = demo.Demo(options, Console(width=200), stack)
-        status = show._conclude(observer, {"before": paths[2], "after": paths[0]}, drives)
-    assert json.loads((tmp_path / "summary.json").read_text())["verdict"] == code
-    assert status == (0 if code in ("went_round", "out_of_reach") else 1)
-    assert demo.VERDICTS[code].format(drive_outcome=outcome) in capsys.readouterr().out
+        status = show._conclude(observer, {"before": plan, "after": plan}, [] if proof.to_goal is None else drives)
+    assert json.loads((tmp_path / "summary.json").read_text())["verdict"] == proof.verdict
+    assert status == (0 if proof.verdict in ("went_round", "out_of_reach") else 1)
+    assert demo.VERDICTS[proof.verdict].format(drive_outcome=proof.outcome) in capsys.readouterr().out

@@ -5,8 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy import stats
 
 from refusals import refused
@@ -15,11 +14,9 @@ from vb_evaluation import statistics
 # Field (2009), Discovering Statistics Using SPSS, 3rd ed., Sect. 15.4: depression on Sunday and on Wednesday
 ECSTASY = ([15, 35, 16, 18, 19, 17, 27, 16, 13, 20], [28, 35, 35, 24, 39, 32, 27, 29, 36, 35])
 ALCOHOL = ([16, 15, 20, 15, 16, 13, 14, 19, 18, 18], [5, 6, 30, 8, 9, 7, 6, 17, 3, 10])
-# Hollander & Wolfe (1973), Nonparametric Statistical Methods, Table 3.1; also the example of R's ?wilcox.test
-HAMILTON = (
-    [1.83, 0.50, 1.62, 2.48, 1.68, 1.88, 1.55, 3.06, 1.30],
-    [0.878, 0.647, 0.598, 2.05, 1.06, 1.29, 1.06, 3.14, 1.29],
-)
+# depression in Hollander & Wolfe (1973), Nonparametric Statistical Methods, Table 3.1, and in R's ?wilcox.test
+FIRST_VISIT = [1.83, 0.50, 1.62, 2.48, 1.68, 1.88, 1.55, 3.06, 1.30]
+SECOND_VISIT = [0.878, 0.647, 0.598, 2.05, 1.06, 1.29, 1.06, 3.14, 1.29]
 
 
 @pytest.mark.parametrize(
@@ -34,7 +31,7 @@ def test_the_signed_rank_test_is_that_of_fields_textbook(sunday_wednesday, sums,
 
 
 def test_exact_p_estimate_and_interval_are_hollander_and_wolfes():
-    comparison = statistics.compare_paired(HAMILTON[1], HAMILTON[0], confidence=0.96)
+    comparison = statistics.compare_paired(SECOND_VISIT, FIRST_VISIT, confidence=0.96)
     assert (comparison.test.w_plus, comparison.test.w_minus) == (5.0, 40.0)
     assert comparison.test.p_exact == 2 * 0.01953125  # R: V = 40, one-sided p = 0.01953
     assert comparison.shift.estimate == pytest.approx(-0.46)

@@ -3,6 +3,7 @@
 import json
 import shutil
 from types import SimpleNamespace
+from typing import Any, Dict, NamedTuple, Optional
 
 import cv2
 import numpy as np
@@ -29,13 +30,12 @@ LAYER[::-1][10:30, 20:50] = (0, 215, 247, 255)
 @pytest.mark.parametrize(
     "picture, least",
     [
-        (painted_room(YELLOW), 1.0),
-        (painted_room(RED), 1.0),
-        (painted_room(BLUE), 1.0),
-        (LAYER, 1.0),
-        (cv2.GaussianBlur(painted_room((0, 200, 255)), (5, 5), 0), 0.91),
+        pytest.param(painted_room(YELLOW), 1.0, id="yellow"),
+        pytest.param(painted_room(RED), 1.0, id="red"),
+        pytest.param(painted_room(BLUE), 1.0, id="blue"),
+        pytest.param(LAYER, 1.0, id="transparent layer"),
+        pytest.param(cv2.GaussianBlur(painted_room((0, 200, 255)), (5, 5), 0), 0.91, id="soft edge"),
     ],
-    ids=["yellow", "red", "blue", "transparent layer", "soft edge"],
 )
 def test_any_strong_colour_marks_free_floor(picture, least, tmp_path):
     cv2.imwrite(str(tmp_path / "carpet.png"), picture)
@@ -45,11 +45,10 @@ def test_any_strong_colour_marks_free_floor(picture, least, tmp_path):
 @pytest.mark.parametrize(
     "picture, words",
     [
-        (picture_of_room(), "no free floor is marked"),
-        (np.zeros((35, 45, 3), np.uint8), "45 x 35 pixels, the map 90 x 70"),
-        (None, "damaged"),
+        pytest.param(picture_of_room(), "no free floor is marked", id="nothing marked"),
+        pytest.param(np.zeros((35, 45, 3), np.uint8), "45 x 35 pixels, the map 90 x 70", id="another size"),
+        pytest.param(None, "damaged", id="no picture"),
     ],
-    ids=["nothing marked", "another size", "no picture"],
 )
 def test_a_picture_that_is_no_ground_truth_is_named(picture, words, tmp_path):
     (tmp_path / "a.png").write_text("no picture")
@@ -171,30 +170,39 @@ def test_another_study_is_not_overwritten(plain_study):
 
 
 # ------------------------------------------------------------------ mishaps
+class Mishap(NamedTuple):
+    """Arguments of the interaction, None if none was begun, what was noted, and what has to be in the run's row."""
+
+    outcome: str
+    completed: str = "0"
+    interaction: Optional[Dict[str, Any]] = {}
+    noted: Optional[bool] = None
+
+
 CANCELLED, WRONG_SEED = dict(save=False), dict(seed=(3.2, 2.0))
-MISHAPS = {  # recording: its interaction, if one was begun; what was noted; the outcome, and whether it was completed
-    "good": ({}, None, "completed", "1"),
-    "never begun": (None, False, "not_started", ""),
-    "cancelled with help": (CANCELLED, None, "not_saved", "0"),
-    "cancelled, noted as completed": (CANCELLED, True, "disputed", "0"),
-    "wrong seed": (WRONG_SEED, None, "wrong_seed", "0"),
-    "wrong seed, noted as completed": (WRONG_SEED, True, "disputed", "0"),
-    "judged as not completed": ({}, None, "judged_failed", "0"),
-    "with the other method": (dict(method="robot_only"), None, "not_as_planned", "0"),
-    "torn by a full disk": ({}, None, "unreadable", ""),
-    "lost": ({}, None, "unreadable", ""),
+MISHAPS = {  # by the recording's name
+    "good": Mishap("completed", "1"),
+    "never begun": Mishap("not_started", "", interaction=None, noted=False),
+    "cancelled with help": Mishap("not_saved", interaction=CANCELLED),
+    "cancelled, noted as completed": Mishap("disputed", interaction=CANCELLED, noted=True),
+    "wrong seed": Mishap("wrong_seed", interaction=WRONG_SEED),
+    "wrong seed, noted as completed": Mishap("disputed", interaction=WRONG_SEED, noted=True),
+    "judged as not completed": Mishap("judged_failed"),
+    "with the other method": Mishap("not_as_planned", interaction=dict(method="robot_only")),
+    "torn by a full disk": Mishap("unreadable", ""),
+    "lost": Mishap("unreadable", ""),
 }
 
 
 def record_mishaps(study):
     """Records each mishap with the method nrs, beside a good run of the same person with robot_only."""
     runs = []
-    for number, (name, (interaction, noted, *_)) in enumerate(MISHAPS.items(), 1):
+    for number, (name, mishap) in enumerate(MISHAPS.items(), 1):
         lab = RecordedLab(study / name)
-        if interaction is not None:
-            lab.interaction("i", *EXACT, **interaction)
-        if noted is not None:
-            (study / name / "run.yaml").write_text(f"completed: {str(noted).lower()}\nended: now\n")
+        if mishap.interaction is not None:
+            lab.interaction("i", *EXACT, **mishap.interaction)
+        if mishap.noted is not None:
+            (study / name / "run.yaml").write_text(f"completed: {str(mishap.noted).lower()}\nended: now\n")
         RecordedLab(study / f"{name} alone", cameras=()).interaction("i", *EXACT, method="robot_only")
         runs += [f'p{number},1,nrs,carpet,"{name}",,', f'p{number},2,robot_only,carpet,"{name} alone",,']
     for key in "hhp":
@@ -221,9 +229,9 @@ def mishaps(tmp_path_factory):
     return SimpleNamespace(folder=study, codes=codes, rows=rows, notes=notes, page=page, tables=tables)
 
 
-@pytest.mark.parametrize("name, outcome, completed", [(name, *row[2:]) for name, row in MISHAPS.items()])
-def test_each_mishap_has_its_outcome(mishaps, name, outcome, completed):
-    assert (mishaps.rows[name]["outcome"], mishaps.rows[name]["completed"]) == (outcome, completed)
+@pytest.mark.parametrize("name, mishap", MISHAPS.items(), ids=MISHAPS)
+def test_each_mishap_has_its_outcome(mishaps, name, mishap):
+    assert (mishaps.rows[name]["outcome"], mishaps.rows[name]["completed"]) == (mishap.outcome, mishap.completed)
 
 
 def test_the_judge_sees_each_saved_border_under_a_number_alone(mishaps):
@@ -254,11 +262,8 @@ def test_each_doubtful_run_has_a_warning(mishaps):
         ("completeness", 1, {"completed": "10 of 10"}),
         ("outcomes", 0, {"not_started": "1", "unreadable": "2", "disputed": "2", "judged_failed": "1"}),
         ("outcomes", 0, {"helped": "1", "problems": "1"}),
-        (
-            "who_completed",
-            0,
-            {"both": "1", "first": "0", "second": "5", "neither": "0", "p": ".062"},
-        ),  # exact, of 0 of 5
+        # p is exact, of 0 of 5
+        ("who_completed", 0, {"both": "1", "first": "0", "second": "5", "neither": "0", "p": ".062"}),
         ("summary", 0, {"pairs": "6"}),
         ("summary_without_help", 0, {"pairs": "5"}),
         ("not_completed", 0, {"outcome": "not_saved"}),

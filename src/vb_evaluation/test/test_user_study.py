@@ -50,9 +50,8 @@ def test_a_run_that_did_not_take_place_is_left_out(tmp_path):
 )
 def test_wrong_protocols_name_the_line(text, words, tmp_path):
     (tmp_path / "p.csv").write_text(text)
-    with pytest.raises(CodedError) as caught:
+    with pytest.raises(CodedError, match=words):
         protocol.read(tmp_path / "p.csv")
-    assert words in str(caught.value)
 
 
 # ------------------------------------------------------------------ running

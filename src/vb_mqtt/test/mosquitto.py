@@ -6,7 +6,7 @@ from pathlib import Path
 
 import paho.mqtt.client as paho
 
-from vb_evaluation.child_processes import free_port, spawn
+from vb_core.child_processes import free_port, spawn
 from vb_testing import TIMEOUT, is_listening, wait_until
 
 PROGRAM = "/usr/sbin/mosquitto"  # Debian's location, which is in the PATH only for root

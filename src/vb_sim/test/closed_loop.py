@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from vb_core import geometry
-from vb_sim.person.participant import CommandReply, Perception
+from vb_sim.person.person import CommandReply, Perception
 from vb_sim.robot.robot_body import advance
 
 DT = 0.04  # [s] at half the real rate: the same behaviour in half the computing time

@@ -72,9 +72,6 @@ class LabSimulatorTest(unittest.TestCase):
         reply = self.make_plan(pose(*start), pose(*goal), tolerance)
         return np.array([(p.pose.position.x, p.pose.position.y) for p in reply.plan.poses]).reshape(-1, 2)
 
-    def send(self, *goal):
-        self.client.send_goal(MoveBaseGoal(target_pose=pose(*goal)))
-
     def finish(self, limit=90.0):
         wait_until(lambda: self.client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE), "its end", limit)
         wait_until(self.may_plan, "plans for others again")
@@ -113,7 +110,7 @@ class LabSimulatorTest(unittest.TestCase):
     def test_a_goal_is_reached_round_a_border_published_meanwhile(self):
         self.publish()
         driven = len(self.cmd_vel.all)
-        self.send(5.2, 1.0, 1.5)
+        self.client.send_goal(MoveBaseGoal(target_pose=pose(5.2, 1.0, 1.5)))
         wait_until(lambda: self.client.get_state() == GoalStatus.ACTIVE, "the goal to be taken")
         # like the real move_base: no plans for others while a goal is active
         self.assertFalse(self.may_plan())

@@ -128,11 +128,10 @@ def test_person_and_furniture_hide_the_spot(lab):
     assert np.abs(added_light(view, Snapshot(1.0, laser=behind_box))).max() <= 2
     assert added_light(view, Snapshot(1.0, laser=(2.6, 1.0))).max() > 80
     # the box hides it from the robot, too
-    hidden_light, visible_light = (
-        np.abs(added_light(robot(lab), Snapshot(1.0, {"robot": (2.0, 1.0, 0.0)}, place))).max()
-        for place in ((3.4, 1.0), (2.6, 1.0))
-    )
-    assert hidden_light == 0 and visible_light > 80
+    scenes = (Snapshot(1.0, {"robot": (2.0, 1.0, 0.0)}, place) for place in ((3.4, 1.0), (2.6, 1.0)))
+    hidden_light, visible_light = (np.abs(added_light(robot(lab), scene)).max() for scene in scenes)
+    assert hidden_light == 0
+    assert visible_light > 80
 
 
 # ------------------------------------------------------------------ frames

@@ -1,6 +1,7 @@
 """The simulated person, with a small stand-in for the system."""
 
 from pathlib import Path
+from typing import Any, Dict, NamedTuple, Sequence
 
 import numpy as np
 import pytest
@@ -11,8 +12,8 @@ from vb_core import geometry
 from vb_sim.person.hand import Stroke, Tremor, perceive_border, load_styles
 from vb_sim.person.walking import distance_to_chain
 from vb_sim.models import ParticipantModel
-from vb_sim.person.participant import Person
-from vb_sim.person.participant_methods import NetworkRobotSystemScript, RobotOnlyScript, choose_order
+from vb_sim.person.participant_methods import choose_order, make_script
+from vb_sim.person.person import Person
 from vb_sim.room.world import load_world
 from closed_loop import DT, System
 
@@ -28,10 +29,7 @@ def chain_of(border, closed):
 
 
 def system(key="carpet", method="nrs", seed=1, covered=EVERYWHERE, model=ParticipantModel(), **options):
-    scenario = WORLD.scenario(key)
-    near = scenario.stand if method == "nrs" else np.array(WORLD.robots[0].start[:2])
-    person = Person(WORLD, scenario, model, seed, near, method)
-    script = NetworkRobotSystemScript(person) if method == "nrs" else RobotOnlyScript(person)
+    script = make_script(WORLD, WORLD.scenario(key), model, method, seed)
     return System(script, WORLD.robots[0].start_pose(), covered, **{"follows": method != "nrs", **options})
 
 
@@ -44,34 +42,43 @@ def check_drawing(key, sim):
     assert max(missed) < 0.10
 
 
+class Situation(NamedTuple):
+    """Who draws which scenario in which time [s], what `system` is like, and the commands before a smooth drawing's."""
+
+    key: str
+    method: str = "nrs"
+    limit: float = 200.0
+    system: Dict[str, Any] = {}
+    commands_before: Sequence[str] = ()
+
+
 SCENARIOS = ("room", "carpet", "corner")
-ROBOT_ALONE = {"dispatch_after": 1e9, "follows": True}
+END_HIDDEN, BEGINNING_HIDDEN = (lambda spot: spot[0] < 7.0), (lambda spot: spot[1] < 4.2)
+ALONE, LED = dict(covered=NOWHERE, dispatch_after=1e9, follows=True), ("guide_robot",)
+SITUATIONS = {
+    **{key: Situation(key, limit=120.0) for key in SCENARIOS},
+    **{f"{key} by robot": Situation(key, "robot_only", 280.0, dict(covered=NOWHERE), LED) for key in SCENARIOS},
+    "end not covered": Situation("corner", system=dict(covered=END_HIDDEN, dispatch_after=4.0)),
+    "beginning not covered": Situation("corner", system=dict(covered=BEGINNING_HIDDEN, dispatch_after=4.0)),
+    "no camera": Situation("room", limit=280.0, system=ALONE, commands_before=["define_border", *LED]),
+    "slips": Situation("room", system=dict(model=SLIPS), commands_before=["define_border", "cancel"]),
+    "slips by robot": Situation(
+        "room", "robot_only", 200.0, dict(model=SLIPS), [*LED, "define_border", "cancel", *LED]
+    ),
+}
 
 
-@pytest.mark.parametrize(
-    "key, method, limit, options, first_commands",
-    [
-        *[(key, "nrs", 120.0, {}, []) for key in SCENARIOS],
-        *[(key, "robot_only", 280.0, {"covered": NOWHERE}, ["guide_robot"]) for key in SCENARIOS],
-        ("corner", "nrs", 200.0, {"covered": lambda spot: spot[0] < 7.0, "dispatch_after": 4.0}, []),
-        ("corner", "nrs", 200.0, {"covered": lambda spot: spot[1] < 4.2, "dispatch_after": 4.0}, []),
-        ("room", "nrs", 280.0, {**ROBOT_ALONE, "covered": NOWHERE}, ["define_border", "guide_robot"]),
-        ("room", "nrs", 200.0, {"model": SLIPS}, ["define_border", "cancel"]),
-        ("room", "robot_only", 200.0, {"model": SLIPS}, ["guide_robot", "define_border", "cancel", "guide_robot"]),
-    ],
-    ids=[*SCENARIOS, *(f"{key} by robot" for key in SCENARIOS)]
-    + ["end not covered", "beginning not covered", "no camera", "slips", "slips by robot"],
-)
-def test_whatever_happens_the_whole_border_is_drawn(key, method, limit, options, first_commands):
-    sim = system(key, method, **options)
-    assert sim.run(limit) == "saved"
-    assert sim.commands == [*first_commands, *DRAWN]
+@pytest.mark.parametrize("situation", SITUATIONS.values(), ids=SITUATIONS)
+def test_whatever_happens_the_whole_border_is_drawn(situation):
+    sim = system(situation.key, situation.method, **situation.system)
+    assert sim.run(situation.limit) == "saved"
+    assert sim.commands == [*situation.commands_before, *DRAWN]
     # a robot is led with its buttons, and without cameras there is no other input
-    assert ("buttons" in sim.sources) == ("guide_robot" in first_commands)
-    assert ("participant" in sim.sources) == (method == "nrs")
-    check_drawing(key, sim)
+    assert ("buttons" in sim.sources) == ("guide_robot" in situation.commands_before)
+    assert ("participant" in sim.sources) == (situation.method == "nrs")
+    check_drawing(situation.key, sim)
     if "buttons" not in sim.sources:
-        assert np.linalg.norm(np.mean(sim.seed, axis=0) - WORLD.scenario(key).seed) < 0.03
+        assert np.linalg.norm(np.mean(sim.seed, axis=0) - WORLD.scenario(situation.key).seed) < 0.03
 
 
 def test_a_robot_that_stays_behind_stops_nobody_whose_spot_is_seen():
@@ -111,7 +118,7 @@ def test_mistakes_are_drawn_for_each_run():
 
     def errs(seed, method):
         scenario, model = WORLD.scenario("carpet"), ParticipantModel(wrong_side=0.5)
-        return bool(np.any(Person(WORLD, scenario, model, seed, scenario.stand, method).seed != scenario.seed))
+        return bool(np.any(Person(WORLD, scenario, model, method, seed).seed != scenario.seed))
 
     errors = [(errs(seed, "nrs"), errs(seed, "robot_only")) for seed in range(40)]
     assert errors[:5] == [(errs(seed, "nrs"), errs(seed, "robot_only")) for seed in range(5)]

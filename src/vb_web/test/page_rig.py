@@ -10,7 +10,7 @@ from geometry_msgs.msg import Point
 from phone import Browser
 from vb_testing import Process, is_listening, wait_until
 from vb_core import names
-from vb_evaluation.child_processes import free_port
+from vb_core.child_processes import free_port
 from vb_msgs.msg import InteractionState, LaserSpot, Stop, VirtualBorder, VirtualBorderArray
 from vb_msgs.srv import AddBorder, RemoveBorder
 

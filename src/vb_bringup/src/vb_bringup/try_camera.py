@@ -31,13 +31,13 @@ import yaml
 from vb_bringup.new_lab import parse_source, write_lab
 from vb_core import names
 from vb_core.camera_model import floor_points
+from vb_core.child_processes import free_port, roslaunch
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
 from vb_core.ros import commands
-from vb_evaluation.observer import wait_until
-from vb_evaluation.child_processes import free_port, roslaunch
+from vb_evaluation.running_system.observer import wait_until
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.calibration_file import CameraPose
 from vb_laser_detect.calibration.pose import FloorView, project, click_uncertainty, view_rectangle

@@ -18,7 +18,7 @@ import shutil
 import threading
 import time
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence
 
 import numpy as np
 import rosgraph
@@ -28,15 +28,15 @@ from rich.table import Table
 from roslib.packages import find_node
 
 from vb_core import names
+from vb_core.child_processes import Child, free_port, roslaunch
 from vb_core.errors import CodedError, ParameterError
-from vb_core.geometry import chain_length
+from vb_core.geometry import Pose, chain_length
 from vb_core.ros import services
 from vb_evaluation import metrics
-from vb_evaluation.move_base_goals import GoalOutcome, GoalRunner
-from vb_evaluation.observer import Observer, wait_until
-from vb_evaluation.child_processes import Child, free_port, roslaunch
 from vb_evaluation.provenance import repository_top
 from vb_evaluation.report.paper_results import METHOD_TITLES
+from vb_evaluation.running_system.move_base_goals import GoalOutcome, GoalRunner
+from vb_evaluation.running_system.observer import Observer, wait_until
 from vb_msgs.srv import SaveMap, SaveMapRequest
 from vb_sim.room import floor_plan
 from vb_sim.room.world import load_world
@@ -58,6 +58,7 @@ VERDICTS = {
 }
 RESPECTED = ("went_round", "out_of_reach")
 _LAUNCH = repository_top() / "launch"
+_LAB_WORLD = repository_top() / "src/vb_sim/worlds/lab.yaml"
 
 
 def parse(arguments: Optional[List[str]]) -> argparse.Namespace:
@@ -75,9 +76,7 @@ def parse(arguments: Optional[List[str]]) -> argparse.Namespace:
     parser.add_argument("--no-rviz", dest="rviz", action="store_false", help="leave the smart display out")
     parser.add_argument("--navigation", default="standin", help="standin, or move_base: the real one (make navigation)")
     options = parser.parse_args(arguments)
-    path = (
-        Path(options.world).expanduser().resolve() if options.world else repository_top() / "src/vb_sim/worlds/lab.yaml"
-    )
+    path = Path(options.world).expanduser().resolve() if options.world else _LAB_WORLD
     world = load_world(str(path))
     for key, value, choices in (
         ("METHOD", options.method, METHOD_TITLES),
@@ -135,17 +134,8 @@ class Demo:
         plan_after = np.zeros((0, 2))
         drives = []
         if saved:
-            # the map with the border was published before the state became "saved"; move_base's
-            # costmap picks it up a little later
-            region = metrics.restricted_cells(observer.prior, observer.posterior)
-            later_plans = [plan_after]
-            wait_until(
-                lambda: later_plans.append(observer.plan(start, goal, "/move_base/make_plan"))
-                or not metrics.crosses(later_plans[-1], observer.prior, region),
-                5.0,
-                0.25,
-            )
-            plan_after, drives = later_plans[-1], self._drive(start, goal)
+            plan_after = self._plan_round_border(observer, start, goal)
+            drives = self._drive(start, goal)
             self._save_map()
         time.sleep(1.0)  # RViz draws a few frames a second: let it show the last state
         return self._conclude(observer, {"before": plan_before, "after": plan_after}, drives)
@@ -216,11 +206,8 @@ class Demo:
             return [name for name, is_ready in ready_conditions.items() if not is_ready()]
 
         if not wait_until(lambda: not missing() or not self._launched.running, READY_TIMEOUT) or missing():
-            raise CodedError(
-                "not_ready",
-                f"these did not come up: {'; '.join(missing())}. The last lines of "
-                f"{self._launched.log}:\n{self._launched.tail()}",
-            )
+            last_lines = f"The last lines of {self._launched.log}:\n{self._launched.tail()}"
+            raise CodedError("not_ready", f"these did not come up: {'; '.join(missing())}. {last_lines}")
         self._print(f"all nodes are up: {len(self._cameras) + 1} cameras, maps, interaction, navigation")
 
     # ------------------------------------------------------------- while it runs
@@ -238,10 +225,9 @@ class Demo:
             self._print(f"the participant did not finish within {INTERACTION_TIMEOUT:.0f} s")
         if not self._launched.running:
             raise CodedError("launch_ended", f"roslaunch ended:\n{self._launched.tail()}")
-        if observer.outcome is not None and observer.outcome.get("outcome") != "saved":
-            self._print(
-                f"the participant ended with '{observer.outcome.get('outcome')}': {observer.outcome.get('reason', '')}"
-            )
+        outcome = observer.outcome
+        if outcome is not None and outcome.get("outcome") != "saved":
+            self._print(f"the participant ended with '{outcome.get('outcome')}': {outcome.get('reason', '')}")
 
     def _print_progress(self, observer: Observer) -> None:
         """Prints what has changed since the last call."""
@@ -261,26 +247,38 @@ class Demo:
                 if text:
                     self._print(text)
 
-    def _drive(self, start: Tuple[float, float, float], goal: Tuple[float, float, float]) -> List[GoalOutcome]:
+    @staticmethod
+    def _plan_round_border(observer: Observer, start: Pose, goal: Pose) -> np.ndarray:
+        """Asks for plans until one (N, 2) [m] does not cross the saved border, or for 5 s. Returns the last one.
+
+        The map with the border was published before the state became "saved"; move_base's costmap has it a little later.
+        """
+        region = metrics.restricted_cells(observer.prior, observer.posterior)
+        plans = []
+
+        def goes_round() -> bool:
+            plans.append(observer.plan(start, goal, "/move_base/make_plan"))
+            return not metrics.crosses(plans[-1], observer.prior, region)
+
+        wait_until(goes_round, 5.0, 0.25)
+        return plans[-1]
+
+    def _drive(self, start: Pose, goal: Pose) -> List[GoalOutcome]:
         """Sends the robot to the start of the proof, and from there to its goal. Returns both outcomes."""
         runner = GoalRunner()
         first = runner.drive(start, DRIVE_TIMEOUT)
         if first.outcome != "reached":
-            self._print(
-                f"the robot did not get to the start of the proof ({first.outcome}): it drives from where it is"
-            )
+            self._print(f"the robot did not get to the start ({first.outcome}): it drives from where it is")
         driven = runner.drive(goal, DRIVE_TIMEOUT)
         length = chain_length(driven.path)
-        self._print(
-            f"drive {driven.outcome} after {length:.2f} m and {driven.seconds:.0f} s: {driven.text}".rstrip(": ")
-        )
+        text = f"drive {driven.outcome} after {length:.2f} m and {driven.seconds:.0f} s: {driven.text}"
+        self._print(text.rstrip(": "))
         return [first, driven]
 
     def _save_map(self) -> None:
         try:
-            answer = services.call(
-                names.SAVE_MAP, SaveMap, SaveMapRequest(name="posterior", raw=False), "the map integrator", 10.0
-            )
+            request = SaveMapRequest(name="posterior", raw=False)
+            answer = services.call(names.SAVE_MAP, SaveMap, request, "the map integrator", 10.0)
             failed = "" if answer.success else answer.message
         except CodedError as error:
             failed = str(error)

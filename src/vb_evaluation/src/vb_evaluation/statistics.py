@@ -169,22 +169,12 @@ def bootstrap(statistic: Callable[..., np.ndarray], *samples: np.ndarray, method
     estimate = float(statistic(*values))
     if len(values[0]) == 1:
         return Interval(estimate)
+    options = {"n_resamples": RESAMPLES, "confidence_level": CONFIDENCE, "random_state": 0}
     for name in (method, "percentile"):
         with warnings.catch_warnings(), np.errstate(invalid="ignore", divide="ignore"):
             warnings.simplefilter("ignore")
-            low, high = map(
-                float,
-                stats.bootstrap(
-                    values,
-                    statistic,
-                    n_resamples=RESAMPLES,
-                    vectorized=True,
-                    paired=True,
-                    confidence_level=CONFIDENCE,
-                    method=name,
-                    random_state=0,
-                ).confidence_interval,
-            )
+            result = stats.bootstrap(values, statistic, method=name, paired=True, vectorized=True, **options)
+            low, high = map(float, result.confidence_interval)
         if math.isfinite(low + high):
             break
     return Interval(estimate, low, high, CONFIDENCE)

@@ -9,9 +9,8 @@ from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import Any, Deque, Dict, Optional, Tuple
 
-from vb_core.geometry import wrap_angle
+from vb_core.geometry import Pose, wrap_angle
 
-Pose2 = Tuple[float, float, float]
 Point2 = Tuple[float, float]
 
 # [m] a spot that jumps farther between two snapshots was moved with the laser off, not swept over the floor
@@ -32,11 +31,11 @@ class Snapshot:
     """
 
     stamp: float
-    robots: Dict[str, Pose2] = field(default_factory=dict)
+    robots: Dict[str, Pose] = field(default_factory=dict)
     laser: Optional[Point2] = None
     laser_color: str = "red"
     laser_velocity: Point2 = (0.0, 0.0)
-    person: Optional[Pose2] = None
+    person: Optional[Pose] = None
 
 
 def snapshot_from_message(message: Any) -> Snapshot:
@@ -92,6 +91,6 @@ def _interpolate(a: Snapshot, b: Snapshot, share: float, interval: float, stamp:
     return Snapshot(stamp, robots, laser, nearest.laser_color, velocity, person)
 
 
-def _interpolate_pose(a: Pose2, b: Pose2, share: float) -> Pose2:
+def _interpolate_pose(a: Pose, b: Pose, share: float) -> Pose:
     rotation = wrap_angle(b[2] - a[2])
     return (a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]), wrap_angle(a[2] + share * rotation))

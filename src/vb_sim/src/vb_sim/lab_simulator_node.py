@@ -24,9 +24,9 @@ from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, parameters
 from vb_msgs.msg import LabState, ParticipantState
-from vb_sim.simulated_lab import Lab, Lockstep
 from vb_sim.models import load_models
 from vb_sim.room.world import Robot, load_world
+from vb_sim.simulated_lab import Lab, Lockstep
 
 MIN_PACE, MAX_PACE = 0.1, 20.0  # simulated seconds per real second
 RATE = 50.0  # [1/s] steps of simulated time; an integral multiple of the cameras' 25 frames/s

@@ -19,8 +19,8 @@ from std_srvs.srv import Empty, EmptyResponse
 
 from vb_core import geometry, names
 from vb_core.errors import CodedError
-from vb_core.parameters import Parameters, param
 from vb_core.geometry import Pose
+from vb_core.parameters import Parameters, param
 from vb_core.robot_profile import RobotProfile
 from vb_core.ros import messages, node, parameters, robot_profile
 from vb_core.ros.transforms import TransformLookup
@@ -126,9 +126,8 @@ class NavigationNode:
             self._obstacles = geometry.apply(self._mount, points)[:, :2]
 
     def _pose(self) -> Pose:
-        return geometry.pose2d_from_transform(
-            self._transforms.lookup(names.MAP_FRAME, self._base_frame, rospy.Time(0), 0.5)
-        )
+        T = self._transforms.lookup(names.MAP_FRAME, self._base_frame, rospy.Time(0), 0.5)
+        return geometry.pose2d_from_transform(T)
 
     def _to_map_frame(self, pose: PoseStamped) -> Pose:
         """Returns a pose in the map frame.

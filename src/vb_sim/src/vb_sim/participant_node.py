@@ -7,7 +7,6 @@ import threading
 from dataclasses import dataclass, replace
 from typing import Optional, Set, Tuple
 
-import numpy as np
 import rospy
 from geometry_msgs.msg import Point, Pose2D
 from std_msgs.msg import String
@@ -17,10 +16,11 @@ from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import commands, node, parameters
 from vb_msgs.msg import BorderProgress, InteractionState, LabState, LaserSpot, NoticeArray, ParticipantState
-from vb_sim.models import ParticipantModel, load_models
-from vb_sim.person.participant import HOLD_STILL, Action, CommandReply, ParticipantScript, Perception, Person
-from vb_sim.person.participant_methods import NetworkRobotSystemScript, RobotOnlyScript
-from vb_sim.room.world import Scenario, World, load_world
+from vb_sim.models import load_models
+from vb_sim.person.participant_methods import SCRIPTS, make_script
+from vb_sim.person.participant_script import ParticipantScript
+from vb_sim.person.person import HOLD_STILL, Action, CommandReply, Perception
+from vb_sim.room.world import load_world
 
 
 @dataclass(frozen=True)
@@ -29,13 +29,17 @@ class ParticipantParams(Parameters):
 
     world: str = param("")
     scenario: str = param("")
-    method: str = param("nrs", choices=("nrs", "robot_only"))
+    method: str = param("nrs", choices=tuple(SCRIPTS))
     seed: int = param(1, "", low=0)
     color: str = param("red", choices=("red", "green"))
 
 
 class ParticipantNode:
-    """Simulates one person who carries out one scenario.
+    """Connects a simulated person to the system.
+
+    Args:
+        script: decides what the person does in each step.
+        laser_color: "red" or "green".
 
     Subscribed topics:
         /sim/lab_state (vb_msgs/LabState): the robot's pose; each message is one step of the person
@@ -52,17 +56,15 @@ class ParticipantNode:
         config/participant.yaml
     """
 
-    def __init__(self, world: World, scenario: Scenario, model: ParticipantModel, params: ParticipantParams) -> None:
-        self._params = params
+    def __init__(self, script: ParticipantScript, laser_color: str) -> None:
+        self._script = script
+        self._laser_color = laser_color
         self._lock = threading.Lock()
         self._percept = Perception()
         self._sees_state = False  # after a restart, the person must know whether an interaction is unfinished
         self._spot: Optional[Tuple[float, float]] = None
         self._state = rospy.Publisher(names.PARTICIPANT, ParticipantState, queue_size=1)
         self._done = rospy.Publisher(names.PARTICIPANT_DONE, String, queue_size=1, latch=True)
-        start_near = scenario.stand if params.method == "nrs" else np.array(world.robots[0].start[:2])
-        person = Person(world, scenario, model, params.seed, start_near, params.method)
-        self._script = NetworkRobotSystemScript(person) if params.method == "nrs" else RobotOnlyScript(person)
         self._lab_states: node.Mailbox = node.Mailbox()
         self._worker = node.Worker(self._lab_states, self._step_person)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50)
@@ -117,19 +119,18 @@ class ParticipantNode:
                 pose = lab.robot_poses[0]
                 percept.robot = (pose.x, pose.y, pose.theta)
             snapshot = replace(percept)
-        script = self._script
-        was_finished = bool(script.outcome)
-        action = script.step(snapshot)
+        was_finished = bool(self._script.outcome)
+        action = self._script.step(snapshot)
         with self._lock:
             self._spot = action.laser
         self._publish(action, now)
         if action.command:
             node.start_thread(self._command, action)
         if action.outcome and not was_finished:
-            self._report(script)
+            self._report()
 
     def _publish(self, action: Action, now: rospy.Time) -> None:
-        message = ParticipantState(laser_color=self._params.color, person_present=True, doing=action.doing)
+        message = ParticipantState(laser_color=self._laser_color, person_present=True, doing=action.doing)
         message.header.stamp = now
         message.header.frame_id = names.MAP_FRAME
         message.laser_on = action.laser is not None
@@ -147,13 +148,15 @@ class ParticipantNode:
         with self._lock:
             self._percept.answer, self._percept.answered = answer, action.number
 
-    def _report(self, script: ParticipantScript) -> None:
-        self._done.publish(String(json.dumps({"outcome": script.outcome, "reason": script.reason})))
-        rospy.loginfo("%s: %s %s", rospy.get_name(), script.outcome, script.reason)
+    def _report(self) -> None:
+        outcome, reason = self._script.outcome, self._script.reason
+        self._done.publish(String(json.dumps({"outcome": outcome, "reason": reason})))
+        rospy.loginfo("%s: %s %s", rospy.get_name(), outcome, reason)
 
 
 def build() -> ParticipantNode:
     """Reads the parameters and constructs the node."""
     params = parameters.read(ParticipantParams)
-    world = load_world(params.world)
-    return ParticipantNode(world, world.scenario(params.scenario), load_models().participant, params)
+    world, model = load_world(params.world), load_models().participant
+    script = make_script(world, world.scenario(params.scenario), model, params.method, params.seed)
+    return ParticipantNode(script, params.color)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Callable, Deque, Dict, List, Optional
 
 import greenlet
 import rospy
-import rospy.impl.tcpros_service
 import rospy.msg
+from rospy.impl.tcpros_service import convert_return_to_response
 
 from vb_evaluation.in_process_ros.threading_stand_in import WaitQueue
 
@@ -184,11 +184,8 @@ class ServiceProxy:
 
         def serve() -> None:
             try:
-                answers.append(
-                    rospy.impl.tcpros_service.convert_return_to_response(
-                        service.handler(request_received), service.kind._response_class
-                    )
-                )
+                reply = service.handler(request_received)
+                answers.append(convert_return_to_response(reply, service.kind._response_class))
             except rospy.ServiceException as error:
                 answers.append(error)
             delay = self._graph.delay_of(self.resolved_name)

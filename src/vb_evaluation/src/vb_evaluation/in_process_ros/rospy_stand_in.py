@@ -113,19 +113,16 @@ class Graph:
             self._sleepers.append((rospy.get_rostime() + seconds, greenlet.getcurrent()))
             self.scheduler.wait()
 
-    def _rospy(self) -> Dict[str, Any]:
-        """Returns the replacements of rospy's names."""
+    def _replacements(self) -> Dict[Any, Dict[str, Any]]:
+        """Returns what replaces the names of modules and classes."""
         functions = _Rospy(self, self._stand_ins)
         names = {name: getattr(functions, name) for name in dir(functions) if not name.startswith("_")}
         names.update({kind.__name__: partial(kind, self) for kind in _CONNECTIONS})
         for word, level in _LEVELS.items():
             names[f"log{word}"] = names[f"log{word}_once"] = partial(functions.log, level)
             names[f"log{word}_throttle"] = lambda _period, *args, level=level: functions.log(level, *args)
-        return {name: value for name, value in names.items() if hasattr(rospy, name)}
-
-    def _replacements(self) -> Dict[Any, Dict[str, Any]]:
         return {
-            rospy: self._rospy(),
+            rospy: {name: value for name, value in names.items() if hasattr(rospy, name)},
             rospy.rostime: {"wallsleep": lambda seconds: self.scheduler.wait(int(max(seconds, 0.0) * 1e9))},
             rospy.timer: {"sleep": self.sleep},
             rospy.core: {"is_shutdown": lambda: self.scheduler.closed},

@@ -174,8 +174,7 @@ class StandIns:
                 continue
             for attribute, real in _REAL.items():
                 if module is not None and module.__dict__.get(attribute) is real:
-                    setattr(module, attribute, self.modules[attribute])
-                    self._undone.callback(setattr, module, attribute, real)
+                    self._undone.enter_context(replaced({module: {attribute: self.modules[attribute]}}))
 
 
 class _Module:
@@ -198,15 +197,12 @@ def _modules(scheduler: Scheduler) -> Dict[str, _Module]:
     for kind in (real_threading.Condition, real_threading.Event):
         locks[kind.__name__] = _copy_class(kind, **locks, _time=seconds)
     threading = _Module(real_threading, **locks, Thread=partial(Thread, scheduler, locks["Event"]))
-    clocks: Dict[str, Any] = dict.fromkeys(("time", "monotonic", "perf_counter"), seconds)
+    clock: Dict[str, Any] = dict.fromkeys(("time", "monotonic", "perf_counter"), seconds)
+    clock["time_ns"] = lambda: scheduler.now_ns
+    clock["sleep"] = lambda duration: scheduler.wait(_ns(max(duration, 0.0)))
     return {
         "threading": threading,
-        "time": _Module(
-            real_time,
-            **clocks,
-            time_ns=lambda: scheduler.now_ns,
-            sleep=lambda duration: scheduler.wait(_ns(max(duration, 0.0))),
-        ),
+        "time": _Module(real_time, **clock),
         "queue": _Module(real_queue, Queue=_copy_class(real_queue.Queue, threading=threading, time=seconds)),
     }
 

@@ -13,10 +13,10 @@ from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, paper_results
-from vb_evaluation.report.page_blocks import Table
-from vb_evaluation.report.study_files import StudyResults, read_study, select
 from vb_evaluation.report.html_page import SECTIONS
+from vb_evaluation.report.page_blocks import Table
 from vb_evaluation.report.paper_results import METHODS
+from vb_evaluation.report.study_files import StudyResults, read_study, select
 
 BEGIN, END = "<!-- what follows is written by study_kit report --page -->", "<!-- end of what is written -->"
 # titles of the report's tables that are written, in this order

@@ -20,61 +20,51 @@ TOLERATED_CM = 2.5  # [cm] one cell of the map: no robot respects a border more 
 def paper_comparison_section(study: StudyResults) -> List[Block]:
     """Compares each figure of the paper with ours, in both directions: being better does not count as agreement."""
     rows = [
-        _compare(study, scenario, *figure)
+        {"scenario": study.scenario_title(scenario), **row}
         for scenario in (PAPER if set(METHODS) <= set(study.methods) else ())
-        for figure in _figures(study, scenario)
+        for row in _compare_scenario(study, scenario)
     ]
     if not rows:
         return []
     counts = {word: sum(row["reading"].startswith(word) for row in rows) for word in ("same", "better", "worse")}
-    heads = columns(
-        "scenario",
-        "quantity",
-        "paper",
-        "here",
-        "difference",
-        "reading",
-        here="Here [95 %]",
-        difference="Here minus paper",
+    keys = ("scenario", "quantity", "paper", "here", "difference", "reading")
+    heads = columns(*keys, here="Here [95 %]", difference="Here minus paper")
+    readings = (
+        "Same: the paper's figure lies in our 95 % interval. Better and worse are both disagreement: a simulation whose "
+        "people do better than real people is wrong in that figure, too. "
+        f"Of {len(rows)} figures {counts['same']} are the same, {counts['better']} better, {counts['worse']} worse."
     )
-    return [
-        f"{paper_results.CITATION}. It measured 15 people in a real lab.",
-        (
-            "Same: the paper's figure lies in our 95 % interval. Better and worse are both disagreement: a simulation whose "
-            "people do better than real people is wrong in that figure, too. "
-            f"Of {len(rows)} figures {counts['same']} are the same, {counts['better']} better, {counts['worse']} worse."
-        ),
-        Table("beside_the_paper", heads, rows),
-    ]
+    source = f"{paper_results.CITATION}. It measured 15 people in a real lab."
+    return [source, readings, Table("beside_the_paper", heads, rows)]
 
 
-def _figures(study: StudyResults, scenario: str) -> Iterator[Tuple[str, float, Interval, int, float]]:
-    """Yields (quantity, the paper's figure, ours, digits, the paper's rounding step) of a scenario, if it was run."""
+def _compare_scenario(study: StudyResults, scenario: str) -> Iterator[Dict[str, Any]]:
+    """Yields a row for each figure that the paper has of a scenario; none if it was not run."""
     scenario_runs = select(study.runs, scenario=scenario)
     published = PAPER[scenario]
     if not len(scenario_runs):
         return
-    yield "speed-up", published.speedup, effect_sizes.ratio(scenario_runs, METHODS), 2, 0.1
+    yield _compare("speed-up", published.speedup, effect_sizes.ratio(scenario_runs, METHODS), digits=2, step=0.1)
     if published.border_gain_s is not None:
         with_nrs, alone = pairs(scenario_runs, "time_border_s", METHODS)
-        yield "Border state shorter by [s]", published.border_gain_s, statistics.mean(alone - with_nrs), 1, 1.0
+        gain = statistics.mean(alone - with_nrs)
+        yield _compare("Border state shorter by [s]", published.border_gain_s, gain, digits=1, step=1.0)
     for method in METHODS:
         title = paper_results.method_title(method).lower()
         runs = select(scenario_runs, method=method)
         done = select(runs, completed=1)
-        similarity = statistics.median(known_values(done, "jaccard"))
-        yield f"Jaccard index, {title}", published.jaccard[method], similarity, 3, 1e-3
+        index, similarity = published.jaccard[method], statistics.median(known_values(done, "jaccard"))
+        yield _compare(f"Jaccard index, {title}", index, similarity, digits=3, step=1e-3)
         if scenario == "corner" and scenario_runs.jaccard_enclosed.notna().any():
             inside = statistics.median(known_values(done, "jaccard_enclosed"))
-            yield f"Jaccard index of the area drawn round, {title}", published.jaccard[method], inside, 3, 1e-3
+            yield _compare(f"Jaccard index of the area drawn round, {title}", index, inside, digits=3, step=1e-3)
         flags = known_values(runs, "completed")
         share = statistics.proportion(int(flags.sum()), len(flags)).scaled(100.0)
-        yield f"completed [%], {title}", 100 * published.completeness, share, 1, 0.1
+        yield _compare(f"completed [%], {title}", 100 * published.completeness, share, digits=1, step=0.1)
 
 
-def _compare(
-    study: StudyResults, scenario: str, quantity: str, published: float, ours: Interval, digits: int, step: float
-) -> Dict[str, Any]:
+def _compare(quantity: str, published: float, ours: Interval, *, digits: int, step: float) -> Dict[str, Any]:
+    """Makes the row of a figure, with so many digits. The paper's is rounded to multiples of `step`."""
     low, high = (ours.estimate if math.isnan(limit) else limit for limit in (ours.low, ours.high))
     tolerance = 0.5 * step
     above = ours.estimate > published
@@ -82,14 +72,9 @@ def _compare(
     difference = f"{ours.estimate - published:+.{digits}f}".replace("-", "\N{MINUS SIGN}")
     if math.isnan(ours.estimate):
         reading, difference = "unknown", ours.text(digits)
-    return {
-        "scenario": study.scenario_title(scenario),
-        "quantity": quantity,
-        "paper": f"{published:.{digits}f}",
-        "here": ours.text(digits),
-        "difference": difference,
-        "reading": reading,
-    }
+    paper = f"{published:.{digits}f}"
+    here = ours.text(digits)
+    return {"quantity": quantity, "paper": paper, "here": here, "difference": difference, "reading": reading}
 
 
 def plausible_worlds_section(study: StudyResults) -> List[Block]:
@@ -104,21 +89,17 @@ def plausible_worlds_section(study: StudyResults) -> List[Block]:
     paired_rows = select(table, method=first).merge(
         select(table, method=baseline), on=["draw", "scenario"], suffixes=("", "_base")
     )
-    return [
-        (
-            f"All {len(inputs)} assumptions vary together over their plausible ranges: a Latin hypercube of "
-            f"{table.draw.nunique()} draws."
-        ),
-        Table(
-            "worlds",
-            columns("conclusion", "worlds", "holds", "n", holds="holds in [%] of worlds", n="Number"),
-            conclusions(study, paired_rows),
-            {"holds": 0},
-            words="Wilson's 95 % intervals. The ranges are assumed, too: a share of worlds is no probability that a conclusion is "
-            "true. A world is a draw of all assumptions, with one person who tries both methods. "
-            "Too bright: the lab's own check of the cameras asks for a shorter exposure before anybody draws.",
-        ),
-    ]
+    introduction = (
+        f"All {len(inputs)} assumptions vary together over their plausible ranges: a Latin hypercube of "
+        f"{table.draw.nunique()} draws."
+    )
+    heads = columns("conclusion", "worlds", "holds", "n", holds="holds in [%] of worlds", n="Number")
+    words = (
+        "Wilson's 95 % intervals. The ranges are assumed, too: a share of worlds is no probability that a conclusion is "
+        "true. A world is a draw of all assumptions, with one person who tries both methods. "
+        "Too bright: the lab's own check of the cameras asks for a shorter exposure before anybody draws."
+    )
+    return [introduction, Table("worlds", heads, conclusions(study, paired_rows), {"holds": 0}, words)]
 
 
 def _completed(rows: pandas.DataFrame, column: str) -> Tuple[pandas.Series, pandas.Series]:
@@ -148,12 +129,6 @@ def conclusions(study: StudyResults, worlds: pandas.DataFrame) -> List[Dict[str,
     for claim, (holds, is_known) in claims.items():
         for scope, within in scopes.items():
             outcomes = holds[is_known & within]
-            rows.append(
-                {
-                    "conclusion": claim,
-                    "worlds": scope,
-                    "n": len(outcomes),
-                    "holds": statistics.proportion(int(outcomes.sum()), len(outcomes)).scaled(100.0),
-                }
-            )
+            share = statistics.proportion(int(outcomes.sum()), len(outcomes)).scaled(100.0)
+            rows.append({"conclusion": claim, "worlds": scope, "n": len(outcomes), "holds": share})
     return rows

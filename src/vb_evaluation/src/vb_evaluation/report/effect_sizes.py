@@ -37,9 +37,8 @@ def completed_more(
     table: pandas.DataFrame, methods: Tuple[str, str], confidence: float = statistics.CONFIDENCE
 ) -> Interval:
     """Computes by how much the first method's share of completed runs is larger [percentage points]."""
-    return statistics.difference_of_shares(
-        *(known_values(select(table, method=method), "completed") for method in methods), confidence
-    ).scaled(100.0)
+    flags = (known_values(select(table, method=method), "completed") for method in methods)
+    return statistics.difference_of_shares(*flags, confidence).scaled(100.0)
 
 
 def wilcoxon_blocks(study: StudyResults, column: str, unit: str, completed: bool) -> List[Block]:

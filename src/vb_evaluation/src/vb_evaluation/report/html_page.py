@@ -46,12 +46,8 @@ def write_report(folder: Path) -> Path:
     template_folder = Path(__file__).parent
     sections = [(name, title, make(study)) for name, title, make in SECTIONS]
     sections = [section for section in sections if section[2]]
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(str(template_folder)),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-    )
+    loader = jinja2.FileSystemLoader(str(template_folder))
+    environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
     text = environment.get_template("report.html.j2").render(
         title=f"Drawing virtual borders: the study with {'people' if study.people else 'simulated people'}",
         notices=notices(study),
@@ -66,9 +62,8 @@ def write_report(folder: Path) -> Path:
         for table in (block for _, _, blocks in sections for block in blocks if isinstance(block, Table)):
             rows = [table.plain(row) for row in table.rows]
             if rows:
-                write_table(
-                    study.folder / TABLES / f"{table.name}.csv", max((list(row) for row in rows), key=len), rows
-                )
+                longest = max((list(row) for row in rows), key=len)
+                write_table(study.folder / TABLES / f"{table.name}.csv", longest, rows)
     except OSError as error:
         raise CodedError("cannot_write_into", folder=str(study.folder), reason=error.strerror) from None
     return study.folder / PAGE
@@ -77,14 +72,12 @@ def write_report(folder: Path) -> Path:
 def notices(study: StudyResults) -> List[str]:
     """Returns what readers must know before any figure."""
     people = study.runs.participant.nunique()
-    sentences = [
-        f"{people} people, {len(study.runs)} runs."
-        if study.people
-        else (
+    sentences = [f"{people} people, {len(study.runs)} runs."]
+    if not study.people:
+        sentences = [
             f"This is a simulation: {people} simulated people, {len(study.runs)} runs. No person took part. The figures follow "
             "from the assumptions in config/assumptions.yaml; they predict nothing about people, and user experience is not examined."
-        )
-    ]
+        ]
     facts = [
         f"{name} {study.meta[name]}" for name in ("revision", "command", "machine", "date") if study.meta.get(name)
     ]

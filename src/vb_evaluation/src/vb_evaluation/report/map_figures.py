@@ -14,8 +14,8 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.map_files import read_map, write_map
 from vb_evaluation import metrics
-from vb_evaluation.report.study_files import StudyResults, select
 from vb_evaluation.report.paper_results import method_title
+from vb_evaluation.report.study_files import StudyResults, select
 
 # RGB, the paper's colours
 TRUTH, AGREEMENT, EXCESS, UNION = (247, 214, 70), (64, 176, 88), (222, 60, 50), (25, 60, 220)
@@ -90,12 +90,8 @@ def representatives(study: StudyResults) -> Tuple[List[Tuple[str, str]], List[st
                     continue
                 drawn = metrics.restricted_cells(prior, read_map(study.folder / row["map"]))
                 score = metrics.jaccard(truth, drawn)
-                images.append(
-                    (
-                        _uri(draw_map(prior, truth, drawn)),
-                        f"{title}: {method_title(method).lower()}, Jaccard {score:.3f}, line {row.name}",
-                    )
-                )
+                caption = f"{title}: {method_title(method).lower()}, Jaccard {score:.3f}, line {row.name}"
+                images.append((_uri(draw_map(prior, truth, drawn)), caption))
         except CodedError as error:
             notes.append(f"{scenario}: {error.message}.")
     return images, notes
@@ -108,7 +104,6 @@ def _uri(png: bytes) -> str:
 def nearest_to_median(study: StudyResults, scenario: str, method: str) -> Optional[pandas.Series]:
     """Finds the row of the completed run, with a map, nearest to the median Jaccard index; None if there is none."""
     runs = select(study.runs, scenario=scenario, method=method, completed=1).dropna(subset=["jaccard"])
-    with_map = runs[
-        [bool(name) and (study.folder / name).is_file() for name in runs.get("map", pandas.Series("", runs.index))]
-    ]
+    names = runs.get("map", pandas.Series("", runs.index))
+    with_map = runs[[bool(name) and (study.folder / name).is_file() for name in names]]
     return with_map.loc[(with_map.jaccard - runs.jaccard.median()).abs().idxmin()] if len(with_map) else None

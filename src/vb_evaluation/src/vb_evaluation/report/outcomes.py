@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, List
+from typing import Any, Dict, List, NamedTuple
 
 import pandas
 
@@ -13,9 +13,22 @@ from vb_evaluation.report.page_blocks import Block, Figure, Table, columns
 from vb_evaluation.report.study_files import ERRORS, STATES, StudyResults, known_values, pairs
 
 ERROR_TITLES = dict(zip(ERRORS, ("mean", "95 % of the boundary within", "largest")))
-# measure: words, margin, sign that makes larger better, digits. One cell of the map is 2.5 cm; .05 is about twice the .028
-# that the paper calls not notable in practice
-MARGINS = {"jaccard": ("Jaccard index", 0.05, 1.0, 3), "error_mean_cm": ("mean boundary error [cm]", 2.5, -1.0, 1)}
+
+
+class Margin(NamedTuple):
+    """How much worse than the baseline a method may be in a measure. `sign` is 1 if larger values are better, else -1."""
+
+    words: str
+    margin: float
+    sign: float
+    digits: int
+
+
+# one cell of the map is 2.5 cm; .05 is about twice the .028 that the paper calls not notable in practice
+MARGINS = {
+    "jaccard": Margin("Jaccard index", 0.05, sign=1.0, digits=3),
+    "error_mean_cm": Margin("mean boundary error [cm]", 2.5, sign=-1.0, digits=1),
+}
 POINTS = 10  # margin of completeness [percentage points]
 _EXPLANATIONS = ("outcome", "reason", "pointed_right", "seed_is_right", "note")
 
@@ -72,25 +85,18 @@ def not_worse_blocks(study: StudyResults) -> List[Block]:
         for column, (words, margin, sign, digits) in MARGINS.items():
             first, second = pairs(runs, column, study.comparison, True)
             gain = effect_sizes.shift(runs, column, study.comparison, True, 0.9).scaled(sign)
-            rows.append(
-                {
-                    "scenario": title,
-                    "measure": words,
-                    **_compare_with_margin(gain, margin, digits),
-                    "n": len(first),
-                    "p_value": statistics.noninferiority_p(sign * (first - second), margin),
-                }
-            )
+            reading = _compare_with_margin(gain, margin, digits)
+            p = statistics.noninferiority_p(sign * (first - second), margin)
+            rows.append({"scenario": title, "measure": words, **reading, "n": len(first), "p_value": p})
     for column in MARGINS if study.people else ():
-        effect_sizes.add_holm([row for row in rows if row["measure"] == MARGINS[column][0]])
+        effect_sizes.add_holm([row for row in rows if row["measure"] == MARGINS[column].words])
     points = _compare_with_margin(effect_sizes.completed_more(study.runs, study.comparison, 0.9), POINTS, 0)
     rows.append({"scenario": "all", "measure": "completed [points]", **points, "n": ""})
     keys = ["scenario", "measure", "gain", "margin", "reading", "equivalent", "n", *(["holm"] if study.people else [])]
     words = (
         "Gains: positive is better. Not worse: the 90 % interval lies above minus the margin, which is a one-sided test at "
         "5 %; equivalent: within both margins (two one-sided tests). Accuracy: who completed both."
-        + " Completed: a person's runs count as independent."
-        * study.people
+        + (" Completed: a person's runs count as independent." if study.people else "")
     )
     return [Table("not_worse", columns(*keys, gain="Gain [90 %]"), rows, words=words)]
 
@@ -119,15 +125,13 @@ def error_section(study: StudyResults) -> List[Block]:
         return []
     errors = {key: f"{ERROR_TITLES[key]} [cm]" for key in ERRORS}
     heads = columns("scenario", "method", *ERRORS, "worst", "runs", **errors, worst="worst run's largest [cm]")
-    return [
-        (
-            "How far the boundary that the robot respects lies from the one that was asked for, both ways, over completed runs. "
-            "Of each run the mean, the 95th percentile and the largest distance along the boundary; in the table their medians "
-            "over runs with bootstrap intervals."
-        ),
-        Table("error", heads, rows, {key: 1 for key in (*ERRORS, "worst")}),
-        *effect_sizes.wilcoxon_blocks(study, "error_mean_cm", "cm", True),
-    ]
+    introduction = (
+        "How far the boundary that the robot respects lies from the one that was asked for, both ways, over completed runs. "
+        "Of each run the mean, the 95th percentile and the largest distance along the boundary; in the table their medians "
+        "over runs with bootstrap intervals."
+    )
+    table = Table("error", heads, rows, {key: 1 for key in (*ERRORS, "worst")})
+    return [introduction, table, *effect_sizes.wilcoxon_blocks(study, "error_mean_cm", "cm", True)]
 
 
 def time_section(study: StudyResults) -> List[Block]:
@@ -135,22 +139,17 @@ def time_section(study: StudyResults) -> List[Block]:
 
     def measure(runs: pandas.DataFrame, *_: float) -> Dict[str, Any]:
         states = {state: float(runs[f"time_{state}_s"].mean()) for state in STATES}
-        return {
-            **states,
-            "total": statistics.mean(known_values(runs, "time_total_s")),
-            "runs": len(known_values(runs, "time_total_s")),
-        }
+        totals = known_values(runs, "time_total_s")
+        return {**states, "total": statistics.mean(totals), "runs": len(totals)}
 
     states = {state: f"{state.capitalize()} [s]" for state in STATES}
     heads = columns("scenario", "method", *STATES, "total", "runs", **states, total="Total, mean [s]")
-    return [
-        (
-            "From leaving the state Default to the border in the map, in the states Guide, Border and Seed, "
-            "attempts that were cancelled included (paper, Sect. 5.5)."
-        ),
-        Table("time", heads, study.rows(measure), {key: 1 for key in (*STATES, "total")}),
-        *effect_sizes.wilcoxon_blocks(study, "time_total_s", "s", False),
-    ]
+    introduction = (
+        "From leaving the state Default to the border in the map, in the states Guide, Border and Seed, "
+        "attempts that were cancelled included (paper, Sect. 5.5)."
+    )
+    table = Table("time", heads, study.rows(measure), {key: 1 for key in (*STATES, "total")})
+    return [introduction, table, *effect_sizes.wilcoxon_blocks(study, "time_total_s", "s", False)]
 
 
 def accuracy_section(study: StudyResults) -> List[Block]:
@@ -169,15 +168,11 @@ def accuracy_section(study: StudyResults) -> List[Block]:
         Table("accuracy", heads, rows, {"median": 3, "least": 3, "paper": 3}),
         *effect_sizes.wilcoxon_blocks(study, "jaccard", "", True),
     ]
-    if images:
-        blocks += [
-            (
-                "Representative maps: the ground truth (yellow), and by method the run nearest to the median: agreement "
-                "(green), restricted beyond the ground truth (red), union (blue outline)."
-            ),
-            Figure(images),
-        ]
-    return [*blocks, *notes]
+    caption = (
+        "Representative maps: the ground truth (yellow), and by method the run nearest to the median: agreement "
+        "(green), restricted beyond the ground truth (red), union (blue outline)."
+    )
+    return [*blocks, *([caption, Figure(images)] if images else []), *notes]
 
 
 def completeness_section(study: StudyResults) -> List[Block]:
@@ -189,16 +184,13 @@ def completeness_section(study: StudyResults) -> List[Block]:
         return {"completed": f"{int(completed.sum())} of {len(completed)}", "share": share, "paper": 100 * published}
 
     heads = columns("scenario", "method", "completed", "share", "paper", share="Share [%]", paper="Paper [%]")
-    return [
-        (
-            "Runs that ended with a saved border and a seed on the side that was asked for"
-            + ", and that nobody who judged them said otherwise of" * study.people
-            + "; Wilson's 95 % intervals."
-        ),
-        Table("completeness", heads, study.rows(measure), {"share": 0, "paper": 1}),
-        *_count_who_completed(study),
-        *_count_outcomes(study),
-    ]
+    introduction = (
+        "Runs that ended with a saved border and a seed on the side that was asked for"
+        + (", and that nobody who judged them said otherwise of" if study.people else "")
+        + "; Wilson's 95 % intervals."
+    )
+    table = Table("completeness", heads, study.rows(measure), {"share": 0, "paper": 1})
+    return [introduction, table, *_count_who_completed(study), *_count_outcomes(study)]
 
 
 def _count_who_completed(study: StudyResults) -> List[Block]:
@@ -235,8 +227,7 @@ def _count_outcomes(study: StudyResults) -> List[Block]:
     failures = [
         {
             "participant": row["participant"],
-            "scenario": study.scenario_title(row["scenario"]),
-            "method": paper_results.method_title(row["method"]),
+            **study.titles(row["scenario"], row["method"]),
             **{name: row[name] if isinstance(row[name], str) else f"{row[name]:g}" for name in explanations},
         }
         for row in failed.to_dict("records")

@@ -85,35 +85,28 @@ def read_questionnaire(path: Path) -> Questionnaire:
     """
     sheet = read_sheet(path, COLUMNS, "bad_questionnaire")
     for line, name in sheet.participant[sheet.participant.duplicated() | (sheet.participant == "")].items():
-        raise CodedError(
-            "bad_questionnaire",
-            f"{path}, line {line}: participant: expected a name that no other line has, got '{name}'",
-        )
+        reason = f"participant: expected a name that no other line has, got '{name}'"
+        raise CodedError("bad_questionnaire", f"{path}, line {line}: {reason}")
     if not len(sheet):
         raise CodedError("bad_questionnaire", f"{path}: nobody has answered yet")
-    numbers = {
-        column: [
-            _answer(text, f"{path}, line {line}: {column}", most)
-            for line, text in sheet.get(column, pandas.Series(dtype=str)).items()
-        ]
-        for most, names in ((5, COLUMNS[1:-1]), (7, UEQ_COLUMNS))
-        for column in names
-    }
-    parts = [(words, [f"s{number}"], 0.0) for number, (words, _) in enumerate(STATEMENTS, 1)]
-    parts += [(words, [f"u{number}" for number in items], 4.0) for words, items in UEQ_SCALES]
-    answers = []
-    for words, items, middle in parts:
-        pairs = np.array(
-            [np.mean([numbers[f"{item}_{method}"] for item in items], axis=0) - middle for method in METHODS]
-        )
-        pairs = pairs[:, np.isfinite(pairs).all(axis=0)]
-        if pairs.shape[1] or not middle:
-            answers.append(Answers(words, *pairs))
-    helped = [
-        yes_or_no(text, f"{path}, line {line}: helped", "bad_questionnaire")
-        for line, text in sheet.helped.items()
-        if text
-    ]
+
+    def numbers(column: str, highest: int) -> List[float]:
+        """Returns a column's answers, nan for a missing one; empty if there is no such column."""
+        cells = sheet.get(column, pandas.Series(dtype=str))
+        return [_answer(text, f"{path}, line {line}: {column}", highest) for line, text in cells.items()]
+
+    def means(items: List[str], highest: int) -> np.ndarray:
+        """Returns the means over some items, (2, N) for METHODS, of the people who answered all of them."""
+        pairs = np.array([np.mean([numbers(f"{item}_{m}", highest) for item in items], axis=0) for m in METHODS])
+        return pairs[:, np.isfinite(pairs).all(axis=0)]
+
+    answers = [Answers(words, *means([f"s{number}"], 5)) for number, (words, _) in enumerate(STATEMENTS, 1)]
+    for words, items in UEQ_SCALES:
+        first, second = means([f"u{number}" for number in items], 7) - 4.0
+        answers += [Answers(words, first, second)] if len(first) else []
+    helped = []
+    for line, text in sheet.helped[sheet.helped != ""].items():
+        helped.append(yes_or_no(text, f"{path}, line {line}: helped", "bad_questionnaire"))
     return Questionnaire(answers, sum(helped), len(helped))
 
 
@@ -129,16 +122,9 @@ def participants_section(study: StudyResults) -> List[Block]:
     blocks: List[Block] = []
     if study.people and demographics_file.is_file():
         demographics = read_sheet(demographics_file, ("participant",)).drop(columns="participant")
-        blocks.append(
-            Table(
-                "demographics",
-                columns("question", "answers", answers=f"Answers of {len(demographics)} people"),
-                [
-                    {"question": column, "answers": _summary(answers[answers != ""])}
-                    for column, answers in demographics.items()
-                ],
-            )
-        )
+        heads = columns("question", "answers", answers=f"Answers of {len(demographics)} people")
+        rows = [{"question": key, "answers": _summary(column[column != ""])} for key, column in demographics.items()]
+        blocks.append(Table("demographics", heads, rows))
     if study.people and questionnaire_file.is_file():
         replies = read_questionnaire(questionnaire_file)
         rows = [
@@ -155,14 +141,12 @@ def participants_section(study: StudyResults) -> List[Block]:
         heads = columns(
             "statement", "nrs", "robot_only", "shift", "z", "p", "holm", "r", "n", shift="Difference", n="People"
         )
-        blocks += [
-            (
-                "The paper's five statements (1 to 5, 5 is the good end) and the UEQ-S (−3 to 3): means, Hodges-Lehmann difference, "
-                "Wilcoxon signed-rank test; Holm over the statements and over the scales."
-            ),
-            Table("questionnaire", heads, rows, {"z": 3}),
-            f"{QUESTION} Yes: {replies.helped} of {replies.asked}.",
-        ]
+        introduction = (
+            "The paper's five statements (1 to 5, 5 is the good end) and the UEQ-S (−3 to 3): means, Hodges-Lehmann difference, "
+            "Wilcoxon signed-rank test; Holm over the statements and over the scales."
+        )
+        helped = f"{QUESTION} Yes: {replies.helped} of {replies.asked}."
+        blocks += [introduction, Table("questionnaire", heads, rows, {"z": 3}), helped]
     return blocks
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import json
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
@@ -67,6 +68,10 @@ class StudyResults:
         """Returns a scenario's name for people, as study.json or else the paper has it."""
         return str((self.meta.get("scenarios") or {}).get(key) or paper_results.scenario_title(key))
 
+    def titles(self, scenario: str, method: str) -> Dict[str, str]:
+        """Returns the cells of a row that name a scenario and a method for people."""
+        return {"scenario": self.scenario_title(scenario), "method": paper_results.method_title(method)}
+
     @property
     def scenarios(self) -> List[str]:
         """The scenarios in runs.csv: the paper's in its order, then the others as in study.json."""
@@ -95,28 +100,20 @@ class StudyResults:
         Args:
             where: only the runs with these values are measured.
         """
-        return [
-            {
-                "scenario": self.scenario_title(scenario),
-                "method": paper_results.method_title(method),
-                **measure(
-                    select(self.runs, scenario=scenario, method=method, **where),
-                    *paper_results.published(scenario, method),
-                ),
-            }
-            for scenario in self.scenarios
-            for method in self.methods
-        ]
+        rows = []
+        for scenario, method in product(self.scenarios, self.methods):
+            runs = select(self.runs, scenario=scenario, method=method, **where)
+            measures = measure(runs, *paper_results.published(scenario, method))
+            rows.append({**self.titles(scenario, method), **measures})
+        return rows
 
     @property
     def missing(self) -> List[str]:
         """The runs that a participant lacks and others have, in words."""
         present = set(zip(self.runs.participant, self.runs.scenario, self.runs.method))
         return [
-            f"{person}, {self.scenario_title(scenario)}, {paper_results.method_title(method)}"
-            for person in self.runs.participant.unique()
-            for scenario in self.scenarios
-            for method in self.methods
+            ", ".join((person, *self.titles(scenario, method).values()))
+            for person, scenario, method in product(self.runs.participant.unique(), self.scenarios, self.methods)
             if (person, scenario, method) not in present
         ]
 
@@ -154,11 +151,8 @@ def read_study(folder: Path) -> StudyResults:
     folder = Path(folder)
     if not (folder / RUNS).is_file():
         raise CodedError("bad_study", f"{folder / RUNS} is missing: run 'make study' first, or name the study's folder")
-    tables = {
-        name: read_table(folder / name, conditions)
-        for name, conditions in CONDITIONS.items()
-        if (folder / name).is_file()
-    }
+    files = [name for name in CONDITIONS if (folder / name).is_file()]
+    tables = {name: read_table(folder / name, CONDITIONS[name]) for name in files}
     tables = {name: table for name, table in tables.items() if len(table) or name == RUNS}
     runs = tables[RUNS]
     planned = runs["as_planned"] != "0" if "as_planned" in runs else np.ones(len(runs), bool)
@@ -177,14 +171,9 @@ def read_sheet(path: Path, required: Iterable[str], code: str = "bad_study") -> 
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
         head = text.split("\n", 1)[0]
-        sheet = pandas.read_csv(
-            io.StringIO(text),
-            sep=";" if head.count(";") > head.count(",") else ",",
-            dtype=str,
-            keep_default_na=False,
-            skip_blank_lines=False,
-            index_col=False,
-        )
+        separator = ";" if head.count(";") > head.count(",") else ","
+        options = {"dtype": str, "keep_default_na": False, "skip_blank_lines": False, "index_col": False}
+        sheet = pandas.read_csv(io.StringIO(text), sep=separator, **options)
     except (OSError, ValueError) as error:
         raise CodedError(code, f"cannot read {path}: {error}") from None
     missing = [column for column in required if column not in sheet]
@@ -207,14 +196,12 @@ def read_table(path: Path, conditions: Sequence[str]) -> pandas.DataFrame:
     table = read_sheet(path, (*REQUIRED, *conditions))
     for column in (*MEASURES, *_FURTHER, *conditions):
         text = table.get(column, pandas.Series("", table.index))
-        numbers = pandas.to_numeric(text.str.lower().replace({"true": "1", "false": "0"}), errors="coerce").astype(
-            float
-        )
+        digits = text.str.lower().replace({"true": "1", "false": "0"})
+        numbers = pandas.to_numeric(digits, errors="coerce").astype(float)
         wrong = ~np.isfinite(numbers) & ((text != "") | (column in conditions)) & (column not in _FURTHER)
         if wrong.any():
-            raise CodedError(
-                "bad_study", f"{path}, line {wrong.idxmax()}: {column}: expected a number, got {text[wrong].iloc[0]!r}"
-            )
+            reason = f"expected a number, got {text[wrong].iloc[0]!r}"
+            raise CodedError("bad_study", f"{path}, line {wrong.idxmax()}: {column}: {reason}")
         table[column] = numbers
     table["completed"] = table.completed.where(table.completed.isna() | (table.completed == 0), 1.0)
     return table

@@ -40,9 +40,7 @@ if TYPE_CHECKING:  # only running needs ROS: reading a study does not
     from vb_evaluation.simulated_study.live_run import LiveRun
 
 AREAS, ROWS = "areas.npz", "rows"
-FURTHER = tuple(
-    "outcome reason seed_is_right pointed_right tries spots robot_collisions jaccard_enclosed too_bright".split()
-)
+FURTHER = "outcome reason seed_is_right pointed_right tries spots robot_collisions jaccard_enclosed too_bright".split()
 COLUMNS = (*study_files.MEASURES, *FURTHER)
 
 
@@ -71,15 +69,8 @@ def run_jobs(study: Study, jobs: Sequence[Job], folder: Path, console: Console, 
     """
     facts = describe(study)
     open_folder(folder, configuration(study), facts)
-    world = study.world
-    truths = {key: floor_plan.ground_truth(world, world.scenario(key)) for key in study.design.scenarios}
-    write_truths(folder, floor_plan.physical_map(world), truths)
-    if any(job.file == WORLDS for job in jobs):
-        worlds = draw_worlds(study, study.design.worlds, study.design.seed)
-        write_table(
-            folder / DRAWS, ["draw", *worlds[0]], [{"draw": draw, **factors} for draw, factors in enumerate(worlds, 1)]
-        )
-    remaining = [job for job in jobs if not _row(folder, job).exists()]
+    _write_inputs(study, jobs, folder)
+    remaining = [job for job in jobs if not _row_file(folder, job).exists()]
     if len(remaining) < len(jobs):
         console.print(f"{len(jobs) - len(remaining)} of {len(jobs)} runs are done already")
     failed = 0
@@ -87,17 +78,13 @@ def run_jobs(study: Study, jobs: Sequence[Job], folder: Path, console: Console, 
     try:
         outcomes = parallel(joblib.delayed(_work)(study.document, study.sources, job) for job in remaining)
         for outcome in track(outcomes, "study", len(remaining), console=console):
-            job = outcome.job
             if outcome.row is None:
                 failed += 1
-                console.print(f"failed: {job.name}: {outcome.fault}", markup=False)
-                continue
-            if outcome.grid is not None and outcome.row.get("map"):
-                write_map(folder / outcome.row["map"][: -len(".yaml")], outcome.grid)
-            row = {**outcome.row, "revision": facts["revision"]}
-            write_atomically(_row(folder, job), json.dumps(row, default=lambda value: value.item()).encode())
+                console.print(f"failed: {outcome.job.name}: {outcome.fault}", markup=False)
+            else:
+                _store(outcome, folder, facts["revision"])
     except KeyboardInterrupt:
-        done = sum(_row(folder, job).exists() for job in jobs)
+        done = sum(_row_file(folder, job).exists() for job in jobs)
         console.print(
             f"interrupted: {done} of {len(jobs)} runs are done and kept in {folder}; the same command goes on from there"
         )
@@ -110,7 +97,26 @@ def run_jobs(study: Study, jobs: Sequence[Job], folder: Path, console: Console, 
     return failed
 
 
-def _row(folder: Path, job: Job) -> Path:
+def _write_inputs(study: Study, jobs: Sequence[Job], folder: Path) -> None:
+    """Writes what the runs are measured against, and the factors of the plausible worlds if there are any."""
+    world = study.world
+    truths = {key: floor_plan.ground_truth(world, world.scenario(key)) for key in study.design.scenarios}
+    write_truths(folder, floor_plan.physical_map(world), truths)
+    if any(job.file == WORLDS for job in jobs):
+        worlds = draw_worlds(study, study.design.worlds, study.design.seed)
+        rows = [{"draw": draw, **factors} for draw, factors in enumerate(worlds, 1)]
+        write_table(folder / DRAWS, list(rows[0]), rows)
+
+
+def _store(outcome: Outcome, folder: Path, revision: str) -> None:
+    """Keeps a run's map, if it has one, and then its row, which says that the run is done."""
+    if outcome.grid is not None and outcome.row.get("map"):
+        write_map(folder / outcome.row["map"][: -len(".yaml")], outcome.grid)
+    row = {**outcome.row, "revision": revision}
+    write_atomically(_row_file(folder, outcome.job), json.dumps(row, default=lambda value: value.item()).encode())
+
+
+def _row_file(folder: Path, job: Job) -> Path:
     """Returns the file of a run's row. It exists only once the run is done, so that nothing is ever half written."""
     return folder / ROWS / f"{job.name}.json"
 
@@ -127,8 +133,8 @@ def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> 
         row = {**job.columns(study.design.seed), **measure(ended)}
         if job.file != RUNS:
             return Outcome(job, row)
-        name = f"maps/p{job.participant:02d}_{job.scenario}_{job.method}.yaml"
-        return Outcome(job, {**row, "order": job.order, "map": "" if ended.seed is None else name}, ended.posterior)
+        map_file = f"maps/p{job.participant:02d}_{job.scenario}_{job.method}.yaml" if ended.saved_seed else ""
+        return Outcome(job, {**row, "order": job.order, "map": map_file}, ended.posterior)
     except Exception as error:
         return Outcome(job, fault=str(error) if isinstance(error, CodedError) else traceback.format_exc())
 
@@ -141,10 +147,10 @@ def measure(run: LiveRun) -> Dict[str, object]:
     enclosed = (metrics.enclosed(floor, cells & floor, run.truth) for cells in (run.truth, restricted))
     # over every interaction of the run: cancelled ones took time too
     times = [sum(float(record[f"{state}_s"]) for record in run.records) for state in study_files.STATES]
-    saved = run.seed is not None
+    saved = run.saved_seed is not None
     requested_area = Polygon(run.scenario.region)
     script = run.script
-    seed_is_right = int(saved and requested_area.contains(Point(run.seed)))
+    seed_is_right = int(saved and requested_area.contains(Point(run.saved_seed)))
     return {
         # border points and a seed on the right side, whatever the accuracy (paper, Sect. 5.5)
         "completed": seed_is_right,
@@ -155,7 +161,7 @@ def measure(run: LiveRun) -> Dict[str, object]:
         "seed_is_right": seed_is_right,
         # 0: the person was drawn to point at the wrong side
         "pointed_right": int(requested_area.contains(Point(script.person.seed))),
-        "tries": script.person.tries,
+        "tries": script.tries,
         "spots": len(run.spots),
         "robot_collisions": sum(robot.collisions for robot in run.lab.robots),
         "jaccard_enclosed": round(metrics.jaccard(*enclosed), 4),

@@ -104,40 +104,32 @@ def draw_traits(settings: Mapping[str, Any], model: ParticipantModel, streams: S
     for key in settings:
         if key not in ("traits", "body", "stand_offset", "margin"):
             raise ParameterError(f"participants/{key}", "unknown key; known are traits, body, stand_offset, margin")
-    values: Dict[str, Dict[str, Any]] = {}
-    for part, kind, stream in (("traits", ParticipantModel, ""), ("body", BodyProportions, "body ")):
-        specs = settings.get(part) or {}
-        for key in specs:
-            if key not in [field.name for field in fields(kind)]:
-                raise ParameterError(f"participants/{part}/{key}", f"unknown trait of {kind.__name__}")
-        values[part] = {
-            key: draw(f"participants/{part}/{key}", spec, streams(stream + key)) for key, spec in specs.items()
-        }
-    traits = values["traits"]
+    traits: Dict[str, Any] = dict(_draw_section(ParticipantModel, "traits", settings, streams))
     # models.yaml gives these as ranges; a person has one speed
     traits.update({key: (traits[key],) * 2 for key in ("drawing_speed", "tremor_band") if key in traits})
+    body = _draw_section(BodyProportions, "body", settings, lambda key: streams(f"body {key}"))
 
     def length(key: str, rng: np.random.Generator) -> float:
         return draw(f"participants/{key}", settings.get(key, 0.0), rng)
 
     stand = streams("stand")
-    return Traits(
-        replace(model, **_possible(ParticipantModel, traits)),
-        BodyProportions(**_possible(BodyProportions, values["body"])),
-        (length("stand_offset", stand), length("stand_offset", stand)),
-        length("margin", streams("margin")),
-    )
+    stand_offset = (length("stand_offset", stand), length("stand_offset", stand))
+    return Traits(replace(model, **traits), BodyProportions(**body), stand_offset, length("margin", streams("margin")))
 
 
-def _possible(cls: Type[Parameters], values: Mapping[str, Any]) -> Dict[str, Any]:
-    """Clips values to the limits of a parameter class: no person is 4 m tall, whatever was drawn and scaled."""
+def _draw_section(
+    cls: Type[Parameters], section: str, settings: Mapping[str, Any], streams: Streams
+) -> Dict[str, float]:
+    """Draws a section's values, clipped to the limits of its class: no person is 4 m tall, whatever was drawn."""
     limits = {field.name: field.metadata for field in fields(cls)}
-    clipped = dict(values)
-    for key, value in values.items():
+    values = {}
+    for key, spec in (settings.get(section) or {}).items():
+        if key not in limits:
+            raise ParameterError(f"participants/{section}/{key}", f"unknown trait of {cls.__name__}")
+        value = draw(f"participants/{section}/{key}", spec, streams(key))
         low, high = limits[key].get("low"), limits[key].get("high")
-        if isinstance(value, float):
-            clipped[key] = min(max(value, low if low is not None else value), high if high is not None else value)
-    return clipped
+        values[key] = min(max(value, -math.inf if low is None else low), math.inf if high is None else high)
+    return values
 
 
 @dataclass(frozen=True)
@@ -250,9 +242,8 @@ def load(path: Optional[Path] = None, seed: Optional[int] = None) -> Study:
         document = _merge(document, _read(path))
     if seed is not None:
         document.setdefault("design", {})["seed"] = seed
-    return study_from_mapping(
-        document, {name: _read(_find_file(str(document.pop(name)), folder)) for name in ("world", "models")}
-    )
+    sources = {name: _read(_find_file(str(document.pop(name)), folder)) for name in ("world", "models")}
+    return study_from_mapping(document, sources)
 
 
 def study_from_mapping(document: Mapping[str, Any], sources: Mapping[str, Any]) -> Study:

@@ -8,8 +8,7 @@ import tempfile
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from typing import Any, Callable, ContextManager, Dict, List, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -20,32 +19,33 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.ros import commands, parameters
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message
+from vb_evaluation.in_process_ros.launch_file import import_nodes, start_launch
+from vb_evaluation.in_process_ros.rospy_stand_in import Graph, Node
+from vb_evaluation.in_process_ros.threading_stand_in import Scheduler, replaced
 from vb_evaluation.provenance import repository_top
 from vb_evaluation.simulated_study.config import METHODS, Study, Traits
-from vb_evaluation.simulated_study.study_camera_node import RenderCache, StudyCeilingCameras, StudyRobotCamera
 from vb_evaluation.simulated_study.run_plan import Job
-from vb_evaluation.in_process_ros.rospy_stand_in import Graph, Node
-from vb_evaluation.in_process_ros.launch_file import import_nodes, start_launch
-from vb_evaluation.in_process_ros.threading_stand_in import Scheduler, replaced
+from vb_evaluation.simulated_study.study_camera_node import RenderCache, StudyCeilingCameras, StudyRobotCamera
 from vb_fusion import extraction
 from vb_msgs.msg import LaserSpot, VirtualBorderArray
-from vb_sim.room import floor_plan
-from vb_sim.robot.path_planner import Costmap, Planner
-from vb_sim.person.hand import perceive_border
-from vb_sim.simulated_lab import Lab
 from vb_sim.lab_simulator_node import LabSimulatorNode, LabSimulatorParams
-from vb_sim.person.walking import distance_to_chain
 from vb_sim.map_server_node import MapServerNode
-from vb_sim.participant_node import ParticipantNode, ParticipantParams
+from vb_sim.participant_node import ParticipantNode
+from vb_sim.person.hand import perceive_border
+from vb_sim.person.participant_methods import make_script
+from vb_sim.person.walking import distance_to_chain
+from vb_sim.robot.path_planner import Costmap, Planner
+from vb_sim.room import floor_plan
 from vb_sim.room.world import Scenario, World
+from vb_sim.simulated_lab import Lab
 
+LAUNCH = repository_top() / "launch" / "simulation.launch"
+# no other node depends on what these publish or store
+OMITTED = ("display_markers", "feedback", "camera_poses")
 OFF_THE_LINE = 0.4  # [m] people do not stand on what they draw
 START_NS = 1_000_000_000_000  # keeps every timestamp away from zero, which would mean none
 WARM_UP_TIME = 2.0  # [s] until every node has heard of the others; then the person comes in
-# no other node depends on what these publish or store
-OMITTED = ("display_markers", "feedback", "camera_poses")
 _LONGEST_END_NS = 600 * 10**9
-LAUNCH = "launch/simulation.launch"
 
 
 class LiveRun:
@@ -55,31 +55,95 @@ class LiveRun:
         scenario: the scenario as this person sees it, by `personal_scenario`.
         truth: (H, W) bool, the cells to restrict.
         prior, posterior: the map without and with borders.
-        seed: (x, y) [m] of the border that was saved; None if none was.
+        saved_seed: (x, y) [m] of the border that was saved; None if none was.
         spots: every spot that a camera reported.
-        script: the person's actions and intention; an idle one until the person has come.
+        script: the person's actions, intention and success.
         records: the interaction manager's log of all interactions of the run, cancelled ones included.
         too_bright: whether a ceiling camera was too bright, by the lab's own check, before anybody came.
     """
 
     def __init__(self, study: Study, job: Job) -> None:
-        self._study, self._job = study, job
-        self._traits = study.traits(job.participant)
-        self._world = study.world
-        self._seed = study.run_seed(job.participant)
-        self.prior = self.posterior = floor_plan.physical_map(self._world)
-        marks, scenario = study.marks(job.participant, job.scenario), self._world.scenario(job.scenario)
-        self.scenario = personal_scenario(self._world, scenario, self._traits, self.prior, marks)
-        self.truth = floor_plan.ground_truth(self._world, self.scenario)
-        self.lab = Lab(self._world, study.models, self._seed)
+        world, scenario = study.world, study.world.scenario(job.scenario)
+        traits, marks = study.traits(job.participant), study.marks(job.participant, job.scenario)
+        self._study = study
+        self._models = replace(study.models, body=traits.body)
+        self._random_seed = study.run_seed(job.participant)
+        self._cameras = METHODS[job.method](world)
+        self._method = job.method
+        self._ended = False
+        self.prior = self.posterior = floor_plan.physical_map(world)
+        self.scenario = personal_scenario(world, scenario, traits, self.prior, marks)
+        self.truth = floor_plan.ground_truth(world, self.scenario)
+        self.lab = Lab(world, study.models, self._random_seed)
+        self.script = make_script(world, self.scenario, traits.model, job.method, self._random_seed)
         self.too_bright = False
-        self.seed: Optional[Tuple[float, float]] = None
+        self.saved_seed: Optional[Tuple[float, float]] = None
         self.spots: List[LaserSpot] = []
         self.records: List[Dict[str, Any]] = []
-        nobody = SimpleNamespace(seed=self.scenario.seed, tries=0)
-        self.script: Any = SimpleNamespace(outcome="", reason="", person=nobody)
-        self._cache = _kept_cache()
 
+    def run(self) -> LiveRun:
+        """Runs until the person is done, or time is up."""
+        render_cache().enter(self._study.world, self._models)
+        timing = self._study.timing
+        scheduler = Scheduler(START_NS)
+        delays = {names.COMMAND: timing.command_s, names.GET_DRAWN_BORDER: timing.save_s, names.SPOTS: timing.spot_s}
+        graph = Graph(scheduler, delays)
+        arguments = self._launch_arguments()
+        lab_nodes = self._lab_nodes()
+        import_nodes(LAUNCH, arguments, (*OMITTED, *lab_nodes))
+        with contextlib.ExitStack() as stack:
+            state = stack.enter_context(tempfile.TemporaryDirectory())
+            stack.enter_context(graph.installed())
+            stack.enter_context(_delayed_extraction(scheduler, timing.extraction_s))
+            graph.start(Node("/study", {}), self._watch)
+            start_launch(graph, LAUNCH, {**arguments, "state": state}, OMITTED, lab_nodes)
+            graph.start(Node("/participant", {}), self._bring_participant)
+            until = START_NS + int((WARM_UP_TIME + timing.time_limit_s) * 1e9)
+            scheduler.run(lambda: self.script.outcome != "", until)
+            graph.start(Node("/study", {}), self._end)
+            scheduler.run(lambda: self._ended, scheduler.now_ns + _LONGEST_END_NS)
+            log = Path(state) / "interactions.jsonl"
+            self.records += map(json.loads, log.read_text(encoding="utf-8").splitlines() if log.exists() else ())
+        return self
+
+    # ------------------------------------------------------------- what is started
+    def _launch_arguments(self) -> Dict[str, str]:
+        robots = (robot.namespace.strip("/") for robot in self._study.world.robots)
+        return {
+            "world": "study",
+            "cameras": " ".join(self._cameras) or "none",
+            "method": self._method,
+            "robots": " ".join(filter(None, robots)),
+            "rviz": "false",
+            "page": "false",
+            "state": "",
+        }
+
+    def _lab_nodes(self) -> Dict[str, Callable[[], Any]]:
+        """Returns, by type of node, what runs instead of the simulated lab's scripts."""
+        world, cache, idle_every = self._study.world, render_cache(), self._study.timing.idle_every
+
+        def ceiling_cameras() -> None:
+            shown = [world.camera(name) for name in self._cameras]
+            self.too_bright = StudyCeilingCameras(cache, shown, self._random_seed, idle_every).too_bright
+
+        def robot_camera() -> None:
+            name, prefix = rospy.get_param("~robot", ""), rospy.get_param("~tf_prefix", "")
+            robot = world.robot(name) if name else world.robots[0]
+            StudyRobotCamera(cache, robot, self._random_seed, prefix, idle_every)
+
+        return {
+            "lab_simulator": lambda: LabSimulatorNode(self.lab, parameters.read(LabSimulatorParams)),
+            "ceiling_cameras": ceiling_cameras,
+            "robot_camera": robot_camera,
+            "map_server": lambda: MapServerNode(self.prior),
+        }
+
+    def _bring_participant(self) -> None:
+        rospy.rostime.wallsleep(WARM_UP_TIME)
+        ParticipantNode(self.script, laser_color="red")
+
+    # ------------------------------------------------------------- what is measured
     def _watch(self) -> None:
         """Subscribes to the topics from which a run is measured."""
         rospy.Subscriber(names.MAP_WITH_BORDERS, OccupancyGridArray, self._on_map)
@@ -91,84 +155,28 @@ class LiveRun:
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         for border in message.borders:
-            self.seed = (border.seed.x, border.seed.y)
+            self.saved_seed = (border.seed.x, border.seed.y)
 
-    def run(self) -> LiveRun:
-        """Runs until the person is done, or time is up."""
-        self._cache.enter(self._world, replace(self._study.models, body=self._traits.body))
-        timing = self._study.timing
-        scheduler = Scheduler(START_NS)
-        graph = Graph(
-            scheduler,
-            {names.COMMAND: timing.command_s, names.GET_DRAWN_BORDER: timing.save_s, names.SPOTS: timing.spot_s},
-        )
-        cameras = METHODS[self._job.method](self._world)
-        arguments = {
-            "world": "study",
-            "cameras": " ".join(cameras) or "none",
-            "method": self._job.method,
-            "robots": " ".join(filter(None, (robot.namespace.strip("/") for robot in self._world.robots))),
-            "rviz": "false",
-            "page": "false",
-            "state": "",
-        }
-        lab_nodes = self._lab_nodes(cameras)
-        import_nodes(repository_top() / LAUNCH, arguments, (*OMITTED, *lab_nodes))
-        extract = extraction.extract_border
-
-        def delayed_extraction(*args: Any, **kwargs: Any) -> Any:
-            try:
-                return extract(*args, **kwargs)
-            finally:
-                scheduler.wait(int(timing.extraction_s * 1e9))
-
-        with tempfile.TemporaryDirectory() as state, graph.installed(), replaced(
-            {extraction: {"extract_border": delayed_extraction}}
-        ):
-            graph.start(Node("/study", {}), self._watch)
-            start_launch(graph, repository_top() / LAUNCH, {**arguments, "state": state}, OMITTED, lab_nodes)
-            graph.start(Node("/participant", {}), self._bring_participant)
-            until = START_NS + int((WARM_UP_TIME + timing.time_limit_s) * 1e9)
-            scheduler.run(lambda: self.script.outcome != "", until)
-            # a saved border arrives; an unfinished interaction is cancelled, so that its time is in the log
-            ended: List[bool] = []
-            graph.start(Node("/study", {}), lambda: ended.append(self._end()))
-            scheduler.run(lambda: bool(ended), scheduler.now_ns + _LONGEST_END_NS)
-            log = Path(state) / "interactions.jsonl"
-            self.records += map(json.loads, log.read_text(encoding="utf-8").splitlines() if log.exists() else ())
-        return self
-
-    def _end(self) -> bool:
+    def _end(self) -> None:
+        """Waits until a saved border has arrived. Cancels an unfinished interaction, so that the log has its time."""
         if self.script.outcome != "saved":
             with contextlib.suppress(CodedError):
                 commands.send(commands.make_request("cancel", "study", 5.0))
         rospy.rostime.wallsleep(0.5)
-        return True
+        self._ended = True
 
-    def _lab_nodes(self, cameras: Tuple[str, ...]) -> Dict[str, Callable[[], Any]]:
-        """Returns, by type of node, what runs instead of the simulated lab's scripts."""
-        idle_every = self._study.timing.idle_every
 
-        def ceiling_cameras() -> None:
-            shown = [self._world.camera(name) for name in cameras]
-            self.too_bright = StudyCeilingCameras(self._cache, shown, self._seed, idle_every).too_bright
+def _delayed_extraction(scheduler: Scheduler, seconds: float) -> ContextManager[None]:
+    """Makes each extraction of a border take this long [s] in simulated time."""
+    extract = extraction.extract_border
 
-        def robot_camera() -> None:
-            name, prefix = rospy.get_param("~robot", ""), rospy.get_param("~tf_prefix", "")
-            robot = self._world.robot(name) if name else self._world.robots[0]
-            StudyRobotCamera(self._cache, robot, self._seed, prefix, idle_every)
+    def extract_and_wait(*args: Any, **kwargs: Any) -> Any:
+        try:
+            return extract(*args, **kwargs)
+        finally:
+            scheduler.wait(int(seconds * 1e9))
 
-        return {
-            "lab_simulator": lambda: LabSimulatorNode(self.lab, parameters.read(LabSimulatorParams)),
-            "ceiling_cameras": ceiling_cameras,
-            "robot_camera": robot_camera,
-            "map_server": lambda: MapServerNode(self.prior),
-        }
-
-    def _bring_participant(self) -> None:
-        rospy.rostime.wallsleep(WARM_UP_TIME)
-        params = ParticipantParams(method=self._job.method, seed=self._seed, scenario=self.scenario.key)
-        self.script = ParticipantNode(self._world, self.scenario, self._traits.model, params)._script
+    return replaced({extraction: {"extract_border": extract_and_wait}})
 
 
 def personal_scenario(
@@ -193,8 +201,8 @@ def personal_scenario(
 
 
 @lru_cache(maxsize=1)
-def _kept_cache() -> RenderCache:
-    """Returns what a process keeps from one run to the next."""
+def render_cache() -> RenderCache:
+    """Returns the rendered room, which all runs of this process share."""
     return RenderCache()
 
 

@@ -30,6 +30,9 @@ class RenderCache:
     """Keeps the rendered room, which is expensive to make and shared by all runs of a process.
 
     It holds views for one set of worlds and models at a time.
+
+    Attributes:
+        world, models: those of the present run; set by `enter`.
     """
 
     def __init__(self) -> None:
@@ -37,7 +40,7 @@ class RenderCache:
         cv2.setNumThreads(1)
         self._floor: Optional[FloorTexture] = None
         self._mesh: Optional[Mesh] = None
-        self._views: Dict[str, Tuple[str, Any]] = {}
+        self._views: Dict[str, Tuple[str, Any]] = {}  # by name: what the view shows, as text, and the view
         self._floor_key: object = None
 
     def enter(self, world: World, models: Models) -> None:

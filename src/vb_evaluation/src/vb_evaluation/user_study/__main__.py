@@ -11,9 +11,9 @@ from typing import Any, Callable, Iterable, Iterator, List, Optional
 from vb_core.errors import CodedError
 from vb_core.map_files import read_map
 from vb_evaluation import statistics
-from vb_evaluation.user_study import blind_judging, conduct, forms, recording_measures, privacy, protocol
 from vb_evaluation.report import answers
 from vb_evaluation.report.html_page import write_report
+from vb_evaluation.user_study import blind_judging, conduct, forms, privacy, protocol, recording_measures
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
@@ -51,11 +51,7 @@ def _parser() -> argparse.ArgumentParser:
     argument("--methods", nargs="+", default=["nrs", "robot_only"])
     argument("--seed", type=int, help="of the order; default: drawn, so that nobody can foresee it")
     argument("--out", type=_path, default=Path("protocol.csv"))
-    argument = command(
-        "forms",
-        lambda options: forms.write(options.folder),
-        "write information, consent, demographics and questionnaire to be printed",
-    )
+    argument = command("forms", _forms, "write information, consent, demographics and questionnaire to be printed")
     argument("folder", type=_path)
     argument = command("run", _run, "do a participant's next run: starts the system in the planned condition")
     argument("participant")
@@ -69,18 +65,10 @@ def _parser() -> argparse.ArgumentParser:
     argument = command("report", _report, "write the report of a study's folder")
     argument("folder", type=_path)
     argument("--page", type=_path, help="a Markdown page that gets the answers between its two marks")
-    argument = command(
-        "judge",
-        lambda options: [blind_judging.write(options.study or options.results.parent, options.results)],
-        "write pictures of what was drawn, for somebody who does not know the method",
-    )
+    argument = command("judge", _judge, "write pictures of what was drawn, for somebody who does not know the method")
     argument("results", type=_path)
     argument("--study", type=_path, help="the protocol's folder; default: the one that holds the results")
-    argument = command(
-        "export",
-        lambda options: privacy.export(options.results, options.out),
-        "write a copy without anything that tells who somebody is",
-    )
+    argument = command("export", _export, "write a copy without anything that tells who somebody is")
     argument("results", type=_path)
     argument("--out", type=_path, required=True)
     argument = command("delete", _delete, "delete a participant's recordings and answers for good")
@@ -102,6 +90,18 @@ def _report(options: argparse.Namespace) -> Iterator[Any]:
     yield write_report(options.folder)
     if options.page:
         answers.write_page(options.folder, options.page)
+
+
+def _forms(options: argparse.Namespace) -> Iterator[Any]:
+    yield from forms.write(options.folder)
+
+
+def _judge(options: argparse.Namespace) -> Iterator[Any]:
+    yield blind_judging.write(options.study or options.results.parent, options.results)
+
+
+def _export(options: argparse.Namespace) -> Iterator[Any]:
+    yield from privacy.export(options.results, options.out)
 
 
 def _delete(options: argparse.Namespace) -> Iterator[Any]:

@@ -13,8 +13,8 @@ from typing import Dict, List
 from vb_core.errors import CodedError
 from vb_core.map_files import read_map
 from vb_evaluation.metrics import restricted_cells
-from vb_evaluation.report.study_files import RUNS, read_sheet, write_table, yes_or_no
 from vb_evaluation.report.map_figures import draw_map
+from vb_evaluation.report.study_files import RUNS, read_sheet, write_table, yes_or_no
 
 FOLDER, SHEET, KEY = "judging", "judgements.csv", "judging_key.csv"
 
@@ -34,10 +34,8 @@ def write(study: Path, results: Path) -> Path:
     try:
         (study / FOLDER).mkdir()
         for code, row in zip(codes, rows.to_dict("records")):
-            areas = [
-                restricted_cells(physical, read_map(results / name))
-                for name in (f"maps/truth_{row['scenario']}.yaml", row["map"])
-            ]
+            map_files = (f"maps/truth_{row['scenario']}.yaml", row["map"])
+            areas = [restricted_cells(physical, read_map(results / name)) for name in map_files]
             (study / FOLDER / f"{code}.png").write_bytes(draw_map(physical, *areas))
             key.append({"code": code, "recording": row["recording"]})
         sheet: List[Dict[str, str]] = [{"code": code, "completed": ""} for code in sorted(codes)]

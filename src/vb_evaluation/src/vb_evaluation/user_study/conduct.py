@@ -18,10 +18,10 @@ import yaml
 
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
-from vb_evaluation.user_study import protocol
-from vb_evaluation.user_study.recording_measures import deviations, last_attempt
-from vb_evaluation.user_study.recording import BAGS, EVENTS, RUN, Recording
 from vb_evaluation.provenance import revision
+from vb_evaluation.user_study import protocol
+from vb_evaluation.user_study.recording import BAGS, EVENTS, RUN, Recording
+from vb_evaluation.user_study.recording_measures import deviations, last_attempt
 
 SETTINGS = "kit.yaml"
 TEMPLATE = """# How study_kit run starts the system. Arguments are those of the launch file; record:= comes from the protocol.
@@ -83,20 +83,16 @@ def next_run(path: Path, participant: str, again: bool = False) -> NextRun:
     own = sorted((entry for entry in entries if entry.participant == participant), key=lambda entry: entry.order)
     if not own:
         people = ", ".join(dict.fromkeys(entry.participant for entry in entries))
-        raise CodedError(
-            "no_participant", f"{path} has no participant '{participant}'; there are {people}", participant=participant
-        )
+        reason = f"{path} has no participant '{participant}'; there are {people}"
+        raise CodedError("no_participant", reason, participant=participant)
     begun = [entry for entry in own if entry.folder(path).exists()]
     unfinished = [entry for entry in begun if "ended" not in Recording(last_attempt(entry.folder(path))).run]
     if again and begun:
         entry = (unfinished or begun)[-1]
     elif unfinished:
-        raise CodedError(
-            "unfinished",
-            f"{unfinished[0].recording} was begun and not finished: --again does it again in another folder, "
-            "and keeps what is there",
-            recording=unfinished[0].recording,
-        )
+        name = unfinished[0].recording
+        reason = f"{name} was begun and not finished: --again does it again in another folder, and keeps what is there"
+        raise CodedError("unfinished", reason, recording=name)
     else:
         remaining = [entry for entry in own if entry not in begun]
         if not remaining:
@@ -148,10 +144,8 @@ def conduct_run(
     run.update(cameras=list(planned.cameras), revision=revision(), command=list(planned.command), started=_now())
     _write(planned.folder, run)
     stop = start(planned)
-    say(
-        f"{entry.participant}, run {entry.order}: {entry.scenario} with {entry.method}, cameras "
-        f"{' '.join(planned.cameras) or 'none'}"
-    )
+    cameras = " ".join(planned.cameras) or "none"
+    say(f"{entry.participant}, run {entry.order}: {entry.scenario} with {entry.method}, cameras {cameras}")
     say("keys: " + ", ".join(f"{key} {words}" for key, words in KEYS.items()))
     try:
         for key in keys:
@@ -209,6 +203,6 @@ def read_keys() -> Iterator[str]:
 
 def roslaunch(planned: NextRun) -> Callable[[], None]:
     """Starts the system as planned. Returns what stops it."""
-    from vb_evaluation.child_processes import Child
+    from vb_core.child_processes import Child
 
     return Child(list(planned.command), planned.folder / "launch.log").stop

@@ -31,26 +31,16 @@ def write(folder: Path) -> List[Path]:
         CodedError: "cannot_write_into", also if one exists: entries must not be lost.
     """
     pages = jinja2.Environment(loader=jinja2.FileSystemLoader(str(TEMPLATES)), autoescape=True, trim_blocks=True)
-    fields = {
-        "demographics": DEMOGRAPHICS,
-        "statements": participants.STATEMENTS,
-        "pairs": participants.UEQ_S,
-        "question": participants.QUESTION,
-    }
-    contents = {
-        **{path.name: path.read_text(encoding="utf-8") for path in sorted(TEMPLATES.glob("*.[mc][ds]*"))},
-        "demographics.html": pages.get_template("demographics.html.j2").render(fields),
-        # half of the people are asked about one method first, half about the other
-        **{
-            f"questionnaire_{first}_first.html": pages.get_template("questionnaire.html.j2").render(
-                methods=[METHOD_TITLES[name] for name in sorted(participants.METHODS, key=lambda name: name != first)],
-                **fields,
-            )
-            for first in participants.METHODS
-        },
-        "demographics.csv": ",".join(["participant", *(name for name, _, _ in DEMOGRAPHICS)]) + "\n",
-        "questionnaire.csv": ",".join(participants.COLUMNS + participants.UEQ_COLUMNS) + "\n",
-    }
+    fields = {"statements": participants.STATEMENTS, "pairs": participants.UEQ_S, "question": participants.QUESTION}
+    contents = {path.name: path.read_text(encoding="utf-8") for path in sorted(TEMPLATES.glob("*.[mc][ds]*"))}
+    contents["demographics.html"] = pages.get_template("demographics.html.j2").render(demographics=DEMOGRAPHICS)
+    # half of the people are asked about one method first, half about the other
+    for first in participants.METHODS:
+        methods = [METHOD_TITLES[name] for name in sorted(participants.METHODS, key=lambda name: name != first)]
+        page = pages.get_template("questionnaire.html.j2").render(methods=methods, **fields)
+        contents[f"questionnaire_{first}_first.html"] = page
+    contents["demographics.csv"] = ",".join(["participant", *(name for name, _, _ in DEMOGRAPHICS)]) + "\n"
+    contents["questionnaire.csv"] = ",".join(participants.COLUMNS + participants.UEQ_COLUMNS) + "\n"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in contents.items():

@@ -84,15 +84,8 @@ def read(path: Path) -> List[Entry]:
                     "bad_protocol", f"{path}, lines {first_lines[key]} and {line}: the same run or recording twice"
                 )
         if row["recording"]:
-            entries.append(
-                Entry(
-                    row["participant"],
-                    row["method"],
-                    row["scenario"],
-                    row["recording"],
-                    yes_or_no(row.get("completed", ""), f"{path}, line {line}: completed", "bad_protocol"),
-                    row.get("note", ""),
-                    int(row["order"]) if row.get("order", "").isdigit() else 0,
-                )
-            )
+            names = {key: row[key] for key in ("participant", "method", "scenario", "recording")}
+            completed = yes_or_no(row.get("completed", ""), f"{path}, line {line}: completed", "bad_protocol")
+            order = int(row["order"]) if row.get("order", "").isdigit() else 0
+            entries.append(Entry(**names, completed=completed, note=row.get("note", ""), order=order))
     return entries

@@ -98,11 +98,9 @@ class Recording:
             for border in borders:
                 if stamp_s >= interaction.started and border.id == interaction.border_id:
                     return grid, np.array([border.seed.x, border.seed.y])
-        raise CodedError(
-            "bad_recording",
-            f"{self.folder / BAGS}: the map of interaction {interaction.interaction_id} with border "
-            f"{interaction.border_id} was not recorded; rosbag reindex reads a bag that was not closed",
-        )
+        lost = f"the map of interaction {interaction.interaction_id} with border {interaction.border_id}"
+        hint = "rosbag reindex reads a bag that was not closed"
+        raise CodedError("bad_recording", f"{self.folder / BAGS}: {lost} was not recorded; {hint}")
 
     def _maps(self) -> List[Tuple[float, GridMap, Any]]:
         """Returns (stamp [s], map, messages of the borders in it) of each state."""

@@ -11,15 +11,15 @@ import cv2
 import numpy as np
 
 from vb_core.errors import CodedError
-from vb_core.grid_map import GridMap, nearest_cell
 from vb_core.files import write_atomically
+from vb_core.grid_map import GridMap, nearest_cell
 from vb_core.map_files import write_map
 from vb_evaluation import metrics
+from vb_evaluation.report.map_figures import write_truths
+from vb_evaluation.report.study_files import META, REQUIRED, RUNS, SHEETS, STATES, WARNINGS
+from vb_evaluation.report.study_files import read_meta, read_sheet, write_table
 from vb_evaluation.user_study import blind_judging, protocol
 from vb_evaluation.user_study.recording import Recording
-from vb_evaluation.report.study_files import META, REQUIRED, RUNS, SHEETS, STATES, WARNINGS, read_meta, read_sheet
-from vb_evaluation.report.study_files import write_table
-from vb_evaluation.report.map_figures import write_truths
 
 _TIMES = (*STATES, "total")
 SEED_REACH = 0.2  # [m] from a seed to the free floor that it means
@@ -51,18 +51,15 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
     physical = physical or _physical(folders)
     scenarios = list(dict.fromkeys(entry.scenario for entry in entries))
     truths = {scenario: read_ground_truth(ground_truths / f"{scenario}.png", physical) for scenario in scenarios}
-    if (out / RUNS).exists():  # a map of a run that was deleted at its participant's request must not stay
-        for name in filter(None, read_sheet(out / RUNS, ("map",))["map"]):
-            for suffix in (".yaml", ".pgm"):
-                (out / name).with_suffix(suffix).unlink(missing_ok=True)
+    _delete_maps(out)
     write_truths(out, physical, truths)
     judged = blind_judging.read(protocol_file.parent)
     rows, notes = [], []
     for entry, folder in zip(entries, folders):
         noted = judged.get(entry.recording, entry.completed)
+        truth = truths[entry.scenario]
         try:
-            recording, truth = Recording(folder), truths[entry.scenario]
-            row, warnings = _measured_row(entry, noted, recording, physical, truth, out / "maps")
+            row, warnings = _measured_row(entry, noted, Recording(folder), physical, truth, out / "maps")
         except CodedError as error:
             if error.code != "bad_recording":
                 raise
@@ -75,10 +72,17 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
     for name in SHEETS:
         if (protocol_file.parent / name).is_file():
             write_atomically(out / name, (protocol_file.parent / name).read_bytes())
-    (out / META).write_text(
-        json.dumps({"people": True, "protocol": protocol_file.name}, indent=2) + "\n", encoding="utf-8"
-    )
+    meta = {"people": True, "protocol": protocol_file.name}
+    (out / META).write_text(json.dumps(meta, indent=2) + "\n", encoding="utf-8")
     return notes
+
+
+def _delete_maps(out: Path) -> None:
+    """Deletes the maps of earlier measures: that of a run deleted at its participant's request must not stay."""
+    names = read_sheet(out / RUNS, ("map",))["map"] if (out / RUNS).exists() else []
+    for name in filter(None, names):
+        for suffix in (".yaml", ".pgm"):
+            (out / name).with_suffix(suffix).unlink(missing_ok=True)
 
 
 def read_ground_truth(path: Path, physical: GridMap) -> np.ndarray:
@@ -189,32 +193,24 @@ def _measured_row(
     row, run = _empty_row(entry, "not_started"), _describe(entry)
     row.update(revision=recording.run.get("revision", ""), helped=recording.count("h"), problems=recording.count("p"))
     if not interactions:
-        return row, [
-            f"{run}: nothing was begun in this recording, so it counts for nothing: can the run be done again?"
-        ]
+        note = "nothing was begun in this recording, so it counts for nothing: can the run be done again?"
+        return row, [f"{run}: {note}"]
     differences = deviations(entry, recording)
     notes = [f"{run}: not as planned, left out of the analysis: {words}" for words in differences]
     # cancelled attempts took time too, as in the simulated study
-    times = {
-        f"time_{name}_s": round(sum(getattr(interaction, f"{name}_s") for interaction in interactions), 3)
-        for name in _TIMES
-    }
-    row.update(times, as_planned=int(not differences), interaction=interactions[-1].interaction_id)
+    for name in _TIMES:
+        row[f"time_{name}_s"] = round(sum(getattr(interaction, f"{name}_s") for interaction in interactions), 3)
+    row.update(as_planned=int(not differences), interaction=interactions[-1].interaction_id)
     result = recording.result(interactions[-1])
     if result is not None:
         posterior, seed = result
         if not posterior.same_geometry(physical):
-            raise CodedError(
-                "bad_recording", f"{run}: its map differs from the physical map in size, resolution or origin"
-            )
+            difference = "its map differs from the physical map in size, resolution or origin"
+            raise CodedError("bad_recording", f"{run}: {difference}")
         name = "_".join((entry.participant, entry.scenario, entry.method)).replace("/", "-")
         write_map(maps / name, posterior)
-        row.update(
-            metrics.accuracy(physical, truth, metrics.restricted_cells(physical, posterior)),
-            saved=1,
-            map=f"maps/{name}.yaml",
-            seed_is_right=int(seed_is_right(seed, physical, truth)),
-        )
+        row.update(metrics.accuracy(physical, truth, metrics.restricted_cells(physical, posterior)))
+        row.update(saved=1, map=f"maps/{name}.yaml", seed_is_right=int(seed_is_right(seed, physical, truth)))
     if noted is None:
         noted = recording.run.get("completed")
     row["outcome"] = outcome_of(True, not differences, bool(row["saved"]), bool(row["seed_is_right"]), noted)

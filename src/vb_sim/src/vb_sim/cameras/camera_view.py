@@ -9,9 +9,10 @@ from typing import Callable, Dict, List, Optional, Tuple
 import numpy as np
 
 from vb_core.camera_model import CameraModel
-from vb_sim.lab_history import Pose2, Snapshot
-from vb_sim.room import bodies
+from vb_core.geometry import Pose
+from vb_sim.lab_history import Snapshot
 from vb_sim.models import Models, make_generator
+from vb_sim.room import bodies
 from vb_sim.room.laser_spot import SpotImage, add_spot, render_spot
 
 _PERSON_RADIUS = 0.26  # [m] of the average person's shadow
@@ -31,7 +32,7 @@ class Body:
     name: str
     key: Tuple
     build: Callable[[], bodies.BodyParts]
-    pose: Pose2
+    pose: Pose
     radius: float
 
 

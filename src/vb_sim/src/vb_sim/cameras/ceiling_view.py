@@ -13,13 +13,14 @@ from typing import Dict, List, Optional, Tuple
 import cv2
 import numpy as np
 
+from vb_core.geometry import Pose
 from vb_sim.cameras.camera_view import Body, View
 from vb_sim.lab_history import Snapshot
 from vb_sim.models import Models
 from vb_sim.room import bodies
 from vb_sim.room.floor_texture import FloorTexture
-from vb_sim.room.mesh import DepthBuffer, Mesh, RayGrid
 from vb_sim.room.laser_spot import SpotImage
+from vb_sim.room.mesh import DepthBuffer, Mesh, RayGrid
 from vb_sim.room.world import CeilingCamera
 
 # moving objects are drawn at half the resolution, because a Bayer pattern resolves colour no better
@@ -60,7 +61,14 @@ def _mosaic(red: np.ndarray, right: np.ndarray, below: np.ndarray, blue: np.ndar
 
 @dataclass(frozen=True)
 class _Sprite:
-    """A moving object in the image of a camera. Its part of the image becomes image * keep / 255 + color."""
+    """A moving object in the image of a camera. Its part of the image becomes image * keep / 255 + color.
+
+    Attributes:
+        rows, columns: its part of the image, of (2h, 2w) pixels.
+        keep, color: (2h, 2w) or (2h, 2w, 3) uint8.
+        solid: (2h, 2w) uint8, 255 in pixels that show the object itself, not only its shadow.
+        opacity: (h, w) uint8, 255 where the object hides what is behind it.
+    """
 
     rows: slice
     columns: slice
@@ -105,7 +113,7 @@ class CeilingView(View):
         size = (self.model.width // _HALF, self.model.height // _HALF)
         self._background = cv2.resize(background, size, interpolation=cv2.INTER_AREA)
         self._noise_tile = self._make_noise_tile()
-        self._image_index: Optional[int] = 0
+        self._image_index: Optional[int] = 0  # of the last frame; None if the next one may be any of them
         self._undo: List[Tuple[np.ndarray, np.ndarray]] = []  # parts of an image and their previous contents
         self._sprites: Dict[str, Tuple[Tuple, Optional[_Sprite]]] = {}
         self._visible_sprites: List[_Sprite] = []
@@ -201,7 +209,7 @@ class CeilingView(View):
             self._sprites[body.name] = cached
         return cached[1]
 
-    def _draw_sprite(self, pieces: bodies.BodyParts, pose, radius: float) -> Optional[_Sprite]:
+    def _draw_sprite(self, pieces: bodies.BodyParts, pose: Pose, radius: float) -> Optional[_Sprite]:
         outlines = bodies.project_pieces(pieces, self.model, self.pose)
         if not len(outlines.points):
             return None
@@ -239,7 +247,7 @@ class CeilingView(View):
 
         Args:
             offset: (2,) [px] to add to the halved outlines.
-            before: (h, w) [1/m] inverse depth of the static scene.
+            static_inverse: (h, w) [1/m] inverse depth of the static scene, which may hide the body.
         """
         color, inverse = np.zeros((*static_inverse.shape, 3), np.uint8), np.zeros(static_inverse.shape, np.float32)
         outer = outlines.points / _HALF + offset
@@ -264,9 +272,9 @@ class CeilingView(View):
         gain = self._optics.exposure_gain
         return (cv2.convertScaleAbs(color, alpha=gain) if gain != 1.0 else color), opacity
 
-    def _shadow_outline(self, pose, radius: float) -> np.ndarray:
+    def _shadow_outline(self, pose: Pose, radius: float) -> np.ndarray:
         """Returns the outline (N, 2) [px] of a shadow on the floor. It is small, as lamps are all over the ceiling."""
-        circle = bodies._CIRCLE * radius * 1.1 + (pose[0] + 0.05, pose[1] - 0.04)
+        circle = bodies.UNIT_CIRCLE * radius * 1.1 + (pose[0] + 0.05, pose[1] - 0.04)
         points = np.column_stack([circle, np.zeros(len(circle))]) - self.pose[:3, 3]
         in_camera = points @ self.pose[:3, :3]
         if (in_camera[:, 2] < 0.15).any():

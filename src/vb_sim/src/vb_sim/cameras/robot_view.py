@@ -9,13 +9,14 @@ import cv2
 import numpy as np
 
 from vb_core import geometry
+from vb_core.geometry import Pose
 from vb_sim.cameras.camera_view import Body, View
-from vb_sim.lab_history import Pose2, Snapshot
+from vb_sim.lab_history import Snapshot
 from vb_sim.models import Models
 from vb_sim.room import bodies
 from vb_sim.room.floor_texture import FloorTexture
-from vb_sim.room.mesh import DepthBuffer, Mesh, RayGrid
 from vb_sim.room.laser_spot import SpotImage
+from vb_sim.room.mesh import DepthBuffer, Mesh, RayGrid
 from vb_sim.room.world import Robot
 
 _CEILING = (206, 204, 198)
@@ -40,7 +41,7 @@ class RobotView(View):
         self._floors = [floor]
         while len(self._floors) < 5 and min(self._floors[-1].rgb.shape[:2]) > 64:
             self._floors.append(self._floors[-1].halved())
-        self._pose: Pose2 = robot.start_pose()
+        self._pose: Pose = robot.start_pose()
         self._buffer = DepthBuffer(RayGrid(self.model))
         self._depth_grid = RayGrid(self.depth_model)
         x, y = self._depth_grid.x, self._depth_grid.y
@@ -143,9 +144,8 @@ class RobotView(View):
             depth = np.where(down > 1e-3, origin[2] / down, np.inf)
         # a pixel covers depth/f across the view and 1/down times that along it; takes the geometric mean
         footprint = depth / camera.focal_px / np.sqrt(np.clip(down, 1e-3, 1.0))
-        levels = np.clip(
-            np.floor(np.log2(np.maximum(footprint / self._floors[0].resolution, 1.0))), 0, len(self._floors) - 1
-        )
+        texels = np.maximum(footprint / self._floors[0].resolution, 1.0)
+        levels = np.clip(np.floor(np.log2(texels)), 0, len(self._floors) - 1)
         levels[~np.isfinite(depth)] = -1
         changes = np.concatenate([[0], np.nonzero(np.diff(levels))[0] + 1, [height]])
         for first, last in zip(changes[:-1], changes[1:]):

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import Callable, Generator, List, Optional
+from typing import Callable, Dict, Generator, List, Optional, Type
 
 import numpy as np
 from shapely.geometry import Point, Polygon
 
 from vb_core import geometry
+from vb_sim.models import ParticipantModel
 from vb_sim.person.hand import Stroke
-from vb_sim.person.participant import FEEDBACK_GAP, ParticipantScript, Step
+from vb_sim.person.participant_script import ParticipantScript
+from vb_sim.person.person import FEEDBACK_GAP, Person, Step
 from vb_sim.person.walking import distance_to_chain
+from vb_sim.room.world import Scenario, World
 
 LOST = 1.5  # [s] without feedback after which the robot has lost the spot
 EDGE_BEARING = math.radians(24.0)  # bearing at which the spot is about to leave the image of the robot's camera
@@ -102,7 +105,7 @@ class RobotOnlyScript(ParticipantScript):
             yield from person.maybe_make_slip(stroke, arc, person.model.robot_drawing_speed)
             if unseen < FEEDBACK_GAP:
                 last_seen = arc
-                speed = self._relative_speed() * person.model.robot_drawing_speed * min(stroke.pace(arc), 1.0)
+                speed = self._choose_pace() * person.model.robot_drawing_speed * min(stroke.pace(arc), 1.0)
                 arc = min(arc + speed * person.dt, stroke.length)
                 person.spot = stroke.at(arc)
             elif unseen > person.model.patience / 2.0 and missed < person.model.retries + 2:
@@ -170,7 +173,7 @@ class RobotOnlyScript(ParticipantScript):
             while np.linalg.norm(waypoint - person.spot) > 1e-6:
                 unseen = person.unseen_for(by_robot=True)
                 if unseen < FEEDBACK_GAP + person.model.notice_time:
-                    person.bring_spot(waypoint, self._relative_speed() * person.model.leading_speed * person.dt)
+                    person.bring_spot(waypoint, self._choose_pace() * person.model.leading_speed * person.dt)
                 elif unseen > LOST:
                     lost += 1
                     yield from self._pick_up(waypoint, lost)
@@ -207,18 +210,20 @@ class RobotOnlyScript(ParticipantScript):
                 return point
         return np.array([x, y]) + distance * direction
 
-    def _relative_speed(self) -> float:
-        """Returns the spot's share of full speed, reduced if the robot may lose it, and 0 if the robot lags behind."""
+    def _choose_pace(self) -> float:
+        """Chooses the spot's share of full speed: less if the robot may lose it, and 0 while the robot lags behind.
+
+        Remembers when the robot was last near the spot.
+        """
         person = self.person
         x, y, yaw = person.percept.robot
         dx, dy = person.spot[0] - x, person.spot[1] - y
         distance = math.hypot(dx, dy)
         bearing = abs(geometry.wrap_angle(math.atan2(dy, dx) - yaw))
-        if distance <= person.model.leading_distance_max:
-            self._last_near_robot = person.percept.now
-        else:
+        if distance > person.model.leading_distance_max:
             # if the robot does not come for some time, the person continues while the spot is seen
             return 0.0 if person.percept.now - self._last_near_robot < person.model.patience / 2.0 else 0.5
+        self._last_near_robot = person.percept.now
         if bearing > EDGE_BEARING and distance > 0.3:
             # the robot is turning; while it sees the spot, the person continues slowly
             return 0.25
@@ -350,3 +355,13 @@ class NetworkRobotSystemScript(ParticipantScript):
                 break
             person.step_aside(person.spot, person.scenario.border)
         yield from person.wait_for_seed(2.0)
+
+
+SCRIPTS: Dict[str, Type[ParticipantScript]] = {"nrs": NetworkRobotSystemScript, "robot_only": RobotOnlyScript}
+
+
+def make_script(
+    world: World, scenario: Scenario, model: ParticipantModel, method: str, random_seed: int
+) -> ParticipantScript:
+    """Creates the script of a person who carries out a scenario with a method, one of SCRIPTS."""
+    return SCRIPTS[method](Person(world, scenario, model, method, random_seed))

@@ -126,10 +126,9 @@ class Walker:
             return False
         if self.robot is None:
             return True
-        return bool(
-            np.linalg.norm(place - self.robot) >= ROBOT_DISTANCE + 0.1
-            and distance_to_chain(place, np.array([self.robot, spot])) >= 0.45
-        )
+        if np.linalg.norm(place - self.robot) < ROBOT_DISTANCE + 0.1:
+            return False
+        return distance_to_chain(place, np.array([self.robot, spot])) >= 0.45
 
     def _runs_into(self, position: np.ndarray) -> bool:
         if self.robot is None:

@@ -22,7 +22,7 @@ _CONTROLLER_PATIENCE = 15.0  # [s] for which the path may be blocked before a go
 _REPLAN_DISTANCE = 0.3  # [m] from the path at which a new one is planned
 _OBSTACLE_RANGE = 2.5  # [m] up to which the scan marks obstacles
 _MAP_TOLERANCE = 0.10  # [m] a scan point this near to a mapped obstacle is that obstacle: localisation is a few cm off
-# of following a path
+# following a path
 ACCELERATION, DECELERATION = 0.6, 0.5  # [m/s^2]; deceleration before the goal and obstacles
 MAX_TURN_RATE = 1.2  # [rad/s]
 _LOOKAHEAD = 0.35  # [m] of pure pursuit
@@ -114,9 +114,8 @@ class Follower:
             return Motion(0.0, self._turn_rate(error), off_path=off_path)
         distance = max(math.hypot(target[0] - pose[0], target[1] - pose[1]), 1e-3)
         curvature = 2.0 * math.sin(error) / distance
-        speed = min(
-            self._max_speed, self._speed + ACCELERATION * dt, math.sqrt(2.0 * DECELERATION * max(remaining, 0.01))
-        )
+        braking_speed = math.sqrt(2.0 * DECELERATION * max(remaining, 0.01))
+        speed = min(self._max_speed, self._speed + ACCELERATION * dt, braking_speed)
         if abs(curvature) > 1e-6:
             speed = min(speed, self._max_turn_rate / abs(curvature))
         free_distance = self._free_distance(obstacles, curvature)

@@ -14,7 +14,7 @@ from vb_sim.models import BodyProportions
 
 _NEAR = 0.15  # [m] along the optical axis; nearer pieces are not drawn
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
-_CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+UNIT_CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 
 SHIRT, TROUSERS, SKIN, HAIR, SHOES = (78, 118, 112), (48, 54, 78), (206, 162, 134), (72, 54, 42), (38, 36, 38)
 
@@ -73,9 +73,9 @@ def join_pieces(parts: Sequence[BodyParts]) -> BodyParts:
 def piece_outlines(pieces: BodyParts) -> np.ndarray:
     """Returns 32 points (N, 32, 3) [m] on the two ellipses of each piece."""
     c, s = np.cos(pieces.yaws)[:, None], np.sin(pieces.yaws)[:, None]
-    points = np.empty((len(pieces), 2, len(_CIRCLE), 3))
+    points = np.empty((len(pieces), 2, len(UNIT_CIRCLE), 3))
     for end, (centers, radii) in enumerate(((pieces.low, pieces.low_radii), (pieces.high, pieces.high_radii))):
-        along, across = _CIRCLE[:, 0] * radii[:, :1], _CIRCLE[:, 1] * radii[:, 1:]
+        along, across = UNIT_CIRCLE[:, 0] * radii[:, :1], UNIT_CIRCLE[:, 1] * radii[:, 1:]
         points[:, end, :, 0] = centers[:, :1] + c * along - s * across
         points[:, end, :, 1] = centers[:, 1:2] + s * along + c * across
         points[:, end, :, 2] = centers[:, 2:]
@@ -160,14 +160,9 @@ def person_pieces(
         tip = hand + beam / max(1e-6, float(np.linalg.norm(beam))) * 0.09
         joints = [shoulder, 0.5 * (shoulder + hand) - (0.0, 0.0, 0.06), hand, tip]
     count = len(joints) - 1
-    arm = BodyParts(
-        np.array(joints[:-1]),
-        np.array(joints[1:]),
-        breadth * _ARM_LOW_RADII[:count],
-        breadth * _ARM_HIGH_RADII[:count],
-        np.full(count, yaw),
-        _ARM_COLORS[:count],
-    )
+    low_radii, high_radii = breadth * _ARM_LOW_RADII[:count], breadth * _ARM_HIGH_RADII[:count]
+    low, high = np.array(joints[:-1]), np.array(joints[1:])
+    arm = BodyParts(low, high, low_radii, high_radii, np.full(count, yaw), _ARM_COLORS[:count])
     body = _PERSON.move_to(x, y, yaw)
     return join_pieces([body if build == AVERAGE else body.scale_to((x, y), build), arm])
 

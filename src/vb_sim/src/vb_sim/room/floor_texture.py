@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from vb_core.geometry import to_map
-from vb_sim.room.floor_plan import wall_outline
 from vb_sim.models import make_generator
+from vb_sim.room.floor_plan import wall_outline
 from vb_sim.room.world import Floor, FloorPatch, World
 
 

@@ -137,18 +137,11 @@ def _project(
     optics: Optics,
 ) -> Optional[Tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Returns the spot's centre (2,) [px], the Jacobian there (2, 2) [px/m], and the spot's motion blur (2,) [px]."""
-    half_exposure = optics.exposure_ms * 1e-3 / 2.0
     step, border = 1e-3, 30.0
+    half_exposure = optics.exposure_ms * 1e-3 / 2.0
     x, y = point
-    probes = np.array(
-        [
-            (x, y, 0),
-            (x + step, y, 0),
-            (x, y + step, 0),
-            (x - velocity[0] * half_exposure, y - velocity[1] * half_exposure, 0),
-            (x + velocity[0] * half_exposure, y + velocity[1] * half_exposure, 0),
-        ]
-    )
+    dx, dy = velocity[0] * half_exposure, velocity[1] * half_exposure
+    probes = np.array([(x, y, 0), (x + step, y, 0), (x, y + step, 0), (x - dx, y - dy, 0), (x + dx, y + dy, 0)])
     T = invert(T_map_optical)
     in_camera = probes @ T[:3, :3].T + T[:3, 3]
     if (in_camera[:, 2] < 0.05).any():

@@ -18,8 +18,8 @@ from shapely.geometry import Polygon
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import ParameterError
-from vb_core.parameters import Parameters, param
 from vb_core.geometry import to_map
+from vb_core.parameters import Parameters, param
 from vb_sim.models import read_document
 
 Color = Tuple[int, int, int]

@@ -1,8 +1,8 @@
-"""The simulated person: perception, actions, and the skills that both methods share.
+"""The simulated person: perception, actions, and the skills that all methods share.
 
-A person's behaviour is a script (a generator) that is resumed once per step. It uses only what a person in the room
-could perceive: their own and the robot's position, the feedback that a camera sees the spot, the answers to commands,
-and the display.
+A skill is a generator that is resumed once per step and ends when the person is done. It uses only what a person in the
+room could perceive: their own and the robot's position, the feedback that a camera sees the spot, the answers to
+commands, and the display.
 """
 
 from __future__ import annotations
@@ -16,20 +16,18 @@ import numpy as np
 
 from vb_core import geometry
 from vb_core.grid_map import FREE, UNKNOWN, GridMap, sample
-from vb_sim.room.floor_plan import physical_map
+from vb_sim.models import ParticipantModel
 from vb_sim.person.hand import Stroke, Tremor, load_styles
 from vb_sim.person.walking import Walker
-from vb_sim.models import ParticipantModel
+from vb_sim.room.floor_plan import physical_map
 from vb_sim.room.world import Scenario, World
 
 Step = Generator[None, None, None]
 FEEDBACK_GAP = 0.3  # [s] since the last feedback after which the spot counts as unseen
 OWN_SPOT = 0.5  # [m] from the person's spot, within which a dot on the display counts as this spot
 
-DEFAULT = "default"
-# codes of a notice on the display, and of an answer to a command
-HOLD_STILL = "spot_not_seen_robot_looks"
-CONFIRM_SAVE = "confirm_save"
+DEFAULT = "default"  # the interaction's state in which nobody draws
+HOLD_STILL = "spot_not_seen_robot_looks"  # code of a notice on the display
 COMMANDS = ("define_border", "define_seed", "guide_robot", "save", "cancel")
 
 
@@ -53,7 +51,7 @@ class Perception:
         has_seed: whether the display shows a seed point.
         state: name of the state that the display shows.
         hold_requested: time when the display last asked the person to hold still, as a robot is coming.
-        answer: to the command with the number `answered`.
+        answer: the answer to the command with the number `answered`.
     """
 
     now: float = 0.0
@@ -93,7 +91,9 @@ class Action:
     Attributes:
         laser: (x, y) [m] of the spot; None while the laser is off.
         pose: (x, y, yaw) [m, m, rad].
-        command: to send now, with its number; otherwise empty.
+        doing: what the person does, in words.
+        command, number: the command to give now and its number; the command is empty if there is none.
+        source: what gives the command, "participant" for the voice or "buttons".
         outcome: "saved" or "gave_up" at the end of the run; empty before.
     """
 
@@ -119,38 +119,40 @@ class Person:
 
     Args:
         scenario: the task.
+        method: "nrs" or "robot_only". A person has one style, but aim, tremor and mistakes differ between scenarios and
+            methods, as nobody repeats a movement or a mistake.
         random_seed: seed of everything that differs between people.
-        start_near: (2,) [m] point near which the person starts.
-        method: the method with which the person draws. A person has one style, but aim, tremor and mistakes differ between
-            scenarios and methods, as nobody repeats a movement or a mistake.
+
+    Attributes:
+        percept: what the person perceives now.
+        spot: (2,) [m] where the person means to point; None while the laser is off.
+        seed: (2,) [m] the seed that the person means to show, which may be on the wrong side of the border.
+        doing: what the person does, in words.
+        dt: [s] since the last step.
+        last_answer: the answer to the last command.
     """
 
     def __init__(
-        self,
-        world: World,
-        scenario: Scenario,
-        model: ParticipantModel,
-        random_seed: int,
-        start_near: np.ndarray,
-        method: str = "nrs",
+        self, world: World, scenario: Scenario, model: ParticipantModel, method: str, random_seed: int
     ) -> None:
         self._run_seeds = [random_seed, zlib.crc32(f"{scenario.key} {method}".encode())]
         self.rng = np.random.default_rng(self._run_seeds)
         self.model = model
         self.scenario = scenario
         self.grid: GridMap = physical_map(world)
+        # without ceiling cameras, a person begins by leading the robot
+        start_near = np.array(scenario.stand if method == "nrs" else world.robots[0].start[:2], dtype=float)
         self.walker = Walker(self.grid, model, start_near)
-        self.walker.here = self.walker.find_place_near(np.asarray(start_near, dtype=float), 1.2, 2.0, self.rng)
+        self.walker.here = self.walker.find_place_near(start_near, 1.2, 2.0, self.rng)
         self.drawing_speed = float(self.rng.uniform(model.drawing_speed[0], max(model.drawing_speed)))
         self._tremor = Tremor(model.tremor, (model.tremor_band[0], model.tremor_band[1]), self.rng)
         self.percept = Perception()
-        self.spot: Optional[np.ndarray] = None  # intended position of the spot
+        self.spot: Optional[np.ndarray] = None
         # the style is that of the same real person in all scenarios, with all methods
         style_index = np.random.default_rng([random_seed, 2]).integers(len(load_styles()))
         self.style = load_styles()[int(style_index)]
         self.doing = "comes in"
         self.dt = 0.0
-        self.tries = 0
         self.last_answer = self.percept.answer
         self._command = ""
         self._number = 0
@@ -334,115 +336,3 @@ class Person:
         start = self.percept.now
         while not self.percept.has_seed and self.percept.now - start < seconds:
             yield
-
-
-class ParticipantScript:
-    """The course of a run. Subclasses implement how the person prepares, draws and shows the seed."""
-
-    source = "participant"
-
-    def __init__(self, person: Person) -> None:
-        self.person = person
-        self.outcome = self.reason = ""
-        self._script = self._run_course()
-
-    def step(self, percept: Perception) -> Action:
-        """Lets the person perceive and act once."""
-        self.person.step(percept, self._script)
-        return self.person.action(self.outcome)
-
-    # ------------------------------------------------------------ for subclasses
-    def prepare(self) -> Step:
-        """Prepares to draw: walks to the border, or guides the robot there."""
-        raise NotImplementedError
-
-    def draw(self) -> Step:
-        """Draws the border. The state is Border."""
-        raise NotImplementedError
-
-    def show_seed(self) -> Step:
-        """Gives the command to define the seed, and points at it."""
-        raise NotImplementedError
-
-    # ------------------------------------------------------------ the common course
-    def _run_course(self) -> Step:
-        person = self.person
-        while not person.percept.now:
-            yield
-        start = person.percept.now
-        course = self._attempt_repeatedly()
-        try:
-            for _ in course:
-                if person.percept.now - start > person.model.time_limit:
-                    raise ParticipantGaveUp(f"it took longer than {person.model.time_limit:g} s")
-                yield
-            outcome = "saved"
-        except ParticipantGaveUp as reason:
-            course.close()
-            outcome = "gave_up"
-            self.reason = str(reason)
-            person.spot = None
-            yield from person.give_command("cancel", self.source)
-        person.spot = None
-        person.doing = "walks away"
-        destination = person.walker.find_place_near(person.walker.here, 0.8, 1.5, person.rng)
-        person.walker.go(destination)
-        for _ in range(500):
-            if person.walker.walking:
-                yield
-        person.walker.stop()
-        person.doing = "is done"
-        self.outcome = outcome
-        while True:
-            yield
-
-    def _attempt_repeatedly(self) -> Step:
-        person = self.person
-        if person.percept.state != DEFAULT:
-            # another person, or this one before a restart, left an interaction unfinished
-            person.doing = "starts over"
-            yield from person.repeat_command("cancel", self.source)
-        refusal = person.last_answer
-        for tries in range(1, person.model.tries + 1):
-            person.tries = tries
-            try:
-                if (yield from self._attempt()):
-                    return
-                refusal = person.last_answer
-            except DrawingSlip:
-                refusal = CommandReply(False, "slipped", "it went wrong")
-            if person.percept.state != DEFAULT:
-                person.doing, person.spot = "starts over", None
-                yield from person.repeat_command("cancel", self.source)
-        raise ParticipantGaveUp(f"not saved: {refusal.message} [{refusal.code}]")
-
-    def _attempt(self) -> Generator[None, None, bool]:
-        """Makes one attempt to draw, show the seed and save. Returns whether a border was saved.
-
-        Raises:
-            DrawingSlip: if the person notices a mistake.
-        """
-        person = self.person
-        yield from self.prepare()
-        yield from self.draw()
-        yield from person.look()
-        for _ in range(person.model.tries):
-            yield from self.show_seed()
-            person.spot = None
-            yield from person.look()
-            yield from person.react()
-            yield from self._save()
-            if person.last_answer.success or "seed" not in person.last_answer.code:
-                break
-        return person.last_answer.success
-
-    def _save(self) -> Step:
-        for _ in range(4):
-            yield from self.person.give_command("save", self.source)
-            if self.person.last_answer.code == CONFIRM_SAVE:
-                # the person checks on the display which area would be restricted, and confirms
-                yield from self.person.react()
-            elif self.person.last_answer.code == "busy":
-                yield from self.person.wait(1.5)
-            else:
-                return

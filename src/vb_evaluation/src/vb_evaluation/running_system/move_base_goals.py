@@ -13,8 +13,9 @@ from actionlib_msgs.msg import GoalStatus
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 
 from vb_core import names
+from vb_core.geometry import Pose
 from vb_core.ros.messages import message_from_pose2d
-from vb_evaluation.observer import wait_until
+from vb_evaluation.running_system.observer import wait_until
 from vb_msgs.msg import LabState
 
 AT_GOAL = 0.5  # [m] above navigation's tolerance and the localisation error (0.1 each), below a false report's (metres)
@@ -58,11 +59,12 @@ class GoalRunner:
         self._subscriber = rospy.Subscriber(names.LAB_STATE, LabState, self._on_lab, queue_size=10)
 
     def _on_lab(self, message: LabState) -> None:
-        path, positions = self._path, tuple((pose.x, pose.y) for pose in message.robot_poses[:1])
-        if positions and (not path or np.hypot(*np.subtract(path[-1], positions[0])) > 1e-3):
-            path.append(positions[0])
+        path = self._path
+        for pose in message.robot_poses[:1]:
+            if not path or math.dist(path[-1], (pose.x, pose.y)) > 1e-3:
+                path.append((pose.x, pose.y))
 
-    def drive(self, goal: Tuple[float, float, float], timeout: float, wall_timeout: float = 600.0) -> GoalOutcome:
+    def drive(self, goal: Pose, timeout: float, wall_timeout: float = 600.0) -> GoalOutcome:
         """Sends the robot to a goal (x, y, yaw) [m, m, rad] and waits for the outcome.
 
         Args:
@@ -76,22 +78,22 @@ class GoalRunner:
         message.target_pose.pose = message_from_pose2d(*goal)
         self._path = []
         start = rospy.get_time()
-        false_reports = -1
-        is_false_report = True
-        while is_false_report and false_reports < FALSE_REPORTS:
-            false_reports += 1
+        false_reports = 0
+        while True:
             self._client.send_goal(message)
-            wait_until(
-                lambda: self._client.get_state() in OUTCOMES or rospy.get_time() - start > timeout, wall_timeout, 0.05
-            )
+            wait_until(lambda: self._client.get_state() in OUTCOMES or rospy.get_time() - start > timeout, wall_timeout)
             state = self._client.get_state()
-            is_false_report = state == GoalStatus.SUCCEEDED and not wait_until(
-                lambda: bool(self._path) and math.dist(self._path[-1], goal[:2]) < AT_GOAL, 1.0
-            )
-        outcome, text = OUTCOMES.get(state, "time_is_up"), self._client.get_goal_status_text()
-        outcome, seconds = "not_there" if is_false_report else outcome, rospy.get_time() - start
+            is_false_report = state == GoalStatus.SUCCEEDED and not wait_until(lambda: self._is_near(goal), 1.0)
+            if not is_false_report or false_reports == FALSE_REPORTS:
+                break
+            false_reports += 1
+        outcome = "not_there" if is_false_report else OUTCOMES.get(state, "time_is_up")
+        text = self._client.get_goal_status_text()
+        seconds = rospy.get_time() - start
         if state not in OUTCOMES:
             self._client.cancel_goal()
-        return GoalOutcome(
-            outcome, text, np.array(list(self._path), dtype=float).reshape(-1, 2), seconds, false_reports
-        )
+        path = np.array(list(self._path), dtype=float).reshape(-1, 2)
+        return GoalOutcome(outcome, text, path, seconds, false_reports)
+
+    def _is_near(self, goal: Pose) -> bool:
+        return bool(self._path) and math.dist(self._path[-1], goal[:2]) < AT_GOAL

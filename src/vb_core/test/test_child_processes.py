@@ -7,7 +7,7 @@ import uuid
 
 import psutil
 
-from vb_evaluation.child_processes import Child, free_port, spawn
+from vb_core.child_processes import Child, free_port, spawn
 from vb_testing import wait_until
 
 
@@ -49,7 +49,7 @@ LAB = """
 import sys
 import time
 from pathlib import Path
-from vb_evaluation.child_processes import Child, free_port
+from vb_core.child_processes import Child, free_port
 
 folder = Path(sys.argv[1])
 Child(["roslaunch", "-p", str(free_port()), str(folder / "node.launch")], folder / "launch.txt")

@@ -24,7 +24,7 @@ from vb_core.navigation_parameters import is_trinary
 from vb_core.ros import messages
 from vb_core.ros.services import call
 from vb_core.ros.transforms import TransformLookup
-from vb_evaluation.observer import Observer, wait_until
+from vb_evaluation.running_system.observer import Observer, wait_until
 from vb_msgs.msg import RobotStatus, RobotStatusArray, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
 
@@ -119,9 +119,8 @@ class NavigationCheck:
     def _border(self, middle: np.ndarray, occupancy: float) -> Iterator[None]:
         """Adds a square border round a point (2,) [m], and removes it at the end."""
         border = VirtualBorder(name="navigation check", kind=VirtualBorder.POLYGON, occupancy=occupancy, enabled=True)
-        border.points = messages.points_from_array(
-            middle + 0.5 * self._size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-        )
+        corners = middle + 0.5 * self._size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        border.points = messages.points_from_array(corners)
         border.seed = messages.points_from_array(middle[None])[0]
         reply = call(names.ADD_BORDER, AddBorder, AddBorderRequest(border=border, source="check"), "the map integrator")
         if not reply.success:
@@ -154,9 +153,8 @@ class NavigationCheck:
         end = time.monotonic() + WATCHED
         while time.monotonic() < end:
             plans.append(plan_avoids_border())
-        return Check(
-            name, all(plans), f"back {check.result}; {plans.count(False)} of {len(plans)} plans after that cross it"
-        )
+        result = f"back {check.result}; {plans.count(False)} of {len(plans)} plans after that cross it"
+        return Check(name, all(plans), result)
 
     def _soon(self, name: str, condition: Callable[[], bool], limit: float = float("inf")) -> Check:
         """Checks that a condition comes to hold within a limit [s] of wall time."""
@@ -164,9 +162,8 @@ class NavigationCheck:
         if not wait_until(condition, self._timeout, 0.02):
             return Check(name, False, f"not within {self._timeout:g} s")
         seconds = time.monotonic() - start
-        return Check(
-            name, seconds <= limit, f"after {seconds:.2f} s" + (f", {limit:g} s are allowed" if seconds > limit else "")
-        )
+        excess = f", {limit:g} s are allowed" if seconds > limit else ""
+        return Check(name, seconds <= limit, f"after {seconds:.2f} s{excess}")
 
 
 def find_robot(name: str) -> RobotStatus:
@@ -192,14 +189,8 @@ def find_robot(name: str) -> RobotStatus:
 def main() -> None:
     """Runs the command. Exits with 1 if a check failed or none could be made."""
     parser = argparse.ArgumentParser(prog="check_navigation", description=(__doc__ or "").splitlines()[0])
-    parser.add_argument(
-        "--goal",
-        nargs=2,
-        type=float,
-        required=True,
-        metavar=("X", "Y"),
-        help="[m] in the map, some metres from the robot, with another way round",
-    )
+    about_goal = "[m] in the map, some metres from the robot, with another way round"
+    parser.add_argument("--goal", nargs=2, type=float, required=True, metavar=("X", "Y"), help=about_goal)
     parser.add_argument("--size", type=float, default=0.5, help="[m] edge of the border that is put on the way")
     parser.add_argument("--robot", default="", help="its name, if there are several")
     options = parser.parse_args(rospy.myargv()[1:])
