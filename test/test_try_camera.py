@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from tornado.httpclient import AsyncHTTPClient
 
 from vb_bringup import try_camera
-from vb_evaluation.child_processes import free_port
+from vb_core.child_processes import free_port
 
 
 def test_corners_marked_before_the_first_picture_are_answered_with_why_there_is_none(monkeypatch):
