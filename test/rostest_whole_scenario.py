@@ -63,7 +63,7 @@ class WholeScenario(unittest.TestCase):
         self.assertEqual(observer.outcome["outcome"], "saved", observer.outcome)
         wait_until(lambda: observer.state.last_outcome == "saved" and observer.borders, "the saved border")
         self.assertEqual(alarms, set())
-        # the person's line became one open border, which no ceiling camera saw alone
+        # the person's line became one open border
         border = observer.borders[0]
         self.assertEqual(border.id, observer.state.last_border_id)
         self.assertEqual(border.kind, border.SEPARATING_CURVE)

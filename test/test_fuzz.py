@@ -1,4 +1,4 @@
-"""Every input from outside is taken or refused with a code: examples are drawn from the inputs' own schemas.
+"""Every message, parameter and file is taken or refused with a code: examples are drawn from the inputs' own schemas.
 
 There is no list of attacks. The strategy for a message follows from its definition (genpy's slots), for a parameter
 class from its fields, and for a file from the bytes of a good one, some of them changed; so the examples cover new
@@ -44,7 +44,7 @@ EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "25"))
 
 
 def bounded(share=1.0):
-    """Returns the settings of one test; `share` scales the number of examples that cost more or less than others."""
+    """Returns the settings of one test; `share` scales the number of examples, for slow or fast tests."""
     count, checks = max(3, int(EXAMPLES * share)), list(HealthCheck)
     return settings(max_examples=count, deadline=None, database=None, suppress_health_check=checks)
 

@@ -114,6 +114,9 @@ def test_a_command_names_the_newest_stop_its_sender_knew(sender):
         orders.put("resume", given=given_at)
     orders.put("resume", seen_stop="shown")
     assert sorted(request.seen_stop for request, *_ in manager.wait_for(4)) == ["", "a", "b", "shown"]
+    for number in range(100):
+        orders._on_state(InteractionState(stop_number=str(number)))
+    assert orders.stop_number(11.5) == ""  # no longer remembered: fail closed
 
 
 def test_a_commands_age_counts_from_when_it_was_given(sender):

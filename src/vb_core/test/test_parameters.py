@@ -77,6 +77,9 @@ def test_values_given_replace_the_defaults():
         ("on", 1, "true or false"),
         ("limits", 3, "list"),
         ("limits", [0.1, -1.0], "at least"),
+        ("limits", [0.1, float("nan")], "finite"),
+        ("limits", ["0.1"], "finite"),
+        ("size", float("inf"), "finite"),
     ],
 )
 def test_each_mistake_names_its_key(key, value, word):

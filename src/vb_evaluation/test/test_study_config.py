@@ -55,6 +55,7 @@ def test_distributions_have_their_moments(spec, mean, spread):
         ({"participants/clones": 1.0}, "clones"),
         ({"design/methods": ["telepathy"]}, "telepathy"),
         ({"marks/turn": {"normal": [0]}}, "turn"),
+        ({"marks": 3}, "marks"),
         ({"design/participants": 0}, "participants"),
         ({"design/scenarios": ["attic"]}, "attic"),
         ({"models/optics/exposure_ms": -1.0}, "exposure_ms"),

@@ -96,11 +96,13 @@ def camera(packets):
 
 @contextlib.contextmanager
 def reading(address, handle, report=print):
-    """Reads a camera meanwhile."""
+    """Reads a camera for the duration of the `with` block, to whose `as` it is bound."""
     source = CameraSource(address, CaptureParams(), handle, report)
     source.start()
-    yield
-    source.close()
+    try:
+        yield source
+    finally:
+        source.close()
 
 
 def read_slowly(address, pause_s, count):
@@ -122,7 +124,7 @@ def read_slowly(address, pause_s, count):
 
 
 @pytest.mark.parametrize("pause_s", [0.0, 0.2])
-def test_a_file_has_no_hurry(film, pause_s):
+def test_a_file_is_read_without_leaving_images_out(film, pause_s):
     brightness, taken, left_out = read_slowly(film, pause_s, 30)
     assert not left_out and np.abs(brightness - np.arange(30)).max() < 6.0
     # no closer than in the film, and at the end no more than a second behind the clock
@@ -138,7 +140,7 @@ def test_late_network_images_are_left_out_until_a_key_frame(camera):
     assert len(after_gap) and np.abs((after_gap + KEY_EVERY / 2) % KEY_EVERY - KEY_EVERY / 2).max() < 4.0
 
 
-def test_of_a_damaged_image_on_all_are_left_out_until_a_key_frame(packets, tmp_path, monkeypatch):
+def test_images_are_left_out_from_a_damaged_one_to_the_next_key_frame(packets, tmp_path, monkeypatch):
     monkeypatch.setattr(camera_source, "_STALL_TIMEOUT", 60.0)  # for busy computers
     numbers, _, left_out = read_slowly(write_film(tmp_path / "damaged.mp4", packets, damaged=(5,)), 0.0, 20)
     assert left_out == ["bad_image"] * (KEY_EVERY - 5)
@@ -170,10 +172,8 @@ def test_a_new_delay_counts_from_the_next_image_on(film):
         taken.append(shot.taken)
         source.params = CaptureParams(delay_ms=5000.0 * (len(taken) > 2))
 
-    source = CameraSource(film, CaptureParams(), handle, print)
-    source.start()
-    wait_until(lambda: len(taken) > 4, "five images")
-    source.close()
+    with reading(film, handle) as source:
+        wait_until(lambda: len(taken) > 4, "five images")
     assert (np.diff(taken[:5]) > 0.0).tolist() == [True, True, False, True]
 
 

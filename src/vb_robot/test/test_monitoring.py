@@ -150,6 +150,12 @@ def test_the_border_that_encloses_a_place_is_named_else_a_curve():
     assert name_of([], (1.0, 1.0)) == ""
 
 
+def test_the_nearest_curve_is_named_though_its_corners_are_far():
+    curves = {"long": [(0.0, 0.0), (10.0, 0.0)], "short": [(5.0, 2.0), (5.5, 2.0)]}
+    borders = [KnownBorder(name, np.array(points), np.array([5.0, 4.0]), False) for name, points in curves.items()]
+    assert name_of(borders, (5.0, 0.1)) == "long"
+
+
 def test_a_robot_is_inside_where_only_a_border_forbids_it():
     plain = room(8.0, 4.0)
     borders = with_border(with_border(plain, 2.0, 1.0, 3.0, 2.0), 2.0, 2.5, 3.0, 3.0, 75)

@@ -262,6 +262,7 @@ def test_frames_are_spread_evenly_and_on_time():
     assert schedule.skipped == 0
     # a computer that is too slow takes the newest frames
     assert len(schedule.due(14.0)) == 3 and schedule.skipped == 3 * 49
+    assert len(schedule.due(2.0)) == 3  # time has jumped back
 
 
 def test_smooth_clock_runs_between_ticks_and_stops_with_time():

@@ -174,7 +174,7 @@ def print_table(lines: List[Notice], language: str, console: Console) -> None:
 
 
 def print_camera(camera: str) -> None:
-    """Prints the report to send of a camera that its detector reads directly, or how to get it on that computer."""
+    """Prints the report to send in about a camera that its detector reads directly, or how to get it on that computer."""
     parameters = rospy.get_param(f"/spot_detector_{camera}", {})
     source = str(parameters.get("source", ""))
     if not source:

@@ -12,8 +12,8 @@ class CodedError(Exception):
 
     Args:
         code: lower-case words joined by underscores, stable across releases.
-        message: one English sentence that says what is wrong and what to do, for a code without one in
-            vb_core/languages; by default the sentence from there.
+        message: one English sentence that says what is wrong and what to do. Needed only if vb_core/languages has no
+            sentence for the code.
         values: the values that the sentence contains, in any language.
     """
 

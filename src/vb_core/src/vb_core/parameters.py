@@ -14,6 +14,7 @@ key, a wrong type or a value out of range raises a `ParameterError` that names t
 from __future__ import annotations
 
 import dataclasses
+import math
 import operator
 import re
 from typing import Any, List, Mapping, Optional, Sequence, Type, TypeVar
@@ -84,7 +85,7 @@ class Parameters:
         try:
             return cls(**mapping)
         except ParameterError as error:
-            raise ParameterError(f"{prefix}{error.key}", error.message.split(": ", 1)[1]) from None
+            raise ParameterError(f"{prefix}{error.key}", error.message[len(error.key) + 2 :]) from None
 
     def replace(self: P, **changes: Any) -> P:
         """Returns a copy with some values changed, checked again."""
@@ -137,15 +138,17 @@ def _check(key: str, value: Any, limits: Mapping[str, Any]) -> Any:
             item if isinstance(item, entry_class) else entry_class.from_mapping(item, f"{key}[{index}]")
             for index, item in enumerate(value)
         )
-    for element in value if isinstance(value, (list, tuple)) else [value]:
-        if isinstance(element, (int, float)) and not isinstance(element, bool):
+    if any(limits[name] is not None for name in _LIMITS):
+        for element in value if isinstance(value, (list, tuple)) else [value]:
             _check_limits(key, element, limits)
     if limits["choices"] is not None and value not in limits["choices"]:
         raise ParameterError(key, f"must be one of {', '.join(map(str, limits['choices']))}, got {value!r}")
     return value
 
 
-def _check_limits(key: str, number: float, limits: Mapping[str, Any]) -> None:
+def _check_limits(key: str, number: Any, limits: Mapping[str, Any]) -> None:
+    if isinstance(number, bool) or not isinstance(number, (int, float)) or not math.isfinite(number):
+        raise ParameterError(key, f"expected finite numbers, got {number!r}")
     for name, (phrase, violates) in _LIMITS.items():
         limit = limits[name]
         if limit is not None and violates(number, limit):

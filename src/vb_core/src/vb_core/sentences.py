@@ -3,7 +3,7 @@
 Messages carry a code and values. A sentence is looked up here, in the language of the person who reads it:
 languages/<language>/<topic>.yaml maps each code to one sentence with the values' names in braces:
 
-    seed_missing: "{border} has no seed: point at the side that the robot should keep out of."
+    page_removed: "{border} was removed."
 
 A value that begins with $ is itself a code, for words that differ by language: who = "$the_robot", border =
 "$border_without_name". Its text may contain the sentence's other values, and is capitalised where it begins the

@@ -1,6 +1,6 @@
 """What the area of a border means for robots: one table of zones.
 
-Code that reads, checks, integrates, offers or shows a border asks its zone, and need not know which zones there are.
+Code that reads, checks, integrates, offers or shows a border asks its zone, and seldom needs to know which zones there are.
 vb_msgs/VirtualBorder repeats names and numbers, which a test compares. The words for people are in
 languages/<language>/zones.yaml: page_zone_<name>, border_unkept_<name>.
 

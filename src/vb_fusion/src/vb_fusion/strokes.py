@@ -33,7 +33,7 @@ CLUSTER_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a cluster covers; a 
 UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen step costs as much floor as it crosses
 MAX_DWELL = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer; a bright object stays
 MAX_CROWD = 3.0  # clusters of one time bin that count in full: the pointer, a bright object and a stray
-# clusters; fewer between two unseen steps are a stray or a glint, which is seen for a third of a second
+# least number of clusters; a shorter run between two unseen steps is a stray or a glint, seen for a third of a second
 MIN_SEEN = 5
 MAX_SIMULTANEOUS_CLUSTERS = 10  # clusters of one time bin, the strongest ones
 # clusters among which a predecessor is sought: they span more than a dropout, however much glitters
@@ -282,7 +282,7 @@ def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
         offset = np.hypot(*(points[before] + share[:, None] * (points[after] - points[before]) - points[middle]).T)
         half_distance = 0.5 * np.hypot(*(points[after] - points[before]).T)
         straight = np.exp(-((offset / np.maximum(0.3 * half_distance, TREMOR)) ** 2))
-        # two clusters of which one is seen again are no row: in a row the middle one is seen halfway in time
+        # two clusters, one of them seen twice, do not form a row: there the middle one is seen halfway in time
         row = np.maximum(half_distance - TREMOR, 0.0) * straight * 4.0 * share * (1.0 - share)
         row[(whole > dropout) | (2.0 * half_distance > UNSEEN_SPEED * whole)] = 0.0
         # the row's ends too, where the stroke may begin or end

@@ -121,34 +121,36 @@ def border_section(border: VirtualBorder) -> Dict[str, Any]:
     }
 
 
-def _with_unkept(section: Dict[str, Any], offer: Optional[Capabilities]) -> Dict[str, Any]:
+def _with_unkept(section: Dict[str, Any], capabilities: Optional[Capabilities]) -> Dict[str, Any]:
     """Adds to a border's section, in `unkept`, which robots do not keep it, if that is known."""
     unkept = None
-    if offer is not None and section["in_force"]:
-        unkept = find_unkept(offer, section["zone"], section["robots"])
+    if capabilities is not None and section["in_force"]:
+        unkept = find_unkept(capabilities, section["zone"], section["robots"])
     return {**section, "unkept": {"code": unkept[0], "values": unkept[1]} if unkept else None}
 
 
-def borders_section(message: VirtualBorderArray, offer: Optional[Capabilities] = None) -> Dict[str, Any]:
-    """Converts all borders. `offer`: what is connected, if that is known."""
+def borders_section(message: VirtualBorderArray, capabilities: Optional[Capabilities] = None) -> Dict[str, Any]:
+    """Converts all borders. `capabilities`: those of what is connected, if that is known."""
     return {
         **copy_fields(message, "revision map_id map_name available_commands"),
         "unconfirmed": message.needs_confirmation,
-        "list": [_with_unkept(border_section(border), offer) for border in message.borders],
+        "list": [_with_unkept(border_section(border), capabilities) for border in message.borders],
         **coded_sentence(message),
     }
 
 
-def offer_section(offer: Capabilities, message: RobotStatusArray, more_commands: Iterable[str] = ()) -> Dict[str, Any]:
+def offer_section(
+    capabilities: Capabilities, message: RobotStatusArray, more_commands: Iterable[str] = ()
+) -> Dict[str, Any]:
     """Converts what is offered, and what is said about the robots. `more_commands`: further commands to offer."""
     return {
-        **copy_fields(offer, "state zones goes"),
+        **copy_fields(capabilities, "state zones goes"),
         "interaction": message.interaction,
-        "commands": [*offer.commands, *more_commands],
+        "commands": [*capabilities.commands, *more_commands],
         "robots": [robot.robot for robot in message.robots],
         "lines": [
             {"robot": line.robot, "severity": int(line.severity), "code": line.code, "values": dict(line.values)}
-            for line in offer.lines
+            for line in capabilities.lines
         ],
     }
 
@@ -199,7 +201,7 @@ def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:
 
 
 def apply_draft(draft: Mapping[str, Any], border: VirtualBorder) -> VirtualBorder:
-    """Puts a draft, checked by `action_requests`, into a border's message. Fields that it lacks stay as they are."""
+    """Puts a draft, checked by `action_requests`, into a border's message. Fields that a draft does not have are unchanged."""
     border.name, border.enabled, border.robots = draft["name"], draft["enabled"], list(draft["robots"])
     border.points = [Point(x, y, 0.0) for x, y in draft["points"]]
     border.kind = KINDS[draft["kind"]]

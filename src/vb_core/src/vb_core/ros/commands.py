@@ -31,6 +31,7 @@ VALIDITY = 5.0  # [s] a command is valid: carried out later, after a busy manage
 RESPONSE_TIMEOUT = 15.0  # [s] longer than the manager waits for other nodes, so that its answer arrives
 _STOP_TIMEOUT = 5.0  # [s] after which the manager counts as hanging: people who stop a robot must not wait longer
 _REPORTED_WITHIN = 1.5  # [s] robots report a new stop at once, and all stops that they hold every second
+_NO_STOP = ""  # the number before the first stop
 _MAX_WAITING = 10  # unanswered commands of one person
 
 
@@ -91,7 +92,7 @@ class CommandSender:
         self._lock = threading.Lock()
         self._unanswered: Dict[str, List[threading.Event]] = {}  # by person
         # pairs of the time [s] at which a number became known, and the number
-        self._stop_numbers: Deque[Tuple[float, str]] = deque([(-math.inf, "")], maxlen=64)
+        self._stop_numbers: Deque[Tuple[float, str]] = deque([(-math.inf, _NO_STOP)], maxlen=64)
         self._held: Dict[str, Sequence[str]] = {}  # ids of the stops that each robot holds
         self._stop: Optional[rospy.Publisher] = None
 
@@ -116,7 +117,8 @@ class CommandSender:
 
     def stop_number(self, when: float) -> str:
         """Returns the number of the newest stop known to this node at time `when` [s] of the monotonic clock."""
-        return next(number for time_known, number in reversed(list(self._stop_numbers)) if time_known <= when)
+        known = (number for time_known, number in reversed(list(self._stop_numbers)) if time_known <= when)
+        return next(known, _NO_STOP)  # of a time that is no longer remembered: a command then releases no stop
 
     def put(
         self,
@@ -131,10 +133,12 @@ class CommandSender:
     ) -> bool:
         """Sends a command after the person's earlier ones. Drops it and returns False if too many of these wait.
 
+        A stop that is dropped has still been sent to the robots; only nobody answers it.
+
         Args:
             context: passed on to `on_answer`.
             given: [s] time on the monotonic clock when the person gave the command; at the latest, and by default, now.
-            source: the person who gives it.
+            source: the person or input method that gives it; by default this sender's.
             seen_stop: number of the newest stop shown to the person; None for the newest known to this node at `given`.
             identity: the command's id if it already has one and may arrive twice.
             carry_out: carries out any command except a stop; returns the answer or raises a `CodedError`.

@@ -53,7 +53,7 @@ def draw(key: str, spec: Any, rng: np.random.Generator) -> float:
 
     A number is the same for everybody. {uniform: [low, high]}, {normal: [mean, standard deviation]} and
     {lognormal: [median, standard deviation of the logarithm]} are drawn; `low` and `high` beside them are limits.
-    {scaled: [distribution, factor]} is another distribution's value times a factor, beyond its limits too;
+    {scaled: [distribution, factor]} is another distribution's value times a factor, to which that one's limits do not apply;
     {mixture: [{share: 0.7, normal: ...}, ...]} draws one of several distributions, for instance men's and women's.
 
     Raises:
@@ -252,6 +252,8 @@ def study_from_mapping(document: Mapping[str, Any], sources: Mapping[str, Any]) 
     for key in document:
         if key not in known_keys:
             raise ParameterError(str(key), f"unknown key of a study; known are world, models, {', '.join(known_keys)}")
+        if not isinstance(document[key], Mapping):
+            raise ParameterError(str(key), f"expected keys and values, got {document[key]!r}")
     design = Design.from_mapping(document.get("design"), "design")
     world = world_from_mapping(sources["world"])
     for key in design.scenarios:
@@ -272,7 +274,7 @@ def _read(path: Path) -> Dict[str, Any]:
         return {}
     if not isinstance(document, dict):
         raise CodedError("bad_study", f"expected keys and values at the top of '{path}'")
-    return document
+    return {key: value for key, value in document.items() if value is not None}
 
 
 def _merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> Dict[str, Any]:

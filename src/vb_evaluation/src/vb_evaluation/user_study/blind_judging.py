@@ -28,16 +28,18 @@ def write(study: Path, results: Path) -> Path:
     rows = read_sheet(results / RUNS, ("recording", "scenario", "map"))
     rows = rows[rows["map"] != ""]
     # from 100: a spreadsheet strips leading zeros
-    codes = [str(code) for code in secrets.SystemRandom().sample(range(100, 1000), len(rows))]
+    codes = [str(code) for code in secrets.SystemRandom().sample(range(100, 1000 + 9 * len(rows)), len(rows))]
+    key = [{"code": code, "recording": recording} for code, recording in zip(codes, rows["recording"])]
     physical = read_map(results / "maps" / "physical.yaml")
-    key = []
+    pictures = []
+    for row in rows.to_dict("records"):
+        map_files = (f"maps/truth_{row['scenario']}.yaml", row["map"])
+        areas = [restricted_cells(physical, read_map(results / name)) for name in map_files]
+        pictures.append(draw_map(physical, *areas))
     try:
         (study / FOLDER).mkdir()
-        for code, row in zip(codes, rows.to_dict("records")):
-            map_files = (f"maps/truth_{row['scenario']}.yaml", row["map"])
-            areas = [restricted_cells(physical, read_map(results / name)) for name in map_files]
-            (study / FOLDER / f"{code}.png").write_bytes(draw_map(physical, *areas))
-            key.append({"code": code, "recording": row["recording"]})
+        for code, picture in zip(codes, pictures):
+            (study / FOLDER / f"{code}.png").write_bytes(picture)
         sheet: List[Dict[str, str]] = [{"code": code, "completed": ""} for code in sorted(codes)]
         write_table(study / FOLDER / SHEET, ["code", "completed"], sheet)
         write_table(study / KEY, ["code", "recording"], key)

@@ -191,7 +191,7 @@ class CameraGeometry:
         now = time.monotonic()
         if self._cached_for != (frame_id, size) or now - self._cached_at >= _LOOKUP_PERIOD:
             self._cached_at = -math.inf  # until lens and pose are known, retry with every image
-            self._report.require_own_frame(frame_id)
+            self._report.check_frame(frame_id)
             self._camera = self._info.model_for(size)
             self._report.focal = float(self._camera.matrix[0, 0])
             self._pose = self._newest_pose(frame_id, stamp)

@@ -135,7 +135,7 @@ class DetectorDiagnostics:
             with self._lock:
                 self._others[message.camera] = (message.frame_id, time.monotonic())
 
-    def require_own_frame(self, frame_id: str) -> None:
+    def check_frame(self, frame_id: str) -> None:
         """Checks that the images name a frame, and that no other stationary camera has it: a frame has one pose.
 
         Raises:

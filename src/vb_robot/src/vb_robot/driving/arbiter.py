@@ -39,7 +39,8 @@ class DriveCommand:
         v, w: [m/s, rad/s]
         source: the source that drives: "none", "stop", "teleop", "follow", "escape" or "navigation".
         code: "driving", or the reason why the robot stops or slows down.
-        publish: whether to publish the command; nothing is published while no source drives.
+        publish: whether to publish the command. While no source drives, only a refusal is published, and zeros: for a
+            moment after a source has stopped driving, and after a subscriber has come.
         cancel: whether to cancel navigation's goals.
     """
 
@@ -133,7 +134,7 @@ class Arbiter:
             return self._last
 
     def step(self, now: float, listeners: int = 1) -> DriveCommand:
-        """Computes the command for time `now` [s] and this number of subscribers. Call it RATE times a second."""
+        """Computes the command for time `now` [s] and this number of subscribers. Call it `gate.RATE` times a second."""
         with self._lock:
             if listeners > self._listeners:
                 self._zeros_until = now + START_ZEROS

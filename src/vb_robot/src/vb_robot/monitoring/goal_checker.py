@@ -12,11 +12,13 @@ from typing import Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
+from vb_core.geometry import resample_chain
 from vb_core.grid_map import GridMap, clearance_grid, nearest_cell, sample
 from vb_robot.clearance_map import START_TOLERANCE, ShortestPaths
 from vb_robot.driving.workspace import LETHAL_THRESHOLD, forbidden
 
 NEAR = 0.1  # [m] beyond twice the radius: two cells of most maps
+_NAMING_STEP = 0.05  # [m] between the points to which a border's distance is measured
 SEARCH_CELLS = 200  # maximum along the map's longer side; the path is searched only for the border's name
 
 
@@ -44,7 +46,8 @@ def name_of(borders: Sequence[KnownBorder], point) -> str:
     """
 
     def order(border: KnownBorder) -> tuple:
-        distance = float(np.linalg.norm(border.points - point, axis=1).min())
+        line = resample_chain(border.points, _NAMING_STEP, border.polygon)
+        distance = float(np.linalg.norm(line - point, axis=1).min())
         return not border.may_restrict(point), not border.polygon, distance
 
     return min(borders, key=order).name if borders else ""
@@ -87,7 +90,8 @@ class GoalChecker:
         """Returns why navigation will refuse a goal (2,) [m] from a start (2,) [m]: a code, and the border's name.
 
         The codes are "goal_off_map", "goal_in_border", "goal_in_obstacle", "goal_behind_border" and
-        "goal_out_of_reach". Returns None if nothing is known against the goal. The start may be None, not known.
+        "goal_out_of_reach". Returns None if nothing is known against the goal. `start` is None if the robot's
+        position is unknown.
         """
         grid = self.borders
         if not grid.contains_cells(grid.world_to_cell(goal))[0]:

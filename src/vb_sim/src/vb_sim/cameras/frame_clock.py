@@ -28,7 +28,8 @@ class SmoothClock:
         simulated, steady = self._simulated(), self._steady()
         if simulated != self._last:
             self._last = simulated
-            # a step may be noticed late, but not early; hence the largest offset is the most accurate
+            # a step may be noticed late, but not early; hence the largest offset is the most accurate, as long as the
+            # simulation keeps to wall time
             self._offsets.append(simulated - steady)
         extrapolated = steady + max(self._offsets)
         return min(max(extrapolated, simulated), simulated + TICK)
@@ -57,6 +58,8 @@ class FrameSchedule:
         for index, (period, phase) in enumerate(zip(self._periods, self._phases)):
             newest = int((now - self._latency_s - phase) / period + 1e-6)
             first = self._next.get(index, newest)
+            if first - newest > MAX_BACKLOG:  # /clock has jumped back
+                first = newest
             if newest - first >= MAX_BACKLOG:
                 self.skipped += newest - first
                 first = newest
