@@ -18,7 +18,7 @@ from terminal import Terminal
 from vb_core import names
 from vb_core.geometry import resample_chain
 from vb_core.grid_map import GridMap
-from vb_core.ros.messages import OccupancyGridArray, array_from_points, message_from_grid
+from vb_core.ros.messages import NumpyOccupancyGrid, array_from_points, message_from_grid
 from vb_msgs.msg import Audio, BorderPreview, BorderProgress, InteractionState, LaserSpot, SpeechCommand
 from vb_msgs.msg import VirtualBorderArray
 from vb_msgs.srv import Command
@@ -46,7 +46,7 @@ class InputMethods(unittest.TestCase):
         rospy.init_node("input_methods")
         cls.now = 1000.0
         cls.clock = rospy.Publisher("/clock", Clock, queue_size=1, latch=True)
-        cls.map = rospy.Publisher(names.PHYSICAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
+        cls.map = rospy.Publisher(names.PHYSICAL_MAP, NumpyOccupancyGrid, queue_size=1, latch=True)
         cls.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=500)
         cls.joy = rospy.Publisher("/joy", Joy, queue_size=10)
         cls.audio = rospy.Publisher("/virtual_borders/voice/audio", Audio, queue_size=200)
@@ -55,7 +55,7 @@ class InputMethods(unittest.TestCase):
         cls.progress = Newest(names.PROGRESS, BorderProgress)
         cls.preview = Newest(names.PREVIEW, BorderPreview)
         cls.borders = Newest(names.BORDERS, VirtualBorderArray)
-        cls.maps = Newest(names.MAP_WITH_BORDERS, OccupancyGridArray)
+        cls.maps = Newest(names.MAP_WITH_BORDERS, NumpyOccupancyGrid)
         cls.set_time(cls.now)
         cls.map.publish(message_from_grid(room(), rospy.Time.from_sec(cls.now)))
         cls.maps.wait(lambda message: True, "the first map")

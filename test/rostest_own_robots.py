@@ -22,7 +22,7 @@ from sensor_msgs.msg import LaserScan
 from phone import Browser
 from vb_testing import is_listening, wait_until
 from vb_core import geometry, names, sentences
-from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_transform
+from vb_core.ros.messages import NumpyOccupancyGrid, grid_from_message, message_from_transform
 from vb_core.ros.notices import NoticeListener
 from vb_core.child_processes import free_port
 from vb_msgs.msg import DriverState, RobotStatusArray, VirtualBorder, VirtualBorderArray
@@ -110,7 +110,7 @@ class OwnRobots(unittest.TestCase):
         goals = {name: f"/{name}/move_base_simple/goal" for name in START}
         cls.goals = {name: rospy.Publisher(topic, PoseStamped, queue_size=1) for name, topic in goals.items()}
         kinds = {names.ROBOTS: RobotStatusArray, names.BORDERS: VirtualBorderArray, names.DRIVERS: DriverState}
-        kinds.update({f"/{name}/virtual_borders/map": OccupancyGridArray for name in ("ada", "bob")})
+        kinds.update({f"/{name}/virtual_borders/map": NumpyOccupancyGrid for name in ("ada", "bob")})
         for topic, kind in kinds.items():
             rospy.Subscriber(topic, kind, lambda message, topic=topic: cls.heard.__setitem__(topic, message))
         cls.listener = NoticeListener()

@@ -43,7 +43,9 @@ class WholeScenario(unittest.TestCase):
         rospy.init_node("whole_scenario")
         world = load_world(rospy.get_param("~world"))
         scenario = world.scenario(rospy.get_param("~scenario"))
-        observer, spots, alarms, codes_heard, _ = Observer(), [], set(), set(), Pace()
+        observer, spots = Observer(), []
+        alarms, codes_heard = set(), set()
+        _pace = Pace()  # at work as long as the test runs
 
         def hear(message: NoticeArray) -> None:
             codes_heard.update(notice.code for notice in message.notices)
@@ -88,8 +90,8 @@ class WholeScenario(unittest.TestCase):
         # exact times are tested where the test controls the clock (rostest_input_methods.py)
         self.assertGreater(min(observer.state.border_s, observer.state.seed_s), 0.0)
         # navigation respects it: the room cannot be reached, the floor outside can
-        pose = lambda p: (p[0], p[1], math.radians(p[2]))  # noqa: E731
-        start, goal = pose(scenario.proof.start), pose(scenario.proof.goal)
+        proof = scenario.proof
+        start, goal = ((x, y, math.radians(degrees)) for x, y, degrees in (proof.start, proof.goal))
         wait_until(lambda: not len(observer.plan(start, goal, "/move_base/make_plan")), "navigation to know it")
         self.assertTrue(len(observer.plan(start, (4.0, 2.4, 0.0), "/move_base/make_plan")))
 

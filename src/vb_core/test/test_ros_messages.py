@@ -33,7 +33,7 @@ def test_maps_round_trip_byte_for_byte():
     # the generated message class is the reference
     plain = OccupancyGrid().deserialize(data)
     assert bytes_of(plain) == data
-    for message in (plain, messages.OccupancyGridArray().deserialize(data)):
+    for message in (plain, messages.NumpyOccupancyGrid().deserialize(data)):
         decoded = messages.grid_from_message(message)
         assert decoded.same_geometry(grid) and (decoded.data == cells).all()
         assert message.header.frame_id == "map" and message.header.stamp == rospy.Time(7)
@@ -41,9 +41,9 @@ def test_maps_round_trip_byte_for_byte():
 
 def test_previews_round_trip_byte_for_byte():
     region = messages.message_from_grid(GridMap(np.full((3, 4), 100, np.int8), 0.05), rospy.Time(7))
-    data = bytes_of(messages.BorderPreviewArray(code="ok", area_m2=2.5, region=region))
+    data = bytes_of(messages.NumpyBorderPreview(code="ok", area_m2=2.5, region=region))
     assert bytes_of(BorderPreview().deserialize(data)) == data
-    assert (messages.BorderPreviewArray().deserialize(data).region.data == 100).all()
+    assert (messages.NumpyBorderPreview().deserialize(data).region.data == 100).all()
 
 
 def test_a_map_of_the_wrong_size_is_refused():
@@ -87,7 +87,7 @@ def test_padding_at_the_end_of_rows_is_ignored():
 def test_nodes_without_images_do_not_load_opencv():
     code = (
         "import sys; from vb_core.ros import messages, node, parameters, transforms; from vb_core import grid_map;"
-        " from vb_core.ros.messages import OccupancyGridArray; print(sorted({'cv2', 'cv_bridge', 'scipy'} & set(sys.modules)))"
+        " from vb_core.ros.messages import NumpyOccupancyGrid; print(sorted({'cv2', 'cv_bridge', 'scipy'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, check=True, text=True).stdout == "[]\n"
 

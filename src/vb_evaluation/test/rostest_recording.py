@@ -27,7 +27,7 @@ from vb_core.geometry import resample_chain
 from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
 from vb_core.ros import commands
-from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, message_from_grid
+from vb_core.ros.messages import NumpyOccupancyGrid, array_from_points, grid_from_message, message_from_grid
 from vb_evaluation.provenance import repository_top
 from vb_evaluation.user_study import recording_measures
 from vb_evaluation.user_study.recording import Recording
@@ -58,11 +58,11 @@ class Session:
         self.state = self.progress = self.borders = self.grid = None
         self.answers = []
         self.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=500)
-        self.map = rospy.Publisher(names.PHYSICAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
+        self.map = rospy.Publisher(names.PHYSICAL_MAP, NumpyOccupancyGrid, queue_size=1, latch=True)
         rospy.Subscriber(names.STATE, InteractionState, lambda message: setattr(self, "state", message))
         rospy.Subscriber(names.PROGRESS, BorderProgress, lambda message: setattr(self, "progress", message))
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, lambda message: setattr(self, "borders", message))
-        rospy.Subscriber(names.MAP_WITH_BORDERS, OccupancyGridArray, lambda message: setattr(self, "grid", message))
+        rospy.Subscriber(names.MAP_WITH_BORDERS, NumpyOccupancyGrid, lambda message: setattr(self, "grid", message))
 
     def give_command(self, command):
         """Gives a command."""

@@ -19,7 +19,7 @@ from vb_testing import Process, assert_ends_with_one_line, run_command, wait_unt
 from vb_core import sentences
 from vb_core.grid_map import GridMap
 from vb_core.ros.images import array_from_image
-from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray, message_from_grid
+from vb_core.ros.messages import NumpyBorderPreview, NumpyOccupancyGrid, message_from_grid
 from vb_core.notices import Notice, Severity
 from vb_core.ros.notices import message_from_notice
 from vb_feedback.display.layout import Box, fit_view
@@ -71,16 +71,16 @@ class DisplayTest(unittest.TestCase):
     def setUpClass(cls):
         rospy.init_node("rostest_display")
         latched = {"queue_size": 1, "latch": True}
-        cls.map = rospy.Publisher("/map", OccupancyGridArray, **latched)
-        cls.map_with_borders = rospy.Publisher("/virtual_borders/map", OccupancyGridArray, **latched)
+        cls.map = rospy.Publisher("/map", NumpyOccupancyGrid, **latched)
+        cls.map_with_borders = rospy.Publisher("/virtual_borders/map", NumpyOccupancyGrid, **latched)
         cls.state = rospy.Publisher("/virtual_borders/state", InteractionState, **latched)
         cls.progress = rospy.Publisher("/virtual_borders/progress", BorderProgress, **latched)
         cls.borders = rospy.Publisher("/virtual_borders/borders", VirtualBorderArray, **latched)
-        cls.preview = rospy.Publisher("/virtual_borders/preview", BorderPreviewArray, **latched)
+        cls.preview = rospy.Publisher("/virtual_borders/preview", NumpyBorderPreview, **latched)
         cls.notices = rospy.Publisher("/virtual_borders/notices", NoticeArray, **latched)
         cls.spots = rospy.Publisher("/virtual_borders/spots", LaserSpot, queue_size=10)
         cls.overlays = []
-        cls.overlay = rospy.Subscriber("/virtual_borders/display/restricted", OccupancyGridArray, cls.overlays.append)
+        cls.overlay = rospy.Subscriber("/virtual_borders/display/restricted", NumpyOccupancyGrid, cls.overlays.append)
         cls.screen, cls.pictures = Screen(), []
         cls.projector = rospy.Subscriber("/virtual_borders/projector", Image, cls.pictures.append)
         cls.folder = tempfile.TemporaryDirectory()
@@ -152,7 +152,7 @@ class DisplayTest(unittest.TestCase):
     def test_a_preview_belongs_to_its_interaction(self):
         self.map_with_borders.publish(message_from_grid(self.grid, rospy.Time.now()))
         self.publish_state(name="seed", interaction_id="i8", available_commands=["save"], last_message="Point.")
-        preview = BorderPreviewArray(interaction_id="i8", available=True, success=True, area_m2=2.0)
+        preview = NumpyBorderPreview(interaction_id="i8", available=True, success=True, area_m2=2.0)
         preview.issues = [BorderIssue(severity=BorderIssue.WARNING, message="it parts the room")]
         preview.region = self.map_of(np.zeros_like(self.grid.data), slice(50, 70), slice(20, 60))
         self.preview.publish(preview)
@@ -308,7 +308,7 @@ class DisplayTest(unittest.TestCase):
         cells = np.zeros((60, 80), np.int8)
         cells[30:50, 40:60] = 100
         region = message_from_grid(GridMap(cells, 0.05), rospy.Time.now())
-        self.preview.publish(BorderPreviewArray(interaction_id="i", available=True, success=True, region=region))
+        self.preview.publish(NumpyBorderPreview(interaction_id="i", available=True, success=True, region=region))
         wait_until(lambda: self.shown()[75:120, 105:195].any(), "what save would restrict")
         self.publish_state()
         wait_until(lambda: self.at(3.0, 1.6) == 0 and self.at(1.75, 1.5) > 100, "the borders alone")

@@ -79,7 +79,7 @@ class SpotDetectorTest(unittest.TestCase):
         cls.red.info = None
         cls.static = tf2_ros.StaticTransformBroadcaster()
         cls.place(cls.blue.T, cls.blue.frame)
-        cls.map = rospy.Publisher("/map", messages.OccupancyGridArray, queue_size=1, latch=True)
+        cls.map = rospy.Publisher("/map", messages.NumpyOccupancyGrid, queue_size=1, latch=True)
         cls.map.publish(messages.message_from_grid(GridMap(np.zeros((60, 100), np.int8), 0.05), rospy.Time.now()))
         cls.step = 0
         cls.player = rospy.Timer(rospy.Duration(1 / 12), cls.play)

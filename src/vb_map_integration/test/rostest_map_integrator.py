@@ -16,7 +16,7 @@ from tf2_ros import StaticTransformBroadcaster
 
 from integrators import room
 from vb_testing import Newest, run_command, wait_until
-from vb_core.ros.messages import OccupancyGridArray, message_from_grid
+from vb_core.ros.messages import NumpyOccupancyGrid, message_from_grid
 from vb_core.map_files import read_map
 from vb_map_integration.border import VirtualBorder as Border, borders_to_geojson
 from vb_msgs.msg import NoticeArray, VirtualBorder, VirtualBorderArray
@@ -39,14 +39,14 @@ class MapIntegratorTest(unittest.TestCase):
     def setUpClass(cls):
         rospy.init_node("rostest_map_integrator")
         cls.folder = rospy.get_param("~folder")
-        cls.maps = Newest("/virtual_borders/map", OccupancyGridArray)
+        cls.maps = Newest("/virtual_borders/map", NumpyOccupancyGrid)
         cls.borders = Newest("/virtual_borders/borders", VirtualBorderArray)
         cls.notices = Newest("/virtual_borders/notices", NoticeArray)
         cls.grid = room(100, 160, (-4.0, -2.0, 0.0))
         cls.grid.data[60:70, 20:30] = -1
         early = cls.call("add_border", polygon(), "", "test")
         assert not early.success and early.code == "no_map", early
-        cls.server = rospy.Publisher("/map", OccupancyGridArray, queue_size=1, latch=True)
+        cls.server = rospy.Publisher("/map", NumpyOccupancyGrid, queue_size=1, latch=True)
         cls.serve(cls.grid)
         transform = TransformStamped()
         transform.header.frame_id, transform.child_frame_id = "map", "base_link"
@@ -158,7 +158,7 @@ class MapIntegratorTest(unittest.TestCase):
         self.assertEqual((robots.code, robots.values[0].value), ("unknown_robot", "nobody"))
 
     def test_walls_and_slow_zones(self):
-        limits = Newest("/virtual_borders/speed_limits", OccupancyGridArray)
+        limits = Newest("/virtual_borders/speed_limits", NumpyOccupancyGrid)
         slow = polygon(zone=VirtualBorder.SLOW, max_speed=0.25)
         self.assertEqual(self.call("add_border", slow, "", "test").code, "ok")
         wait_until(lambda: (np.asarray(limits.message.data) == 25).sum() == 400, "limits")

@@ -17,7 +17,7 @@ from stimulus import Body, Stimulus
 from vb_testing import Newest, process_of, wait_until
 from vb_core import names
 from vb_core.geometry import to_base
-from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_pose2d
+from vb_core.ros.messages import NumpyOccupancyGrid, message_from_grid, message_from_pose2d
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE
 from vb_msgs.msg import NoticeArray
 
@@ -35,7 +35,7 @@ class DispatcherTest(unittest.TestCase):
         cls.words = []
         rospy.Subscriber(names.NOTICES, NoticeArray, lambda message: cls.words.extend(n.code for n in message.notices))
         cls.maps = {
-            name: rospy.Publisher(f"/{name}/virtual_borders/map", OccupancyGridArray, queue_size=1, latch=True)
+            name: rospy.Publisher(f"/{name}/virtual_borders/map", NumpyOccupancyGrid, queue_size=1, latch=True)
             for name in cls.bases
         }
         wait_until(lambda: cls.stimulus.spots.get_num_connections() > 0, "the dispatcher to listen")

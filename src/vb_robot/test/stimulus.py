@@ -12,7 +12,7 @@ from sensor_msgs.msg import CameraInfo, LaserScan
 from plain_rooms import VIEW, room
 from vb_core import geometry, names
 from vb_core.ros.images import info_from_camera
-from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_transform
+from vb_core.ros.messages import NumpyOccupancyGrid, message_from_grid, message_from_transform
 from vb_core.stop_latch import StopLatch, new_id
 from vb_core.vocabulary import DEFAULT
 from vb_msgs.msg import DriverState, InteractionState, LaserSpot
@@ -53,8 +53,8 @@ class Stimulus(Body):
         self.spot = None  # (x, y, camera, mobile): published at 20 Hz while set
         self.spot_frame = "map"
         self._broadcaster = tf2_ros.TransformBroadcaster()
-        self._map = rospy.Publisher(names.MAP_WITH_BORDERS, OccupancyGridArray, queue_size=1, latch=True)
-        self._physical = rospy.Publisher(names.PHYSICAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
+        self._map = rospy.Publisher(names.MAP_WITH_BORDERS, NumpyOccupancyGrid, queue_size=1, latch=True)
+        self._physical = rospy.Publisher(names.PHYSICAL_MAP, NumpyOccupancyGrid, queue_size=1, latch=True)
         self._state = rospy.Publisher(names.STATE, InteractionState, queue_size=1, latch=True)
         self.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=10)
         self._scans = rospy.Publisher("scan", LaserScan, queue_size=1)

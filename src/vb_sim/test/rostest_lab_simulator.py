@@ -19,7 +19,7 @@ from sensor_msgs.msg import LaserScan
 from vb_testing import Newest, assert_ends_with_one_line, wait_until
 from vb_core import geometry, names
 from vb_core.ros import node
-from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_grid, message_from_pose2d
+from vb_core.ros.messages import NumpyOccupancyGrid, grid_from_message, message_from_grid, message_from_pose2d
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import LabState, ParticipantState
 
@@ -42,11 +42,11 @@ class LabSimulatorTest(unittest.TestCase):
         cls.transforms = TransformLookup()
         cls.drive = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
         cls.participant = rospy.Publisher(names.PARTICIPANT, ParticipantState, queue_size=1)
-        cls.map = Newest("/map", OccupancyGridArray)
+        cls.map = Newest("/map", NumpyOccupancyGrid)
         cls.cmd_vel = Newest("/cmd_vel", Twist)
-        cls.costmap = Newest("/move_base/global_costmap/costmap", OccupancyGridArray)
+        cls.costmap = Newest("/move_base/global_costmap/costmap", NumpyOccupancyGrid)
         cls.plan = Newest("/move_base/NavfnROS/plan", Path)
-        cls.maps = rospy.Publisher(names.MAP_WITH_BORDERS, OccupancyGridArray, queue_size=1, latch=True)
+        cls.maps = rospy.Publisher(names.MAP_WITH_BORDERS, NumpyOccupancyGrid, queue_size=1, latch=True)
         cls.client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
         assert cls.client.wait_for_server(rospy.Duration(60.0))
         cls.make_plan = rospy.ServiceProxy("/move_base/make_plan", GetPlan)

@@ -34,7 +34,7 @@ from vb_core.notices import Notice, Severity
 from vb_core.robot_profile import Scanner
 from vb_core.ros import robot_profile
 from vb_core.ros.master import read_graph
-from vb_core.ros.messages import OccupancyGridArray, grid_from_message
+from vb_core.ros.messages import NumpyOccupancyGrid, grid_from_message
 from vb_core.ros.node import wait_for_publishers
 from vb_core.ros.notices import NoticeListener
 from vb_core.ros.robot_status import connections_from_message
@@ -86,8 +86,8 @@ def _listen(seconds: float) -> Tuple[Dict[str, Any], Dict[str, DetectorStatus], 
     statuses: Dict[str, DetectorStatus] = {}
     scans = {_scan_topic(robot) for robot in rospy.get_param("/robot_monitor/robots", []) or [""]} - {""}
     topics = {
-        names.PHYSICAL_MAP: OccupancyGridArray,
-        names.MAP_WITH_BORDERS: OccupancyGridArray,
+        names.PHYSICAL_MAP: NumpyOccupancyGrid,
+        names.MAP_WITH_BORDERS: NumpyOccupancyGrid,
         names.BORDERS: VirtualBorderArray,
         names.ROBOTS: RobotStatusArray,
         **dict.fromkeys(scans, LaserScan),
@@ -129,10 +129,10 @@ def _check_robot(status: RobotStatus, newest: Mapping[str, Any]) -> List[Notice]
     has_margin = any(topic.endswith(names.MAP_WITH_MARGIN) for topic in status.maps)
     return check_robot(
         status.robot,
-        status.driver and status.plans_round_borders and not has_margin,
-        scan_topic,
-        covered if status.driver and scan_topic else None,
-        bool(navigation.get("make_plan_clear_costmap", True)) and "global_costmap" in navigation,
+        lacks_margin=status.driver and status.plans_round_borders and not has_margin,
+        scan_topic=scan_topic,
+        scan_deg=covered if status.driver and scan_topic else None,
+        clears_plans=bool(navigation.get("make_plan_clear_costmap", True)) and "global_costmap" in navigation,
     )
 
 

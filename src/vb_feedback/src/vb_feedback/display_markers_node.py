@@ -15,7 +15,7 @@ from vb_core.grid_map import GridMap
 from vb_core.capabilities import effective_commands
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters, robot_profile
-from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_grid
+from vb_core.ros.messages import NumpyOccupancyGrid, grid_from_message, message_from_grid
 from vb_core.ros.notices import NoticeListener
 from vb_core.ros.robot_status import CapabilitiesListener
 from visualization_msgs.msg import Marker, MarkerArray
@@ -86,14 +86,14 @@ class DisplayMarkersNode:
         self._notices = NoticeListener(self._wake.set)
         self._robots = CapabilitiesListener(self._wake.set)
 
-        self._restricted = rospy.Publisher(RESTRICTED, OccupancyGridArray, queue_size=1, latch=True)
+        self._restricted = rospy.Publisher(RESTRICTED, NumpyOccupancyGrid, queue_size=1, latch=True)
         listener = rospy.SubscribeListener()
         listener.peer_subscribe = self._on_subscriber
         self._markers = rospy.Publisher(names.MARKERS, MarkerArray, listener, queue_size=20)
         self._refreshed = 0.0
         node.Worker(self._wake, lambda _woken: self._redraw())
         for topic in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS):
-            rospy.Subscriber(topic, OccupancyGridArray, self._on_grid, topic, queue_size=1)
+            rospy.Subscriber(topic, NumpyOccupancyGrid, self._on_grid, topic, queue_size=1)
 
     # ------------------------------------------------------------------ inputs
     def _on_subscriber(self, _topic: str, _publish: Any, publish_to_peer: Any) -> None:

@@ -20,7 +20,7 @@ from vb_core import names, sentences
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import parameters
-from vb_core.ros.messages import OccupancyGridArray, grid_from_message
+from vb_core.ros.messages import NumpyOccupancyGrid, grid_from_message
 
 from vb_feedback.display.layout import Box
 from vb_feedback.display.rviz_config import overlay_fonts, screen_size, write_fitted
@@ -82,7 +82,7 @@ def _wait_for_screen() -> None:
 def _write_fitted_config(params: SmartDisplayParams) -> str:
     """Waits for the map, writes the fitted RViz configuration, and returns its path."""
     rospy.loginfo("smart_display: RViz starts as soon as there is a map on %s", names.PHYSICAL_MAP)
-    extent = Box.around(grid_from_message(rospy.wait_for_message(names.PHYSICAL_MAP, OccupancyGridArray)).corners())
+    extent = Box.around(grid_from_message(rospy.wait_for_message(names.PHYSICAL_MAP, NumpyOccupancyGrid)).corners())
     # one file per node, rewritten at each start; RViz reads it after it has replaced this process
     path = os.path.join(rospkg.get_ros_home(), f"{rospy.get_name().strip('/').replace('/', '_')}.rviz")
     write_fitted(params.config, Path(path), extent, *params.size(), aspect=rospy.get_param(_ASPECT, None))

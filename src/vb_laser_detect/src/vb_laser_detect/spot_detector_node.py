@@ -144,7 +144,7 @@ class CameraDetector:
             self._mobile, transforms, lens_source, depth, self._floor_projection, params.robots, self._report
         )
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._report.record_detector, queue_size=20)
-        rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._on_map, queue_size=1)
+        rospy.Subscriber(names.PHYSICAL_MAP, messages.NumpyOccupancyGrid, self._on_map, queue_size=1)
         self._reconfigure_servers = [
             ReconfigureServer(
                 params.detector, f"{namespace}/detector", self._set_detector_params, fixed=("moving_camera",)

@@ -87,7 +87,7 @@ class MapIntegratorNode:
         self._last_stamp = rospy.Time(0)
         self._transforms = TransformLookup() if params.robot_frames else None
 
-        latched = partial(rospy.Publisher, data_class=messages.OccupancyGridArray, queue_size=1, latch=True)
+        latched = partial(rospy.Publisher, data_class=messages.NumpyOccupancyGrid, queue_size=1, latch=True)
         self._map_out = latched(names.MAP_WITH_BORDERS)
         self._robot_maps = {name: latched(f"/{name}{names.MAP_WITH_BORDERS}") for name in robots}
         self._speeds_out = latched(names.SPEED_LIMITS)
@@ -108,7 +108,7 @@ class MapIntegratorNode:
         self._maps: node.Mailbox = node.Mailbox()
         node.Worker(self._maps, self._take_map)
         options = {"queue_size": 1, "buff_size": 2**24, "tcp_nodelay": True}
-        rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._maps.put, **options)
+        rospy.Subscriber(names.PHYSICAL_MAP, messages.NumpyOccupancyGrid, self._maps.put, **options)
         node.watch_input(f"the map on {names.PHYSICAL_MAP}", lambda: self._integrator.has_map)
 
     def close(self) -> None:

@@ -23,7 +23,7 @@ from vb_core.capabilities import effective_commands
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters, services
 from vb_core.ros.commands import CommandSender, send
-from vb_core.ros.messages import OccupancyGridArray
+from vb_core.ros.messages import NumpyOccupancyGrid
 from vb_core.ros.notices import NoticeListener, NoticePublisher
 from vb_core.ros.robot_status import CapabilitiesListener
 from vb_core.vocabulary import COMMANDS
@@ -116,7 +116,7 @@ class MqttNode:
     def _subscribe(self) -> None:
         self._borders_subscriber = rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=2)
         for topic in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS):
-            rospy.Subscriber(topic, OccupancyGridArray, self._on_grid, queue_size=1, buff_size=2**24)
+            rospy.Subscriber(topic, NumpyOccupancyGrid, self._on_grid, queue_size=1, buff_size=2**24)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=2, tcp_nodelay=True)
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_detector, queue_size=20)
 

@@ -29,7 +29,7 @@ from vb_core.parameters import Parameters, param
 from vb_core.robot_profile import Contact, RobotProfile
 from vb_core.ros import node, parameters, robot_profile
 from vb_core.ros.master import find_commanders
-from vb_core.ros.messages import OccupancyGridArray, array_from_points, message_from_grid
+from vb_core.ros.messages import NumpyOccupancyGrid, array_from_points, message_from_grid
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.services import call
 from vb_core.ros.transforms import TransformLookup
@@ -122,7 +122,7 @@ class RobotDriverNode:
         self._look_for_commanders()  # before anything can drive
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
         self._states = rospy.Publisher(names.DRIVERS, DriverState, queue_size=5)
-        self._keep_out = rospy.Publisher("~keep_out", OccupancyGridArray, queue_size=1, latch=True)
+        self._keep_out = rospy.Publisher("~keep_out", NumpyOccupancyGrid, queue_size=1, latch=True)
         self._amcl_updates_left = 0  # number that may still be requested since AMCL last knew, or was told, its pose
         self._subscribe(profile, contacts)
         self._thread = node.start_thread(self._run)

@@ -13,7 +13,7 @@ from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import Contact
-from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message
+from vb_core.ros.messages import NumpyOccupancyGrid, array_from_points, grid_from_message
 from vb_core.zones import zone_of
 from vb_msgs.msg import LaserSpot, VirtualBorder, VirtualBorderArray
 from vb_robot.driving.workspace import LETHAL_THRESHOLD
@@ -26,7 +26,7 @@ RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalSta
 def subscribe_map(topic: str, on_map: Callable[[GridMap], None]) -> rospy.Subscriber:
     """Passes every map of a topic to `on_map`. Malformed ones are logged and refused."""
 
-    def on_message(message: OccupancyGridArray) -> None:
+    def on_message(message: NumpyOccupancyGrid) -> None:
         try:
             grid = grid_from_message(message)
         except CodedError as error:
@@ -34,7 +34,7 @@ def subscribe_map(topic: str, on_map: Callable[[GridMap], None]) -> rospy.Subscr
         else:
             on_map(grid)
 
-    return rospy.Subscriber(topic, OccupancyGridArray, on_message, queue_size=1, buff_size=2**24)
+    return rospy.Subscriber(topic, NumpyOccupancyGrid, on_message, queue_size=1, buff_size=2**24)
 
 
 def keep_out_borders_for(robot: str, message: VirtualBorderArray) -> List[KnownBorder]:

@@ -39,7 +39,7 @@ class MapServerNode:
     def __init__(self, grid: GridMap) -> None:
         # the stamp is zero, because simulated time is not known yet and the map is valid at any time
         self._message = messages.message_from_grid(grid, rospy.Time(0))
-        self._publisher = rospy.Publisher(names.PHYSICAL_MAP, messages.OccupancyGridArray, queue_size=1, latch=True)
+        self._publisher = rospy.Publisher(names.PHYSICAL_MAP, messages.NumpyOccupancyGrid, queue_size=1, latch=True)
         self._service = rospy.Service("/static_map", GetMap, self._on_static_map)
         self._publisher.publish(self._message)
         rospy.loginfo("%s: a map of %d x %d cells", rospy.get_name(), grid.shape[1], grid.shape[0])

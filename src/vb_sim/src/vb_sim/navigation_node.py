@@ -73,13 +73,13 @@ class NavigationNode:
 
         self._cmd_vel = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         self._plan = rospy.Publisher("~NavfnROS/plan", Path, queue_size=1, latch=True)
-        self._global = rospy.Publisher("~global_costmap/costmap", messages.OccupancyGridArray, queue_size=1, latch=True)
+        self._global = rospy.Publisher("~global_costmap/costmap", messages.NumpyOccupancyGrid, queue_size=1, latch=True)
         self._goals = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=1)
-        self._static: Dict[str, messages.OccupancyGridArray] = {}  # by topic
+        self._static: Dict[str, messages.NumpyOccupancyGrid] = {}  # by topic
         self._maps: node.Mailbox = node.Mailbox()  # topics of the maps that have arrived
         self._worker = node.Worker(self._maps, self._update_costmap)
         for topic in MAPS:
-            rospy.Subscriber(topic, messages.OccupancyGridArray, self._on_map, topic, queue_size=1, buff_size=2**24)
+            rospy.Subscriber(topic, messages.NumpyOccupancyGrid, self._on_map, topic, queue_size=1, buff_size=2**24)
         rospy.Service("~make_plan", GetPlan, self._on_make_plan)
         rospy.Service("~clear_costmaps", Empty, self._on_clear)
         self._server = actionlib.SimpleActionServer("move_base", MoveBaseAction, self._execute, auto_start=False)
@@ -93,7 +93,7 @@ class NavigationNode:
         self._maps.close()
 
     # ------------------------------------------------------------ maps
-    def _on_map(self, message: messages.OccupancyGridArray, topic: str) -> None:
+    def _on_map(self, message: messages.NumpyOccupancyGrid, topic: str) -> None:
         self._static[topic] = message
         self._maps.put(topic)
 

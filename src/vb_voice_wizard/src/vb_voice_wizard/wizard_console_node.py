@@ -20,7 +20,7 @@ from rich.text import Text
 from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.ros import commands
-from vb_core.ros.messages import BorderPreviewArray, sentence_in
+from vb_core.ros.messages import NumpyBorderPreview, sentence_in
 from vb_core.ros.notices import NoticeListener
 from vb_msgs.msg import BorderProgress, InteractionState
 from vb_msgs.srv import CommandRequest, CommandResponse
@@ -57,7 +57,7 @@ class WizardConsoleNode:
         self._notices = NoticeListener()
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
         rospy.Subscriber(names.PROGRESS, BorderProgress, partial(setattr, self._content, "progress"), queue_size=1)
-        rospy.Subscriber(names.PREVIEW, BorderPreviewArray, partial(setattr, self._content, "preview"), queue_size=1)
+        rospy.Subscriber(names.PREVIEW, NumpyBorderPreview, partial(setattr, self._content, "preview"), queue_size=1)
 
     # ------------------------------------------------------------------ ROS
     def _on_state(self, message: InteractionState) -> None:

@@ -20,7 +20,7 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.capabilities import Capabilities
 from vb_core.ros import messages, node, parameters
-from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray
+from vb_core.ros.messages import NumpyBorderPreview, NumpyOccupancyGrid
 from vb_core.ros.notices import NoticeListener
 from vb_core.ros.robot_status import CapabilitiesListener
 from vb_core.ros.transforms import TransformLookup
@@ -156,12 +156,12 @@ class PageNode:
         self._subscribers = {
             topic: rospy.Subscriber(topic, kind, callback, **options)
             for topic, kind, callback, options in (
-                (names.PHYSICAL_MAP, OccupancyGridArray, self._on_grid, large),
-                (names.MAP_WITH_BORDERS, OccupancyGridArray, self._on_grid, large),
+                (names.PHYSICAL_MAP, NumpyOccupancyGrid, self._on_grid, large),
+                (names.MAP_WITH_BORDERS, NumpyOccupancyGrid, self._on_grid, large),
                 (names.BORDERS, VirtualBorderArray, self._on_borders, {"queue_size": 2, **small}),
                 (names.STATE, InteractionState, self._on_state, {"queue_size": 10, **small}),
                 (names.PROGRESS, BorderProgress, self._on_progress, {"queue_size": 1, **small}),
-                (names.PREVIEW, BorderPreviewArray, self._on_preview, large),
+                (names.PREVIEW, NumpyBorderPreview, self._on_preview, large),
                 (names.SPOTS, LaserSpot, self._on_spot, {"queue_size": 20, **small}),
                 (names.DETECTORS, DetectorStatus, self._on_detector, {"queue_size": 20}),
                 (names.DRIVERS, DriverState, self._on_driver, {"queue_size": 20}),

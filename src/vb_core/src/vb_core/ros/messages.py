@@ -20,8 +20,8 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 
 # rospy serialises int8[] cell by cell; publishers and subscribers of these types copy all cells at once
-OccupancyGridArray = numpy_msg(OccupancyGrid)
-BorderPreviewArray = numpy_msg(BorderPreview)
+NumpyOccupancyGrid = numpy_msg(OccupancyGrid)
+NumpyBorderPreview = numpy_msg(BorderPreview)
 
 
 # ----------------------------------------------------------------- maps
@@ -43,8 +43,8 @@ def grid_from_message(message: OccupancyGrid) -> GridMap:
 
 
 def message_from_grid(grid: GridMap, stamp: rospy.Time, frame_id: str = "map") -> OccupancyGrid:
-    """Converts GridMap to OccupancyGrid. Inverse of `grid_from_message`. To be published as OccupancyGridArray."""
-    message = OccupancyGridArray()
+    """Converts GridMap to OccupancyGrid. Inverse of `grid_from_message`. To be published as NumpyOccupancyGrid."""
+    message = NumpyOccupancyGrid()
     message.header.stamp = stamp
     message.header.frame_id = frame_id
     message.info.map_load_time = stamp

@@ -39,9 +39,9 @@ class Observer:
             rospy.Subscriber(names.STATE, InteractionState, self._on_state),
             rospy.Subscriber(names.PROGRESS, BorderProgress, lambda m: setattr(self, "progress", m)),
             rospy.Subscriber(names.BORDERS, VirtualBorderArray, lambda m: setattr(self, "borders", m.borders)),
-            rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, lambda m: self._on_map("prior", m)),
+            rospy.Subscriber(names.PHYSICAL_MAP, messages.NumpyOccupancyGrid, lambda m: self._on_map("prior", m)),
             rospy.Subscriber(
-                names.MAP_WITH_BORDERS, messages.OccupancyGridArray, lambda m: self._on_map("posterior", m)
+                names.MAP_WITH_BORDERS, messages.NumpyOccupancyGrid, lambda m: self._on_map("posterior", m)
             ),
             rospy.Subscriber(names.LAB_STATE, LabState, lambda m: setattr(self, "lab", m), queue_size=1),
             rospy.Subscriber(names.DETECTORS, DetectorStatus, lambda m: self.detectors.update({m.camera: m})),

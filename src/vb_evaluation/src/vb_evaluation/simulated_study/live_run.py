@@ -18,7 +18,7 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.ros import commands, parameters
-from vb_core.ros.messages import OccupancyGridArray, grid_from_message
+from vb_core.ros.messages import NumpyOccupancyGrid, grid_from_message
 from vb_evaluation.in_process_ros.launch_file import import_nodes, start_launch
 from vb_evaluation.in_process_ros.rospy_stand_in import Graph, Node
 from vb_evaluation.in_process_ros.threading_stand_in import Scheduler, replaced
@@ -146,7 +146,7 @@ class LiveRun:
     # ------------------------------------------------------------- what is measured
     def _watch(self) -> None:
         """Subscribes to the topics from which a run is measured."""
-        rospy.Subscriber(names.MAP_WITH_BORDERS, OccupancyGridArray, self._on_map)
+        rospy.Subscriber(names.MAP_WITH_BORDERS, NumpyOccupancyGrid, self._on_map)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders)
         rospy.Subscriber(names.SPOTS, LaserSpot, self.spots.append)
 

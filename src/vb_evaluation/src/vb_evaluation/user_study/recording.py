@@ -111,13 +111,13 @@ class Recording:
 def _read_bag(path: Path, states: Dict[float, Dict[str, Any]], cameras: Set[str]) -> None:
     # only here: a study is planned and reported without ROS
     import rosbag
-    from vb_core.ros.messages import OccupancyGridArray, grid_from_message
+    from vb_core.ros.messages import NumpyOccupancyGrid, grid_from_message
 
     try:
         with rosbag.Bag(str(path)) as bag:
             for topic, (_, content, *_, kind), _ in bag.read_messages(TOPICS, raw=True):
                 is_map = topic == names.MAP_WITH_BORDERS
-                message = (OccupancyGridArray if is_map else kind)().deserialize(content)
+                message = (NumpyOccupancyGrid if is_map else kind)().deserialize(content)
                 if topic != names.DETECTORS:
                     # the integrator gives map and borders of one state the same stamp
                     states[message.header.stamp.to_sec()][topic] = grid_from_message(message) if is_map else message

@@ -13,7 +13,7 @@ import rospy
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_core.ros.messages import BorderPreviewArray, grid_from_message
+from vb_core.ros.messages import NumpyBorderPreview, grid_from_message
 from vb_feedback.display.scene import TrailPoint
 from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray
 
@@ -50,7 +50,7 @@ class InputListener:
         self._spots: Deque[TrailPoint] = collections.deque(maxlen=_MAX_SPOTS)
         rospy.Subscriber(names.STATE, InteractionState, self._store, "state", queue_size=5)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, "progress", queue_size=1)
-        rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._on_preview, queue_size=1)
+        rospy.Subscriber(names.PREVIEW, NumpyBorderPreview, self._on_preview, queue_size=1)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50, tcp_nodelay=True)
 

@@ -13,7 +13,7 @@ from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
 from vb_core.ros import node, services
-from vb_core.ros.messages import BorderPreviewArray, array_from_points, mapping_from_values, values_from_mapping
+from vb_core.ros.messages import NumpyBorderPreview, array_from_points, mapping_from_values, values_from_mapping
 from vb_msgs.msg import BorderIssue, BorderProgress, VirtualBorder, VirtualBorderArray
 
 from vb_voice_wizard.dialogue.border_services import BorderServices
@@ -41,8 +41,8 @@ class Previewer:
         self._progress: Optional[BorderProgress] = None
         self._is_saving = False
         self._closed = False
-        self._shown = BorderPreviewArray()
-        self._publisher = rospy.Publisher(names.PREVIEW, BorderPreviewArray, queue_size=1, latch=True)
+        self._shown = NumpyBorderPreview()
+        self._publisher = rospy.Publisher(names.PREVIEW, NumpyBorderPreview, queue_size=1, latch=True)
         node.Worker(self, self._publish_preview)
 
     # ------------------------------------------------------------------ inputs
@@ -139,7 +139,7 @@ class Previewer:
                 self._shown = preview
                 self._scheduler.record_preview(inputs, started, time.monotonic(), answered)
 
-    def _make_preview(self, inputs: PreviewInputs) -> BorderPreviewArray:
+    def _make_preview(self, inputs: PreviewInputs) -> NumpyBorderPreview:
         border = self._services.fetch_drawn_border(inputs.interaction_id)
         answer = self._services.preview(border)
         border.area_m2 = answer.area_m2
@@ -155,9 +155,9 @@ class Previewer:
         return preview
 
 
-def _empty_preview(inputs: PreviewInputs, reason: Notice) -> BorderPreviewArray:
+def _empty_preview(inputs: PreviewInputs, reason: Notice) -> NumpyBorderPreview:
     """Makes a preview without a border, whose code and sentence give the reason."""
-    preview = BorderPreviewArray(interaction_id=inputs.interaction_id, code=reason.code, message=reason.message)
+    preview = NumpyBorderPreview(interaction_id=inputs.interaction_id, code=reason.code, message=reason.message)
     preview.values = values_from_mapping(reason.values)
     preview.header.stamp = rospy.Time.now()
     preview.header.frame_id = names.MAP_FRAME
