@@ -19,7 +19,7 @@ it that continue from its ends.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import List, Tuple
+from typing import List, Sequence, Tuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -155,27 +155,44 @@ def _divide(
     covered = CLUSTER_WIDTH + np.where(np.diff(times) > dropout, 0.0, explained[:-1] + explained[1:])
     unseen = np.flatnonzero(np.hypot(*np.diff(points, axis=0).T) > covered) + 1
     pieces = np.split(np.arange(len(line)), unseen)
-    runs: List[List[np.ndarray]] = []  # of pieces without a pause between them
-    for piece in pieces:
-        if not runs or times[piece[0]] - times[piece[0] - 1] > dropout:
-            runs.append([])
-        runs[-1].append(piece)
-    for number, run in enumerate(runs):
-        while number > 0 and run and len(run[0]) < MIN_SEEN:
-            del run[0]
-        while number < len(runs) - 1 and run and len(run[-1]) < MIN_SEEN:
-            del run[-1]
-    strokes: List[np.ndarray] = []
-    for run in filter(None, runs):
-        piece = np.concatenate(run)
-        if strokes and np.hypot(*(points[piece[0]] - points[strokes[-1][-1]])) <= widest:
-            strokes[-1] = np.concatenate([strokes[-1], piece])
-        else:
-            strokes.append(piece)
+    runs = _drop_short_pieces_beside_pauses(_split_at_pauses(pieces, times, dropout))
+    strokes = _join_across_gaps([np.concatenate(run) for run in runs if run], points, widest)
     within = range(strokes[0][0], strokes[-1][-1] + 1) if strokes else range(0)
     # a single cluster is a stray
     glints = [piece for piece in pieces if len(piece) > 1 and piece[0] not in within]
     return [line[stroke] for stroke in strokes], [line[glint] for glint in glints]
+
+
+def _split_at_pauses(pieces: Sequence[np.ndarray], times: np.ndarray, dropout: float) -> List[List[np.ndarray]]:
+    """Splits a track's pieces into runs without a pause."""
+    runs: List[List[np.ndarray]] = []
+    for piece in pieces:
+        if not runs or times[piece[0]] - times[piece[0] - 1] > dropout:
+            runs.append([])
+        runs[-1].append(piece)
+    return runs
+
+
+def _drop_short_pieces_beside_pauses(runs: Sequence[List[np.ndarray]]) -> List[List[np.ndarray]]:
+    """Returns the runs without the strays and glints at their ends: pieces of few clusters next to a pause."""
+    kept = []
+    for number, run in enumerate(runs):
+        long_pieces = [index for index, piece in enumerate(run) if len(piece) >= MIN_SEEN]
+        begin = 0 if number == 0 else min(long_pieces, default=len(run))
+        end = len(run) if number == len(runs) - 1 else max(long_pieces, default=-1) + 1
+        kept.append(run[begin:end])
+    return kept
+
+
+def _join_across_gaps(pieces: Sequence[np.ndarray], points: np.ndarray, widest: float) -> List[np.ndarray]:
+    """Joins successive pieces into strokes, unless a gap between them is wider than `widest` [m]."""
+    strokes: List[np.ndarray] = []
+    for piece in pieces:
+        if strokes and np.hypot(*(points[piece[0]] - points[strokes[-1][-1]])) <= widest:
+            strokes[-1] = np.concatenate([strokes[-1], piece])
+        else:
+            strokes.append(piece)
+    return strokes
 
 
 def _observations_near(observations: Observations, clusters: Observations, line: np.ndarray) -> np.ndarray:
@@ -251,21 +268,25 @@ def _lattice_shares(points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
 def _stationary_times(
     points: np.ndarray, stamps: np.ndarray, dropout: float, nodes: np.ndarray, shares: np.ndarray
 ) -> np.ndarray:
-    """Returns for how long [s] light stayed at each node. Light that moved on slowly counts less, or not at all."""
-    nodes, shares = nodes.ravel(), shares.ravel()
-    t, x, y = (np.tile(values - values.mean(), 4) for values in (stamps, *points.T))
-    order = np.lexsort((t, nodes))
-    is_first = np.append(True, np.diff(nodes[order]) != 0)
+    """Returns for how long [s] light stayed at each node. Light that moved on slowly counts less, or not at all.
+
+    Args:
+        nodes, shares: (4, P) the nodes around each cluster, and its share in each.
+    """
+    node, share = nodes.ravel(), shares.ravel()
+    time, x, y = (np.tile(values - values.mean(), len(nodes)) for values in (stamps, *points.T))
+    order = np.lexsort((time, node))
+    is_first = np.append(True, np.diff(node[order]) != 0)
     # light not seen for longer than a dropout was not there
-    pauses = np.append(0.0, np.minimum(np.diff(t[order]), dropout))
-    lit_times = np.bincount(nodes[order], np.where(is_first, TIME_BIN, pauses))
-    # the distance moved is the trend of the light's position over time; a uniform movement lasts for sqrt(12) standard
-    # deviations of its times
-    total = np.maximum(np.bincount(nodes, shares), 1e-9)
-    t = t - (np.bincount(nodes, shares * t) / total)[nodes]
-    spread = np.bincount(nodes, shares * t * t)
-    trend = np.hypot(*(np.bincount(nodes, shares * t * axis) for axis in (x, y)))
-    moved = np.sqrt(12.0 / total / np.maximum(spread, 1e-12)) * trend
+    pauses = np.append(0.0, np.minimum(np.diff(time[order]), dropout))
+    lit_times = np.bincount(node[order], np.where(is_first, TIME_BIN, pauses))
+    # the distance moved is the slope of a weighted regression of position on time, cov(position, time) / var(time),
+    # times the duration: a uniform movement lasts for sqrt(12) standard deviations of its times
+    total = np.maximum(np.bincount(node, share), 1e-9)
+    deviation = time - (np.bincount(node, share * time) / total)[node]
+    variance = np.bincount(node, share * deviation * deviation)
+    covariance = np.hypot(*(np.bincount(node, share * deviation * axis) for axis in (x, y)))
+    moved = np.sqrt(12.0 / total / np.maximum(variance, 1e-12)) * covariance
     return lit_times * (1.0 - np.minimum(1.0, (moved / CLUSTER_WIDTH) ** 2))
 
 
