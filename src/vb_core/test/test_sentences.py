@@ -57,6 +57,7 @@ CAUGHT = {"who": "$the_robot", "border": "Rug"}
         ("robot_caught_in_border", {"who": "ada", "border": "'border 3'"}, "de", "ada ist in 'Grenze 3' "),
         ("border_restored", {"borders": "border 3, wall 4, Rug"}, "de", "Wieder in der Karte: Grenze 3, Wand 4, Rug."),
         ("border_restored", {"borders": "border 3, Rug"}, "en", "In the map again: Border 3, Rug."),
+        ("border_restored", {"borders": "my wall 3"}, "de", "Wieder in der Karte: my wall 3."),
     ],
 )
 def test_values_are_in_the_readers_language(code, values, language, beginning):

@@ -23,7 +23,8 @@ import yaml
 
 ENGLISH = "en"
 FOLDER = Path(__file__).resolve().parent / "languages"
-_UNNAMED = re.compile(r"\b(border|wall) (\d+)\b")  # as the border database stores it
+# a name that the border database gave, alone, in quotes, or in a list of names
+_UNNAMED = re.compile(r"(?:^|(?<=^')|(?<=, ))(border|wall) (\d+)(?=$|'$|, )")
 
 
 def languages() -> List[str]:
