@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from vb_laser_detect.detection.background import BLOCK, blocks_around, brightest, max_channel, relight
-from vb_laser_detect.detection.stage_results import Box, Part, SearchedImage, Spot
+from vb_laser_detect.detection.stage_results import Box, Part, SearchedImage, Spot, shrink_box
 
 _EDGE = 0.35  # a blob consists of the pixels whose rise exceeds this share of the peak
 _MAX_ELONGATION = 2.0  # largest length of a spot in largest diameters, as a fast one is elongated
@@ -108,8 +108,7 @@ def measure_blob(searched: SearchedImage, box: Box, max_diameter: float, max_wid
         return _unmeasured(box, "off_floor")
     picture = searched.picture
     if picture.scale > 1:
-        left, top, right, bottom = box
-        small_box = left // picture.scale, top // picture.scale, -(-right // picture.scale), -(-bottom // picture.scale)
+        small_box = shrink_box(box, picture.scale)
         limits = max_diameter / picture.scale, max_width / picture.scale
         cutout = _cut_out(picture.searched, lambda part: searched.reference[part], small_box, *limits)
         if cutout.problem == "too_large":

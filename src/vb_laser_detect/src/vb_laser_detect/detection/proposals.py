@@ -20,7 +20,7 @@ import numpy as np
 
 from vb_core.image_format import AnyPicture
 from vb_laser_detect.detection.background import BLOCK, GHOST_TIME, Background, blocks_around, brightest, relight
-from vb_laser_detect.detection.stage_results import Box, ExpectedSpot, Region, SearchedImage, Spot
+from vb_laser_detect.detection.stage_results import Box, ExpectedSpot, Region, SearchedImage, Spot, shrink_box
 
 # lowest level of a spot, as a share of what is bright in the room; only 3 of 464 known spots are darker, in darkened clips
 _MIN_LEVEL = 0.86
@@ -192,7 +192,7 @@ def _region(picture: AnyPicture, box: Box, min_level: float, expected: Sequence[
     if picture.whole:
         level = brightest(picture.pixels, box)
     else:  # the highest level that is possible
-        level = brightest(picture.searched, tuple(side // picture.scale for side in box)) / _HALF_LEVEL
+        level = brightest(picture.searched, shrink_box(box, picture.scale)) / _HALF_LEVEL
     return Region(box, level >= min_level, next((spot for spot in expected if spot.overlaps(box)), None))
 
 

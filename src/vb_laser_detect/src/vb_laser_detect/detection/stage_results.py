@@ -19,6 +19,12 @@ Box = Tuple[int, int, int, int]  # left, top, right, bottom [px]; right and bott
 Part = Tuple[slice, slice]  # rows and columns [px]
 
 
+def shrink_box(box: Box, scale: int) -> Box:
+    """Returns the box of the pixels that cover a box, in an image smaller by a factor."""
+    left, top, right, bottom = box
+    return left // scale, top // scale, -(-right // scale), -(-bottom // scale)
+
+
 class ExpectedSpot(NamedTuple):
     """Predicted position of a confirmed spot in the next image, if it keeps moving as before.
 
