@@ -173,7 +173,7 @@ def test_what_a_robot_lacks_is_one_line_though_robot_monitor_reports_it_too(monk
     good = RobotStatus(robot="ada", move_base="/ada/move_base", plans_round_borders=True, localized=True)
     bad = RobotStatus(robot="bob", move_base="/bob/move_base", localized=True)
     newest = {names.ROBOTS: RobotStatusArray(robots=[good, bad])}
-    notices = derive_capabilities(connections_from_message(newest[names.ROBOTS])).notices()
+    notices = derive_capabilities(connections_from_message(newest[names.ROBOTS])).problems()
     monkeypatch.setattr(check_lab, "_listen", lambda seconds: (newest, {}, notices))
     monkeypatch.setattr(check_lab, "read_graph", lambda: NodeGraph([], []))
     monkeypatch.setattr(check_lab.rospy, "get_param", lambda _name, default: default)

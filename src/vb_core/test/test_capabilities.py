@@ -68,14 +68,14 @@ def test_stop_is_offered_only_if_it_stops_a_robot(case):
 
 @for_each_robot
 def test_people_are_told_what_a_robot_obeys(case):
-    assert [line.code for line in offered_to(robot(case.connected)).lines] == [case.plans, case.obeys]
+    assert [line.code for line in offered_to(robot(case.connected)).robot_notices] == [case.plans, case.obeys]
 
 
 @for_each_robot
 def test_a_lost_robot_keeps_no_zone_and_is_sent_nowhere(case):
     offered = offered_to(robot(case.connected, localized=False))
     assert (offered.zones, offered.goes, offered.state) == ((), (), UNREADY)
-    assert [line.code for line in offered.lines] == [case.plans, "robot_not_localized", case.obeys]
+    assert [line.code for line in offered.robot_notices] == [case.plans, "robot_not_localized", case.obeys]
 
 
 @pytest.mark.parametrize("cameras", [True, False])
@@ -93,7 +93,7 @@ def test_two_robots_are_offered_what_each_of_them_is_alone():
         pair = robot(of_ada, "ada", ada_known), robot(of_bob, "bob", bob_known)
         ada, bob, both = (offered_to(*robots, cameras=True) for robots in (pair[:1], pair[1:], pair))
         assert set(both.commands) == {*ada.commands, *bob.commands} and set(both.zones) == {*ada.zones, *bob.zones}
-        assert (both.goes, both.lines) == (ada.goes + bob.goes, ada.lines + bob.lines)
+        assert (both.goes, both.robot_notices) == (ada.goes + bob.goes, ada.robot_notices + bob.robot_notices)
         assert both.ignored_by == {zone: ada.ignored_by[zone] + bob.ignored_by[zone] for zone in ZONES}
         assert (both.state == READY) == (ada.state == bob.state == READY)
 
@@ -101,14 +101,14 @@ def test_two_robots_are_offered_what_each_of_them_is_alone():
 @pytest.mark.parametrize("language", sentences.languages())
 def test_each_line_is_a_sentence_in_every_language(language):
     for connected, localized, name in itertools.product([case.connected for case in CASES], (True, False), ("", "ada")):
-        for line in offered_to(robot(connected, name, localized)).lines:
+        for line in offered_to(robot(connected, name, localized)).robot_notices:
             assert sentences.catalog(language)[line.code].format_map(line.values)
 
 
 def test_a_lab_without_a_robot_has_no_warnings():
     offered = offered_to(ConnectedRobot(""), cameras=True)
-    assert (offered.state, offered.notices()) == (NO_ROBOT, [])
-    assert [line.code for line in offered.lines] == ["robot_not_connected"]
+    assert (offered.state, offered.problems()) == (NO_ROBOT, [])
+    assert [line.code for line in offered.robot_notices] == ["robot_not_connected"]
 
 
 def test_commands_without_an_effect_are_not_offered():
@@ -144,13 +144,13 @@ def test_a_border_in_a_lab_without_a_robot_says_so():
     ],
 )
 def test_each_fault_is_a_notice_that_names_its_robot(changes, code, severity):
-    (notice,) = offered_to(replace(robot(PLANS), **changes)).notices()
+    (notice,) = offered_to(replace(robot(PLANS), **changes)).problems()
     assert (notice.code, notice.severity, notice.robot) == (code, severity, "ada")
     assert "ada" in notice.sentence()
 
 
 def test_a_sound_robot_has_no_notice():
-    assert offered_to(robot(PLANS)).notices() == []
+    assert offered_to(robot(PLANS)).problems() == []
 
 
 @pytest.mark.parametrize(
@@ -158,4 +158,4 @@ def test_a_sound_robot_has_no_notice():
 )
 def test_a_robot_on_the_common_map_is_said_to_keep_all_borders(name, topic, is_said):
     offered = offered_to(robot(dict(**PLANS, maps=(f"{topic}/virtual_borders/map",)), name))
-    assert ("robot_keeps_all_borders" in [line.code for line in offered.lines]) is is_said
+    assert ("robot_keeps_all_borders" in [line.code for line in offered.robot_notices]) is is_said

@@ -72,7 +72,7 @@ def observe_lab(seconds: float) -> List[Notice]:
         values = {"in_force": sum(border.in_force for border in borders), "count": len(borders)}
         lines.append(Notice("lab_borders_ok", Severity.INFO, values=values))
     if names.ROBOTS in newest:
-        lines += derive_capabilities(connections_from_message(newest[names.ROBOTS])).lines
+        lines += derive_capabilities(connections_from_message(newest[names.ROBOTS])).robot_notices
         for robot in newest[names.ROBOTS].robots:
             lines += _check_robot(robot, newest)
     lines += _check_computer(running)

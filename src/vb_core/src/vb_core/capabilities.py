@@ -80,7 +80,7 @@ class Capabilities:
         zones: the zones that at least one robot keeps.
         ignored_by: names of the connected robots that do not keep a zone, by the name of the zone.
         goes: the names of the robots that can be sent to a place.
-        lines: what to tell people about each robot while the connections do not change.
+        robot_notices: what to tell people about each robot while the connections do not change.
     """
 
     state: str
@@ -88,11 +88,11 @@ class Capabilities:
     zones: Tuple[str, ...]
     ignored_by: Mapping[str, Tuple[str, ...]]
     goes: Tuple[str, ...]
-    lines: Tuple[Notice, ...]
+    robot_notices: Tuple[Notice, ...]
 
-    def notices(self) -> List[Notice]:
-        """Returns the lines that report a problem."""
-        return [line for line in self.lines if line.severity >= Severity.WARNING]
+    def problems(self) -> List[Notice]:
+        """Returns the notices that report a problem."""
+        return [notice for notice in self.robot_notices if notice.severity >= Severity.WARNING]
 
 
 def derive_capabilities(connections: Connections) -> Capabilities:
@@ -114,7 +114,7 @@ def derive_capabilities(connections: Connections) -> Capabilities:
         zones=tuple(zone for zone in ZONES if len(ignored[zone]) < len(connected)),
         ignored_by=ignored,
         goes=goes,
-        lines=tuple(line for robot in connections.robots for line in _lines(robot)),
+        robot_notices=tuple(notice for robot in connections.robots for notice in _notices_about(robot)),
     )
 
 
@@ -139,32 +139,32 @@ def find_unkept(capabilities: Capabilities, zone: str, robots: Sequence[str]) ->
     return f"border_unkept_{zone}", {"who": ", ".join(map(sentences.robot_value, ignoring))}
 
 
-def _lines(robot: ConnectedRobot) -> List[Notice]:
+def _notices_about(robot: ConnectedRobot) -> List[Notice]:
     values = {"who": sentences.robot_value(robot.name), "maps": ", ".join(robot.maps) or "-"}
     values["map"] = f"/{robot.name}/virtual_borders/map" if robot.name else "/virtual_borders/map"
 
-    def line(severity: Severity, code: str, **more_values: str) -> Notice:
+    def notice(severity: Severity, code: str, **more_values: str) -> Notice:
         return Notice(code, severity, robot.name, values={**values, **more_values})
 
     if not robot.is_connected:
-        return [line(Severity.INFO, "robot_not_connected")]
-    lines = []
+        return [notice(Severity.INFO, "robot_not_connected")]
+    notices = []
     if robot.missing_maps:
-        lines.append(line(Severity.ERROR, "robot_waits_for_map", missing=", ".join(robot.missing_maps)))
+        notices.append(notice(Severity.ERROR, "robot_waits_for_map", missing=", ".join(robot.missing_maps)))
     elif robot.plans:
-        lines.append(line(Severity.INFO, "robot_plans_round_borders"))
+        notices.append(notice(Severity.INFO, "robot_plans_round_borders"))
     elif robot.navigation:
         severity = Severity.WARNING if robot.driver else Severity.ERROR
-        lines.append(line(severity, "robot_plans_through_borders" if robot.driver else "robot_ignores_borders"))
+        notices.append(notice(severity, "robot_plans_through_borders" if robot.driver else "robot_ignores_borders"))
     if robot.unheard:
-        lines.append(line(Severity.ERROR, "robot_commands_unheard", topic=", ".join(robot.unheard)))
+        notices.append(notice(Severity.ERROR, "robot_commands_unheard", topic=", ".join(robot.unheard)))
     if robot.name and robot.plans and values["map"] not in robot.maps and robot.maps:
-        lines.append(line(Severity.INFO, "robot_keeps_all_borders"))
+        notices.append(notice(Severity.INFO, "robot_keeps_all_borders"))
     # a driver that is asked to drive reports an unknown pose itself
     if not robot.localized:
-        lines.append(line(Severity.INFO if robot.driver else Severity.WARNING, "robot_not_localized"))
-    lines.append(line(Severity.INFO, _obedience(robot)))
-    return lines
+        notices.append(notice(Severity.INFO if robot.driver else Severity.WARNING, "robot_not_localized"))
+    notices.append(notice(Severity.INFO, _obedience(robot)))
+    return notices
 
 
 def _obedience(robot: ConnectedRobot) -> str:

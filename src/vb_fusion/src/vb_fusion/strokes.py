@@ -1,15 +1,22 @@
 """Stage 1: which spots are the pointer's, as strokes, and which strokes make the border's line.
 
-There is one pointer, which moves through time. Observations close together in one time bin form one cluster; the track
-is the sequence of clusters that explains the most floor at the least cost; a cluster explains the floor that it covers.
+There is one pointer, which moves through time. Observations close together in one time bin form a cluster. A track has
+at most one cluster of each time bin, and the best track explains the most floor at the least cost:
+
+    time bin   1   2   3   4   5   6   7
+    pointer    o---o---o-------o---o---o     each cluster adds new floor; one unseen step costs little
+    glint                  x                 jumping there and back would cost more than the floor there is worth
+    lamp       #   #   #   #   #   #   #     adds its floor only once
+
 In metres:
 
-    gain  = the floor that a cluster adds: staying and coming back add nothing more, and light that stays longer than
-            MAX_DWELL counts less and less, unless its position has a trend over time, as a slow hand's has. Positions
-            passed at constant speed add the floor between them
-    cost  = distance^2 / (time * UNSEEN_SPEED) between clusters: a gap crossed at the speed of a hand is cheap, a pause
-            is free. As hands also flick, beyond a TREMOR the cost grows only logarithmically, like the negative log
-            likelihood of a heavy-tailed error. So a rest after a flick belongs to the stroke, and a stray does not pay
+    gain = the floor that a cluster covers and no other did. Light that stays longer than MAX_DWELL gains less and less,
+           unless its position has a trend over time, as a slow hand's has. Positions passed at constant speed also gain
+           the floor between them
+    cost = (distance - TREMOR)^2 / (time * UNSEEN_SPEED) of a step, where a pause longer than a dropout gives no more time
+
+So a gap crossed at the speed of a hand is cheap, and a tremor is free. As hands also flick, a cost beyond TREMOR grows only
+logarithmically, like the negative log likelihood of a heavy-tailed error: a rest after a flick belongs to the stroke.
 
 Dynamic programming finds the best track, cluster by cluster in order of time. Its time bins and its floor are then
 removed; the best track of the remaining clusters is the next stroke. The line is the widest stroke, with those joined to

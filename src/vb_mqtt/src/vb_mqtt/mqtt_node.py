@@ -181,7 +181,7 @@ class MqttNode:
         self._put_health()
         problems = {key_of("camera", camera): self._camera_problems(camera, notices) for camera in self._lab.cameras}
         for robot in self._lab.robots or ():
-            lines = robots[1].lines if robots is not None else ()
+            lines = robots[1].robot_notices if robots is not None else ()
             problems[key_of("robot", robot)] = entities.robot_problems(robot, lines, notices, self._language)
         for key, texts in problems.items():
             self._put_state(key, {"problem": bool(texts), "problems": sorted(set(texts))})

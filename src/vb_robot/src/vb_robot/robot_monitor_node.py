@@ -305,7 +305,7 @@ class RobotMonitorNode:
                 message.header.stamp = rospy.Time.from_sec(now)
                 self._status.publish(message)
             self._capabilities = capabilities.derive_capabilities(connections_from_message(message))
-            faults = self._lasting(self._capabilities.notices(), now)
+            faults = self._lasting(self._capabilities.problems(), now)
             self._log(now)
             notices = [notice for robot in self._robots.values() for notice in robot.notices(now)]
             dispatching = self._dispatcher.notice  # read once, because it is set in another thread
@@ -321,7 +321,7 @@ class RobotMonitorNode:
 
     def _log(self, now: float) -> None:
         """Logs what is connected once the lab has started, and later its changes. Faults are notices instead."""
-        lines = self._capabilities.lines
+        lines = self._capabilities.robot_notices
         if now - self._started < SETTLING_TIME or lines == self._logged:
             return
         if self._faulty_since and min(now - since for since in self._faulty_since.values()) < SETTLING_TIME:

@@ -150,7 +150,7 @@ def offer_section(
         "robots": [robot.robot for robot in message.robots],
         "lines": [
             {"robot": line.robot, "severity": int(line.severity), "code": line.code, "values": dict(line.values)}
-            for line in capabilities.lines
+            for line in capabilities.robot_notices
         ],
     }
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import rospy
 
@@ -21,6 +21,12 @@ from vb_msgs.msg import DetectorStatus
 
 _FAULT_LIFETIME = 5.0  # [s] for which a fault is reported after it last occurred
 _DETECTOR_TIMEOUT = 5.0  # [s] a detector that is silent for this long is gone
+
+
+class _Fault(NamedTuple):
+    notice: Notice
+    last_occurred: rospy.Time
+    concerns_image_quality: bool
 
 
 class DetectorDiagnostics:
@@ -54,8 +60,7 @@ class DetectorDiagnostics:
         self._measured_at = float("-inf")  # [s] when that was
         self._lock = threading.Lock()
         self._counts, self._watch = DetectorCounts(), InputWatch(rospy.get_time())
-        # by code: its notice, when it last occurred, and whether it is about image quality
-        self._faults: Dict[str, Tuple[Notice, rospy.Time, bool]] = {}
+        self._faults: Dict[str, _Fault] = {}  # by code
         self._source_fault: Optional[Notice] = None  # an ERROR if it keeps images from coming
         self._publisher = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=5)
         self._notices = NoticePublisher(namespace)
@@ -77,7 +82,7 @@ class DetectorDiagnostics:
         """Counts a fault of the input, or if `severe` of the program, and reports it for some seconds."""
         with self._lock:
             self._counts.count_rejections(error.code)
-            self._faults[error.code] = self._notice(error, severe), rospy.Time.now(), False
+            self._faults[error.code] = _Fault(self._notice(error, severe), rospy.Time.now(), False)
 
     def set_source_fault(self, error: Optional[CodedError], is_silent: bool) -> None:
         """Reports what is wrong with a camera that the detector reads directly, until it is called again.
@@ -167,11 +172,12 @@ class DetectorDiagnostics:
                 missing = CodedError("camera_robot_lost", **missing.values)
             usable = missing is None and not self._is_silent
             for error in self._quality_faults() if usable else ():
-                self._faults[error.code] = self._notice(error, error.code == "camera_clock"), now, True
+                self._faults[error.code] = _Fault(self._notice(error, error.code == "camera_clock"), now, True)
             notices = [] if missing is None else [self._notice(missing, True)]
-            for notice, stamp, of_images in self._faults.values():
-                if abs((now - stamp).to_sec()) < _FAULT_LIFETIME and (usable or not of_images):
-                    notices.append(notice)
+            for fault in self._faults.values():
+                is_recent = abs((now - fault.last_occurred).to_sec()) < _FAULT_LIFETIME
+                if is_recent and (usable or not fault.concerns_image_quality):
+                    notices.append(fault.notice)
             notices += [] if self._source_fault is None else [self._source_fault]
         self._notices.set(notices)
 
