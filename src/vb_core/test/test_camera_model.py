@@ -50,8 +50,8 @@ def test_rays_of_wide_lenses_are_exact_up_to_the_models_limit(lens):
     rise = cv2.projectPoints(axis, np.zeros(3), np.zeros(3), matrix, camera.distortion)[0][:, 0, 0]
     falls = np.flatnonzero(np.diff(rise) <= 0)
     end = radii[falls[0]] if len(falls) else 4.0
-    angles, radii = np.meshgrid(np.linspace(0, 2 * np.pi, 73), np.linspace(0, 0.97 * end, 60))
-    points = np.column_stack([(radii * np.cos(angles)).ravel(), (radii * np.sin(angles)).ravel(), np.ones(angles.size)])
+    angles, reach = np.meshgrid(np.linspace(0, 2 * np.pi, 73), np.linspace(0, 0.97 * end, 60))
+    points = np.column_stack([(reach * np.cos(angles)).ravel(), (reach * np.sin(angles)).ravel(), np.ones(angles.size)])
     pixels = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, camera.distortion)[0][:, 0]
     in_image = camera.contains(pixels)
     rays = camera.rays(pixels[in_image])

@@ -29,7 +29,7 @@ def test_no_message_constant_contains_a_comment():
 
 
 class Manager:
-    """Stands in for the manager: named commands hang until released; the answers in `answers` are used up first."""
+    """Stands in for the manager: the commands in `hanging` wait for `let`. Answers `answers` in turn, then success."""
 
     def __init__(self, hanging):
         self.requests, self.answers, self._done, self._noted = [], [], [], threading.Semaphore(0)

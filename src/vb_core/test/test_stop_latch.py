@@ -133,8 +133,8 @@ class Lab:
     def count_own(self, robot):
         """Registers a robot's own stops, each of which stands for all those that it had heard."""
         own_stops = [identity for identity in self.robots[robot].ids if identity not in self.pressed]
-        for identity in own_stops:
-            self.pressed[identity], self.heard[robot] = self.time, set(self.robots[robot].ids)
+        self.pressed.update(dict.fromkeys(own_stops, self.time))
+        self.heard[robot] = set(self.robots[robot].ids) if own_stops else self.heard[robot]
 
     def handle_stop(self, identity):
         if self.manager is None:

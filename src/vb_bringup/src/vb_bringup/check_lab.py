@@ -54,9 +54,8 @@ def observe_lab(seconds: float) -> List[Notice]:
     graph = read_graph()
     newest, statuses, notices = _listen(seconds)
     running = graph.nodes | read_graph().nodes  # while a node restarts, the master does not list it
-    lines = check_nodes(
-        [node for node in _NODES if node not in running and (node == UNIQUE_NODE or rospy.has_param(node))]
-    )
+    missing = [node for node in _NODES if node not in running and (node == UNIQUE_NODE or rospy.has_param(node))]
+    lines = check_nodes(missing)
     if rospy.has_param("/border_fusion") and not statuses:
         lines.append(Notice("lab_no_cameras", Severity.WARNING))
     for camera, status in sorted(statuses.items()):
@@ -143,7 +142,8 @@ def _check_map(graph: NodeGraph, newest: Mapping[str, Any]) -> List[Notice]:
         size = physical.info.width * physical.info.resolution, physical.info.height * physical.info.resolution
         with contextlib.suppress(CodedError):  # the map integrator reports a map of the wrong size
             all_known = is_all_known(grid_from_message(physical).data)
-    publishers, file = graph.publishers.get(names.PHYSICAL_MAP, []), str(rospy.get_param("/map_server/map_yaml", ""))
+    publishers = graph.publishers.get(names.PHYSICAL_MAP, [])
+    file = str(rospy.get_param("/map_server/map_yaml", ""))
     return check_map(size, publishers, names.MAP_WITH_BORDERS in newest, file, all_known)
 
 

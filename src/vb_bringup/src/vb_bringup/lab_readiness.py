@@ -127,6 +127,8 @@ def check_nodes(missing: Sequence[str]) -> List[Notice]:
 
 def check_disk(folder: str, free_mb: float, writable: bool = True) -> Notice:
     """Checks whether the folder of borders and records has room and is writable."""
-    code = "lab_disk_read_only" if not writable else "lab_disk_full" if free_mb < MIN_DISK_MB else "lab_disk_ok"
+    code = "lab_disk_full" if free_mb < MIN_DISK_MB else "lab_disk_ok"
+    if not writable:
+        code = "lab_disk_read_only"
     severity = Severity.INFO if code == "lab_disk_ok" else Severity.ERROR
     return Notice(code, severity, values={"folder": folder, "free": f"{free_mb:.0f}"})

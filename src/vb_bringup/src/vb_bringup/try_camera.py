@@ -131,9 +131,8 @@ class CornerPage:
         handlers = {r"/": _Page, r"/image\.jpg": _Picture, r"/(floor|start)": _Floor}
         application = tornado.web.Application(log_function=lambda _handler: None)
         # other sites' pages must not get at the camera by a host name of theirs (DNS rebinding)
-        application.add_handlers(
-            r"(localhost|127\.0\.0\.1)", [(path, handler, {"page": self}) for path, handler in handlers.items()]
-        )
+        routes = [(path, handler, {"page": self}) for path, handler in handlers.items()]
+        application.add_handlers(r"(localhost|127\.0\.0\.1)", routes)
         server = application.listen(port, "127.0.0.1")
         view = await self._accepted.get()
         await asyncio.sleep(0.3)  # until the answer has been sent

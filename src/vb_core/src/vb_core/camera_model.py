@@ -164,10 +164,13 @@ class CameraModel:
             stencil = xy[:, None] + 1e-6 * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
             uv = self.project(np.dstack([stencil, np.ones(stencil.shape[:2])]).reshape(-1, 3)).reshape(-1, 5, 2)
             uv = (uv - center) / focal
-            (a, c), (b, d) = ((uv[:, 1] - uv[:, 2]) / 2e-6).T, ((uv[:, 3] - uv[:, 4]) / 2e-6).T
-            e, det = target - uv[:, 0], a * d - b * c
+            # the Jacobian by central differences, and each step by Cramer's rule
+            u_x, v_x = (uv[:, 1] - uv[:, 2]).T / 2e-6
+            u_y, v_y = (uv[:, 3] - uv[:, 4]).T / 2e-6
+            error_u, error_v = (target - uv[:, 0]).T
+            determinant = u_x * v_y - u_y * v_x
             with np.errstate(all="ignore"):
-                step = np.column_stack([d * e[:, 0] - b * e[:, 1], a * e[:, 1] - c * e[:, 0]]) / det[:, None]
+                step = (np.array([v_y * error_u - u_y * error_v, u_x * error_v - v_x * error_u]) / determinant).T
                 # close to the limit, a full step may lead beyond it
                 length = np.maximum(1.0, np.hypot(*step.T) / (0.5 * np.maximum(1e-6, self.limit - np.hypot(*xy.T))))
                 xy = xy + step / length[:, None]

@@ -118,7 +118,9 @@ class StopLatch(_Stored):
             if identity in self.stops:
                 return False
             self.by = self.by if self.stopped else by
-            self.number, self.stops, self.stopped = new_id(), (*self.stops, identity)[-MAX_KNOWN_STOPS:], True
+            self.number = new_id()
+            self.stops = (*self.stops, identity)[-MAX_KNOWN_STOPS:]
+            self.stopped = True
             return True
 
     def read(self) -> Tuple[bool, str, str, Tuple[str, ...]]:

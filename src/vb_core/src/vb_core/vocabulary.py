@@ -66,8 +66,8 @@ CAMERA = "camera"  # cameras that report
 DRIVER = "driver"  # cameras, and a robot with this stack's driver
 STOPPABLE = "stoppable"  # a robot that obeys Stop
 
-# when a command has consequences: it moves a robot, changes the map or loses a drawing at once, so the person must
-# confirm it if it may have been misheard
+# values of `Command.consequences`: when the command moves a robot, changes the map or loses a drawing at once; if it
+# may have been misheard, the person must then confirm it
 ALWAYS = "always"
 NEVER = "never"
 WHILE_DRAWN = "while_drawn"  # there is a drawing that can be lost
@@ -117,8 +117,8 @@ _COMMANDS = (
 COMMANDS: Dict[str, Command] = {command.name: command for command in _COMMANDS}
 DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, SAVE, CANCEL, STOP, RESUME, UNDO, REDO, PAUSE, CONTINUE = COMMANDS
 
-# codes of answers that ask for confirmation; the replies to them, each with the command that it confirms
-QUESTIONS = ("confirm_save", "confirm_command")
+QUESTIONS = ("confirm_save", "confirm_command")  # codes with which the system asks for confirmation
+# what a person replies to them, and the command that the reply confirms
 ANSWERS = {"yes_" + name: name for name, command in COMMANDS.items() if command.consequences != NEVER}
 
 

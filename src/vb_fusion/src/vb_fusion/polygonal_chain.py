@@ -13,10 +13,10 @@ small compared with the mean width of the floor that it would enclose, twice its
 
 Ends that cross or run past each other are cut there; half of the length cut off counts as opening.
 
-Stage 5, the line through the stroke, with the fewest straight sides that explain it: the samples are divided into
-sides, optimally, by dynamic programming: a corner is kept if leaving it out would lose a detail larger than the hand's
-tremor, or a smaller one where the pointer stopped. Least squares then moves the corners so that the sides fit all
-samples best, which puts them where the sides meet, even where no camera saw them.
+Stage 5, sides: dynamic programming divides the samples into the fewest straight sides that explain them. A corner is
+kept if leaving it out would lose a detail larger than the hand's tremor, or a smaller one where the pointer stopped.
+Least squares then moves the corners to where the sides fit all samples best. So a corner lies where its sides meet,
+even if no camera saw it.
 
 Stage 6, vertices: those that change nothing are dropped, and a closed chain becomes a polygon that does not cross itself.
 """

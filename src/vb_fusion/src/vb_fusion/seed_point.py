@@ -113,9 +113,10 @@ def find_dwells(
         arrival = int(np.argmax(path_patch == path_patch[last]))
         followed = arrival > 0 and math.dist(path[arrival], path[arrival - 1]) <= MAX_STEP
         if dwells and math.dist(point, dwells[-1].point) <= HAND_RADIUS:
-            # a pointer that arrives slowly starts a floor patch at the edge of the place, which gets part of the dwell
+            # a pointer that arrives slowly begins its dwell on another floor patch, at the edge of the place
             begun = dwells.pop()
-            seconds, followed = seconds + begun.seconds, begun.followed
+            seconds += begun.seconds
+            followed = begun.followed
         dwells.append(Dwell(point, seconds, bool(path_known[last]), followed, _count_witnesses(observations, point)))
     return dwells
 

@@ -88,10 +88,9 @@ class CameraClocks:
     """Corrects the stamps of cameras whose clocks are set back while somebody draws, in one state of the interaction."""
 
     def __init__(self) -> None:
-        # by camera [s]: by how much its clock was set back, its last stamp, and the last corrected stamp that was collected
-        self._set_back: Dict[str, float] = {}
-        self._previous: Dict[str, float] = {}
-        self._newest: Dict[str, float] = {}
+        self._set_back: Dict[str, float] = {}  # [s] by how much each camera's clock was set back
+        self._previous: Dict[str, float] = {}  # [s] each camera's last stamp
+        self._newest: Dict[str, float] = {}  # [s] the corrected stamp of its last spot that was collected
 
     def correct(self, camera: str, stamp: float) -> Optional[float]:
         """Returns the stamp that the camera's clock would have given if it had not been set back.

@@ -227,7 +227,6 @@ def _join_strokes(
         strokes were joined.
     """
     line, *others = strokes
-    joined = False
     while others:
         # the nearest pair of an end of the line and an end of another stroke
         line_ends = observations.points[line[[0, -1]]]
@@ -236,9 +235,10 @@ def _join_strokes(
         if distances[number, line_end, other_end] > widest_gap + TREMOR:
             break
         # the stroke must run away from the line's end, or up to its start
-        other, joined = others.pop(number)[:: -1 if line_end == other_end else 1], True
+        other = others.pop(number)
+        other = other[::-1] if line_end == other_end else other
         line = np.concatenate([line, other] if line_end else [other, line])
-    return line, others, joined
+    return line, others, len(others) < len(strokes) - 1
 
 
 def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.ndarray:

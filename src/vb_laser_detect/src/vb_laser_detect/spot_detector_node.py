@@ -153,9 +153,8 @@ class CameraDetector:
         ]
         if self._feed is not None:
             fixed = ("width", "height", "rate")
-            self._reconfigure_servers.append(
-                ReconfigureServer(params.capture, f"{namespace}/capture", self._feed.set_params, fixed)
-            )
+            capture_server = ReconfigureServer(params.capture, f"{namespace}/capture", self._feed.set_params, fixed)
+            self._reconfigure_servers.append(capture_server)
 
     def _start_receiving(self) -> Union[InfoTopic, LensFile]:
         """Starts receiving images, and returns the source of their lens model."""

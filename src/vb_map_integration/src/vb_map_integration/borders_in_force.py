@@ -5,8 +5,8 @@ A border is identified by the floor that it closes off as well as by its line:
 - On the map on which a person accepted it, it is in force as drawn.
 - On any other map, it is the same border if the walls round it are where they should be and it closes off the same
   floor; else it waits for a person.
-- While it waits, it restricts, to be safe, what it restricted where it was accepted, what it would restrict now unless
-  that is much more, and its second possible position. If none of these is on the map, it is not in force.
+- While it waits, it closes off more rather than less: the floor that it closed off where it was accepted, its second
+  possible position and, unless that is much more, the floor here. If none of these is on the map, it is not in force.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class BorderStatus:
 
     @property
     def reason(self) -> str:
-        """Why it is not in force, "disabled" or DOES_NOT_FIT; or, if it is, TO_BE_CONFIRMED or ""."""
+        """The reason as a code: "disabled" or DOES_NOT_FIT if it is not in force, else TO_BE_CONFIRMED or ""."""
         return self.code if self.map_border.enabled else "disabled"
 
     @property

@@ -296,9 +296,8 @@ class MapIntegrator:
             raise CodedError("on_another_map", id=border.id)
         self._check_robots(border)
         check: Optional[CheckResult] = None
-        after = border.replace(
-            name=border.name or before.name, created=before.created, modified=now, map_id=before.map_id
-        )
+        name = border.name or before.name
+        after = border.replace(name=name, created=before.created, modified=now, map_id=before.map_id)
         if border.same_area(in_force.statuses[border.id].map_border):
             after = after.replace(points=before.points, seed=before.seed)
         else:

@@ -35,7 +35,7 @@ COMMAND, ANSWER, NOTICE = "command", "answer", "notice"  # topics of messages th
 ANSWERS = ("done", "asked", "refused")  # outcomes of a command
 NOTICES = ("info", "warning", "error")
 _KEY = re.compile(r"[A-Za-z0-9_-]{0,48}")
-# what a button or switch sends beside its command: time and id, or the stop or answer that its own state shows
+# what a button or switch sends besides its command: the time and an id; the stop or the answer that its state shows
 _DATED = '"at": {{ now().timestamp() }}, "id": "{{ now().timestamp() }}-{{ range(100000) | random }}"'
 _SEEN_STOP = "{{ this.attributes.stop_number | default('', true) }}"
 _ANSWER = "{{ this.attributes.answer | default('', true) }}"
@@ -255,7 +255,8 @@ def notice_value(notice: Notice, language: str) -> Dict[str, Any]:
 
 def answer_value(sender_id: str, request_name: str, success: bool, code: str, text: str) -> Dict[str, Any]:
     """Returns the event that reports the result of a command or a switch."""
-    kind = ANSWERS[0] if success else ANSWERS[1] if code in QUESTIONS else ANSWERS[2]
+    done, asked, refused = ANSWERS
+    kind = done if success else (asked if code in QUESTIONS else refused)
     return {"event_type": kind, "id": sender_id, "command": request_name, "code": code, "text": text[:_MAX_TEXT]}
 
 

@@ -33,7 +33,7 @@ from vb_mqtt.entities import CONFIRM, INTEGRATOR, MANAGER, MONITOR, OFFLINE, ONL
 from vb_mqtt.inbox import BURST, RATE, Inbox, Request
 
 SOURCE = "home_assistant"
-SWITCH = "switch_border"  # switching a border, among the commands, which are carried out in the order given
+SWITCH = "switch_border"  # its name in the queue of commands, which are carried out in the order given
 _PERIOD = 1.0  # [s] between two rounds of publishing, and of looking for silent nodes
 _SILENCE = 4.0  # [s] until a node is silent; a detector publishes once a second, the interaction manager ten times
 _GRACE = 5.0  # [s] without a broker before a notice says so
@@ -92,11 +92,9 @@ class MqttNode:
         self._broker = MqttClient(params.broker, connection, params.device, will, subscriptions, _on_fault)
         self._command_sender = CommandSender(SOURCE, self._on_answer)
         self._command_sender.connect()
-        self._notice_publisher, self._notices, self._robots = (
-            NoticePublisher(),
-            NoticeListener(),
-            CapabilitiesListener(),
-        )
+        self._notice_publisher = NoticePublisher()
+        self._notices = NoticeListener()
+        self._robots = CapabilitiesListener()
         self._maps, self._publish_timer = node.Mailbox(), node.WakeTimer(_PERIOD)
         self._subscribe()
         self._broker.put(will[0], ONLINE.encode())

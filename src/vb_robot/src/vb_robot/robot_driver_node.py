@@ -123,7 +123,7 @@ class RobotDriverNode:
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
         self._states = rospy.Publisher(names.DRIVERS, DriverState, queue_size=5)
         self._keep_out = rospy.Publisher("~keep_out", NumpyOccupancyGrid, queue_size=1, latch=True)
-        self._amcl_updates_left = 0  # number that may still be requested since AMCL last knew, or was told, its pose
+        self._amcl_updates_left = 0  # how often an update may still be requested before AMCL knows its pose again
         self._subscribe(profile, contacts)
         self._thread = node.start_thread(self._run)
         self._beats = tuple(node.WakeTimer(period) for period in (WIRING_PERIOD, AMCL_UPDATE_PERIOD))
@@ -186,9 +186,8 @@ class RobotDriverNode:
         self._arbiter.gate.other_commanders = tuple(sorted(commanders.others))
 
     def _on_state(self, message: InteractionState) -> None:
-        self._arbiter.set_state(
-            state_of(message.name), message.interaction_id, message.entered.to_sec(), message.header.stamp.to_sec()
-        )
+        entered, stamp = message.entered.to_sec(), message.header.stamp.to_sec()
+        self._arbiter.set_state(state_of(message.name), message.interaction_id, entered, stamp)
         self._stops.update_from_latch(message.stopped, message.stops)
         self._stops.store()  # in the callbacks, so that a slow disk does not delay commands to the wheels
 
@@ -290,8 +289,7 @@ class RobotDriverNode:
                 if rospy.is_shutdown():
                     return
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {traceback.format_exc()}")
-                # whatever fails, the robot must not keep its last command, and the next step may succeed; if the report
-                # fails too, the zero has been sent before it
+                # whatever fails, the robot must not keep its last command: the zero comes first, as the report may fail too
                 with contextlib.suppress(Exception):
                     self._execute(self._arbiter.halt("internal_error"), now)
 

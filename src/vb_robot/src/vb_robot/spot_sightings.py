@@ -136,9 +136,8 @@ class Sightings:
         stamps = [s.stamp for s in self._recent if not s.mobile]
         if newest is None or not stamps:
             return False
-        return self.state == SEED or (
-            newest.stamp - max(stamps) <= WINDOW and self.time_since_seen(now) <= LOST_TIMEOUT
-        )
+        sees_it_now = newest.stamp - max(stamps) <= WINDOW and self.time_since_seen(now) <= LOST_TIMEOUT
+        return self.state == SEED or sees_it_now
 
     def time_since_seen(self, now: float) -> float:
         """Returns the time [s] since a camera last saw a border's spot; 0 before, and in Seed, as a seed is still."""
@@ -172,7 +171,8 @@ class Sightings:
             return None
         samples = np.array(sorted((s.stamp, *s.position) for s in recent))
         thirds = np.array([np.median(third, axis=0) for third in np.array_split(samples, 3)])  # (3, 3): [s], x, y [m]
-        (first, second), (seconds, *displacement) = np.diff(thirds, axis=0)[:, 1:], thirds[2] - thirds[0]
+        first, second = np.diff(thirds[:, 1:], axis=0)
+        seconds, *displacement = thirds[2] - thirds[0]
         if math.hypot(*displacement) < MIN_SPEED * max(seconds, 0.5 * VELOCITY_WINDOW):
             return None
         is_straight = np.dot(first, second) >= MIN_STRAIGHTNESS * (np.linalg.norm(first) * np.linalg.norm(second))

@@ -185,7 +185,7 @@ class Interaction:
         if command == SAVE and answer.success:
             self._end(SAVED, border_id)
         elif command == SAVE:
-            # an absent service has received nothing now, but may have before; its own refusal shows that it never has
+            # an absent service may still have received an earlier save; only its own answer ends that doubt
             if self._save_sent and answer.code != "no_service":
                 self.unanswered_save = answer.code in ("no_response", "internal_error")
             if self.unanswered_save and answer.code in ("no_response", "no_service"):
@@ -338,7 +338,7 @@ class Interaction:
 
     @property
     def ends_at(self) -> float:
-        """[s] when the interaction ends by itself, or 0 if not soon, while it is paused or saving, and in Default."""
+        """The time [s] at which an idle interaction will end. 0 if that is not soon; it never ends while paused or saving."""
         if not self.state.robots_act or self.pending:
             return 0.0
         timeout = self._params.idle_timeout

@@ -86,9 +86,8 @@ def plausible_worlds_section(study: StudyResults) -> List[Block]:
         return []
     inputs = read_sheet(study.folder / DRAWS, ("draw",)).columns[1:]
     table, (first, baseline) = study.tables[WORLDS], study.comparison
-    paired_rows = select(table, method=first).merge(
-        select(table, method=baseline), on=["draw", "scenario"], suffixes=("", "_base")
-    )
+    baseline_rows = select(table, method=baseline)
+    paired_rows = select(table, method=first).merge(baseline_rows, on=["draw", "scenario"], suffixes=("", "_base"))
     introduction = (
         f"All {len(inputs)} assumptions vary together over their plausible ranges: a Latin hypercube of "
         f"{table.draw.nunique()} draws."
@@ -110,9 +109,8 @@ def _completed(rows: pandas.DataFrame, column: str) -> Tuple[pandas.Series, pand
 
 def conclusions(study: StudyResults, worlds: pandas.DataFrame) -> List[Dict[str, Any]]:
     """Computes the share of worlds in which each conclusion holds: of all, and of those with no camera too bright."""
-    (time, time_base), (error, error_base) = (
-        _completed(worlds, column) for column in ("time_total_s", "error_mean_cm")
-    )
+    time, time_base = _completed(worlds, "time_total_s")
+    error, error_base = _completed(worlds, "error_mean_cm")
     claims = {
         "faster, whether completed or not": (worlds.time_total_s < worlds.time_total_s_base, worlds.completed.notna()),
         "faster (both completed)": (time < time_base, time.notna()),

@@ -81,11 +81,10 @@ class Table:
                 cells.update({key: value.estimate, f"{key}_low": value.low, f"{key}_high": value.high})
             else:
                 cells[key] = value
+        numbers = {key: cell for key, cell in cells.items() if isinstance(cell, float)}
         # floating-point noise beyond the seventh digit is left out
-        return {
-            key: (f"{cell:.7g}" if math.isfinite(cell) else "") if isinstance(cell, float) else cell
-            for key, cell in cells.items()
-        }
+        cells.update({key: f"{number:.7g}" if math.isfinite(number) else "" for key, number in numbers.items()})
+        return cells
 
 
 Block = Union[str, Figure, Table]  # a paragraph, images, or a table

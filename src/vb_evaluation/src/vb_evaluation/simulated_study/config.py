@@ -53,8 +53,8 @@ def draw(key: str, spec: Any, rng: np.random.Generator) -> float:
 
     A number is the same for everybody. {uniform: [low, high]}, {normal: [mean, standard deviation]} and
     {lognormal: [median, standard deviation of the logarithm]} are drawn; `low` and `high` beside them are limits.
-    {scaled: [distribution, factor]} is another distribution's value times a factor, to which that one's limits do not apply;
-    {mixture: [{share: 0.7, normal: ...}, ...]} draws one of several distributions, for instance men's and women's.
+    {scaled: [distribution, factor]} draws from another distribution and multiplies the value, after its limits, by a factor.
+    {mixture: [{share: 0.7, normal: ...}, ...]} draws from one of several distributions, for instance men's and women's.
 
     Raises:
         ParameterError: names the trait.
@@ -214,7 +214,8 @@ class Study:
         document, files = copy.deepcopy(dict(self.document)), copy.deepcopy(dict(self.sources))
         for key, value in changes.items():
             head, _, rest = key.partition("/")
-            _set(files[head] if head in files else document, rest if head in files else key, value)
+            target, path = (files[head], rest) if head in files else (document, key)
+            _set(target, path, value)
         return study_from_mapping(document, files)
 
 

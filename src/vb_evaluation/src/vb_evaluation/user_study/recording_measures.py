@@ -157,7 +157,7 @@ def outcome_of(begun: bool, planned: bool, saved: bool, seed_right: bool, noted:
     unreadable      its recording is damaged or incomplete: the system's failure too (not returned here)
     not_started     no interaction was begun: the system's failure, nobody's result
     not_as_planned  in another condition than planned: left out
-    completed       saved, the seed in the ground truth, and nobody who judged it said otherwise
+    completed       saved, with the seed in the ground truth, and not judged to have failed
     judged_failed   the same, but judged not to be what was asked for
     wrong_seed      saved, with the seed on the wrong side
     not_saved       given up, cancelled, or broken off
@@ -172,7 +172,9 @@ def outcome_of(begun: bool, planned: bool, saved: bool, seed_right: bool, noted:
         return "not_as_planned"
     if saved and seed_right:
         return "judged_failed" if noted is False else "completed"
-    return "disputed" if noted else ("wrong_seed" if saved else "not_saved")
+    if noted:
+        return "disputed"
+    return "wrong_seed" if saved else "not_saved"
 
 
 def _describe(entry: protocol.Entry) -> str:

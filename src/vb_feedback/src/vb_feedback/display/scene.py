@@ -22,8 +22,7 @@ PLATE = "plate"
 TEXT = "text"
 Key = Tuple[str, int]  # a shape's namespace and number
 
-# [m] heights in the scene: seen from above, higher shapes hide lower ones. Labels are below outlines, and names below
-# the drawing in progress.
+# [m] heights in the scene, where higher shapes hide lower ones: labels are below outlines, names below the drawing
 _LEVELS = tuple(0.06 * step for step in range(1, 11))
 Z_LABEL, Z_BORDER, Z_NAME, Z_POINTS, Z_CHAIN, Z_SEED, Z_ROBOT, Z_SPOT, Z_PLATE, Z_TEXT = _LEVELS
 

@@ -112,9 +112,9 @@ def _strip_shapes(layout: Layout, content: PanelContent) -> List[Shape]:
         center = top - text_height(lines, size) / 2.0
         top -= LINE * lines * size
         name = "words/answer" if number == 0 else f"words/notice/{number}"
-        # black on a bright background, so that a warning is recognisable without colour vision too
-        tint = colors.BLACK if notice.warning else colors.WHITE if number == 0 else colors.SKY_BLUE
+        tint = colors.WHITE if number == 0 else colors.SKY_BLUE
         if notice.warning:
+            tint = colors.BLACK  # on a bright plate, so that people without colour vision recognise a warning too
             plate = (text_width(text, size) + 0.04 * unit, text_height(lines, size) + (LINE - 1.0) * size)
             shapes.append(Shape(f"{name}/plate", 0, PLATE, ((x, center),), Z_PLATE, plate, (colors.YELLOW,)))
         shapes += text_shapes(name, text, x, center, size, (tint,))

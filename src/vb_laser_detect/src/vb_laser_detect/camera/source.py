@@ -321,6 +321,5 @@ class CameraSource:
         """Returns the coded error for an error of FFmpeg."""
         told = (*type(error).__mro__, getattr(error, "errno", None))
         code = next((code for code, reasons in _REASONS.items() if set(reasons) & set(told)), "camera_fault")
-        return CodedError(
-            code, source=printable(self.address), seconds=f"{_STALL_TIMEOUT:g}", why=getattr(error, "strerror", "")
-        )
+        why = getattr(error, "strerror", "")
+        return CodedError(code, source=printable(self.address), seconds=f"{_STALL_TIMEOUT:g}", why=why)

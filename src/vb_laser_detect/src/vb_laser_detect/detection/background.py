@@ -16,8 +16,7 @@ from vb_laser_detect.detection.stage_results import Box
 
 BLOCK = 8  # [px] edge of a block
 _BAND_BYTES = 240_000  # [bytes] of one pixel row of all blocks in a band: small enough for a core's cache
-# half of a block's rows are read, in half the time: a spot covers several rows, and in a Bayer image two neighbouring
-# rows hold all colours
+# half of a block's rows are read, in half the time: a spot covers several rows, and two Bayer rows hold all colours
 _COLOR_ROWS, _MOSAIC_ROWS = (1, 3, 5, 7), (1, 2, 5, 6)
 # [grey levels] limits of `Background.bright`, in very dark and very bright rooms
 _DARKEST, _BRIGHTEST = 64.0, 191.0
@@ -149,7 +148,8 @@ class Background:
                 return rise >= self._min_change
             # from the second image: the noise of the whole scene
             middle = float(np.median(rise))
-            self._noise[:], self._deviation[:] = middle, max(1.5, 1.5 * float(np.median(np.abs(rise - middle))))
+            self._noise[:] = middle
+            self._deviation[:] = max(1.5, 1.5 * float(np.median(np.abs(rise - middle))))
             self._noise_known = True
         if self.motion is not None:
             # a block's noise depends on the edges that it showed

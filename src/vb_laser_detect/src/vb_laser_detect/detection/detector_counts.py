@@ -10,9 +10,9 @@ import numpy as np
 from vb_core.errors import CodedError
 
 _WINDOW = 5.0  # [s]
-# [s] until an input counts as missing: one that was there before; poses, and cameras, that were not: nodes start one by
-# one, which takes a minute on a small computer
-_SILENCE, _POSES_START, _CAMERAS_START = 3.0, 30.0, 60.0
+_SILENCE = 3.0  # [s] without an input that was there before, until it counts as missing
+# [s] until an input that was never there counts as missing: a lab's nodes start one by one, for up to a minute
+_POSES_START, _CAMERAS_START = 30.0, 60.0
 _FAULTS = {"no_camera_info": "camera_no_lens", "no_transform": "camera_no_pose"}  # by what an image lacks
 SLOW_RATE = 5.0  # [1/s] at which a stroke at 0.5 m/s leaves one spot per 10 cm; slower cameras work, but draw coarsely
 MAX_CLOCK_OFFSET = 0.1  # [s] a pointer moved at 0.5 m/s is 5 cm further on by then

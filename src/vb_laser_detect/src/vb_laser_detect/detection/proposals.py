@@ -1,10 +1,9 @@
 """Finds image regions that are brighter than the background; they are the candidates for a spot.
 
-Any camera's background is a keyframe, which never includes a spot. Each image is compared with it; a moving camera's image
-through a single motion from the keyframe to the image (`ImageRegistration` estimates it), so that nothing is resampled
-twice and no error accumulates. Once a second, an image is averaged into a stationary camera's keyframe, except where it
-shows a spot or has just changed; every few images, one replaces a moving camera's, except where it shows a spot.
-Light within one pixel of light in the keyframe counts as old, as the estimated motion may be off by that much.
+Each image is compared with a keyframe, which never includes a spot. A stationary camera's keyframe
+averages one image a second, except where something has just changed. A moving camera's keyframe is replaced every few
+images; `ImageRegistration` estimates a single motion from it to each image, so that nothing is resampled twice and no
+error accumulates. As that motion may be off by a pixel, light within a pixel of light in the keyframe counts as old.
 
 The first image of a scene is its background. A light in it may be a lamp; only if it moves is it a spot. When a lamp is
 switched, the old background is relit to show the floor under a tracked spot.
@@ -188,7 +187,11 @@ def _region(picture: AnyPicture, box: Box, min_level: float, expected: Sequence[
     left, top, right, bottom = (picture.scale * side for side in box)
     width, height = picture.size
     block = BLOCK * picture.scale
-    box = left, top, width if width - right < block else right, height if height - bottom < block else bottom
+    if width - right < block:
+        right = width
+    if height - bottom < block:
+        bottom = height
+    box = left, top, right, bottom
     if picture.whole:
         level = brightest(picture.pixels, box)
     else:  # the highest level that is possible

@@ -194,8 +194,7 @@ class SpotTracker:
 
     def _is_colored(self, track: Track) -> bool:
         """Returns whether a track has shown a laser's colour, or has lasted for so long that it needs none."""
-        # a white glint hardly larger than a pixel falls mostly on one pixel of a Bayer pattern, which looks coloured;
-        # the mean over several images does not
+        # a white glint on one pixel of a Bayer pattern looks coloured; its mean over several images does not
         mean_chroma = 0.0 if track.light is None else chroma(track.light)
         lasting = _PALE if self._mosaic else 0.0
         min_chroma = lasting if self._stamp - track.created >= _STEP_TIME else _VIVID

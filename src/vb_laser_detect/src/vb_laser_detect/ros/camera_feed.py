@@ -53,7 +53,8 @@ class LensFile:
     """A camera's lens, read from its file, which may appear late, and change."""
 
     def __init__(self, path: Path) -> None:
-        self._path, self._mtime_ns = path, -1  # when the file that was read had last changed; 0: there was none
+        self._path = path
+        self._mtime_ns = -1  # modification time of the file as last read: 0 if there was none, -1 before the first time
         self._camera: Optional[CameraModel] = None
         self._error: Optional[CodedError] = None
 

@@ -108,7 +108,8 @@ def trace_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> Trace:
     low, high = np.array([-1.0, -1.0]), np.array([shape[1], shape[0]], dtype=float)
     with np.errstate(divide="ignore", invalid="ignore"):
         t_low, t_high = (low - start) / step, (high - start) / step
-    still, within = step == 0.0, (start >= low) & (start <= high)
+    still = step == 0.0
+    within = (start >= low) & (start <= high)
     enter = np.where(still, np.where(within, -np.inf, np.inf), np.minimum(t_low, t_high))
     leave = np.where(still, np.inf, np.maximum(t_low, t_high))
     t0 = np.maximum(enter.max(axis=1), 0.0)
@@ -126,8 +127,7 @@ def trace_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> Trace:
     distance = np.full(total, 2)
     np.add(np.abs(rows[1:] - rows[:-1]), np.abs(columns[1:] - columns[:-1]), out=distance[1:])
     new = np.flatnonzero(distance)
-    # at a diagonal step one of the two cells beside it is added, so that no fill slips through; but not where the
-    # chain was outside the map
+    # a diagonal step gets one of the two cells beside it, so that no fill slips through, unless the chain was off the map
     distance = distance[new]
     corner = (distance == 2) & (rows[new] != rows[new - 1]) & (columns[new] != columns[new - 1])
     corner[:1] = False

@@ -147,7 +147,8 @@ def _stops(
     hit[1:] &= ~hit[:-1]
     ahead = []
     for k in (indices[hit] if hit.any() else indices[-1:]).tolist():
-        cell, inset = (int(trace.rows[k]), int(trace.columns[k])), k if outwards < 0 else len(beyond) - 1 - k
+        cell = int(trace.rows[k]), int(trace.columns[k])
+        inset = k if outwards < 0 else len(beyond) - 1 - k
         ahead.append(_Stop(max(float(beyond[k]), 0.0), cell, inset))
     within = int(tolerance)
     top, left = (max(int(value + 0.5) - within, 0) for value in point[::-1])

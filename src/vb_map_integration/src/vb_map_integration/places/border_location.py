@@ -38,8 +38,8 @@ _EIGHT_ANGLES = np.arange(8) * (np.pi / 4.0)  # [rad]
 _SHIFTS_ASIDE = _MIN_SEPARATION * np.column_stack([np.cos(_EIGHT_ANGLES), np.sin(_EIGHT_ANGLES)])
 _NO_SEARCH_SHARE = 0.97  # no search if this share of the walls is found again where expected, and clearly less nearby
 _MIN_KNOWN = 0.5  # share of the walls that must be in the known part of the new map
-# what it takes to accept a position: shares of walls found again (see `LocalFit.agreement`), and margin
-_EXPECTED_DISTANCE = 0.15  # [m] up to this far from where it is expected, less is demanded
+# a position is accepted from these agreements (see `LocalFit.agreement`) and this margin on
+_EXPECTED_DISTANCE = 0.15  # [m] a border farther from where it is expected needs the higher values, ..._ELSEWHERE
 _MIN_HIGHER_AGREEMENT = 0.8
 _MIN_LOWER_AGREEMENT = 0.5
 _MIN_MARGIN = 0.05

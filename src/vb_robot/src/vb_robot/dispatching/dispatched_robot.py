@@ -54,9 +54,8 @@ class DispatchedRobot:
         self._state = SentGoalState.NONE
         self._ids: Set[str] = set()  # ids of all goals that were sent
         self._id = ""  # id of the last goal
-        self._camera = rospy.Subscriber(
-            within(robot.name, profile.camera.info), CameraInfo, self._on_info, queue_size=1
-        )
+        camera_info = within(robot.name, profile.camera.info)
+        self._camera = rospy.Subscriber(camera_info, CameraInfo, self._on_info, queue_size=1)
 
     def _on_info(self, message: CameraInfo) -> None:
         lens = tuple(message.K), message.header.frame_id

@@ -29,9 +29,11 @@ DISTANCES, BEARINGS = 4, 36  # number of each that are checked
 IMAGE_MARGIN = 0.15  # minimum fraction of the image between its edge and the point that a new pose looks at ...
 SEEN_MARGIN = 0.06  # ... and the points that any pose must see
 LINE_MARGIN = 0.10  # [m] beyond the radius, from the line being drawn and its extrapolation
-# What a pose costs, in metres of path: turns (their time at 0.5 m/s), not being at the best distance, not seeing where
-# the line continues, and the expected area: once if the path crosses it, and again if the pose is on it.
-TURN_COST, DISTANCE_COST, UNSEEN_COST, LOCKED_COST = 0.4, 0.5, 0.5, 5.0
+# what a pose costs, in metres of path
+TURN_COST = 0.4  # for each radian: the time of the turn, at 0.5 m/s
+DISTANCE_COST = 0.5  # for each metre off BEST_DISTANCE
+UNSEEN_COST = 0.5  # if the robot sees nothing of where the line continues
+LOCKED_COST = 5.0  # if the path crosses the area that the border will restrict, and again if the pose is on it
 STEP = 0.05  # [m] between points of an extrapolated line
 # A quick hand has moved on when the robot arrives, so the robot looks at the middle of the distance that the hand may
 # have covered until then, as long as it sees the spot too.
@@ -113,13 +115,11 @@ class FloorView:
         self.T_base_camera = T_base_camera
         self.max_range = max_range
         self._T_camera_base = geometry.invert(T_base_camera)
-        corners = np.array(
-            [[0, 0], [camera.width - 1, 0], [camera.width - 1, camera.height - 1], [0, camera.height - 1]]
-        )
+        right, bottom = camera.width - 1.0, camera.height - 1.0
+        corners = np.array([[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]])
+        tangents = np.linalg.norm(camera.rays(corners)[:, :2], axis=1)
         # far outside the image the distortion polynomials may map points back into it
-        self._widest = 1.05 * float(
-            min(camera.limit, np.linalg.norm(camera.rays(corners.astype(float))[:, :2], axis=1).max())
-        )
+        self._widest = 1.05 * float(min(camera.limit, tangents.max()))
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
         """Projects floor points (N, 2) [m], base frame, to pixels (N, 2) [px]; NaN far outside the image."""

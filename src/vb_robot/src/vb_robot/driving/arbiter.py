@@ -149,8 +149,7 @@ class Arbiter:
                 self._cancelled_at = now
             if source != NONE:
                 self._zeros_until = now
-            # when the last source stops driving, one zero command is published; while a stop is in force, it is
-            # repeated
+            # one zero command follows when the last source stops driving; while a stop is in force, zeros are repeated
             publish = source != NONE or self._last.source != NONE or now < self._zeros_until or code != request.code
             self._last = DriveCommand(v, w, source, code, publish, cancel)
             return self._last

@@ -154,9 +154,8 @@ class CommandGate:
     # ------------------------------------------------------------- state
     def other_publishers(self, now: float) -> str:
         """Returns the other nodes that can command the robot, or did in the last second."""
-        recent = [
-            name for name, stamp in list(self._other_publishers.items()) if 0.0 <= now - stamp <= OTHER_PUBLISHER_HOLD
-        ]
+        publishers = list(self._other_publishers.items())
+        recent = [name for name, stamp in publishers if 0.0 <= now - stamp <= OTHER_PUBLISHER_HOLD]
         return ", ".join(sorted({*recent, *self.other_commanders}))
 
     def pose(self, now: float) -> Optional[Pose]:
@@ -180,8 +179,9 @@ class CommandGate:
                 return VelocityRequest(0.0, 0.0, "bad_command")
             if "all" in self.contacts.values():
                 return VelocityRequest(0.0, 0.0, "contact")
-            limits = self.profile.limits
-            v, w, code = request.v, min(max(request.w, -limits.max_turn_rate), limits.max_turn_rate), request.code
+            v, w, code = request
+            max_turn_rate = self.profile.limits.max_turn_rate
+            w = min(max(w, -max_turn_rate), max_turn_rate)
             max_speed, reason = self._speed_limit(now, source, v, w) if v != 0.0 else (math.inf, "")
             if abs(v) > max_speed:
                 # the same arc, which was checked, at a lower speed; a round robot can always turn in place
@@ -226,7 +226,8 @@ class CommandGate:
         speeds = [(min(MAX_SPEED, limits.max_speed) if guided else limits.max_speed, "speed_limit")]
         if v > 0 and self.contacts:
             speeds.append((0.0, "contact"))
-        unscanned, delay = self._scan is None or not self.profile.scanner.present, limits.reaction_time
+        unscanned = self._scan is None or not self.profile.scanner.present
+        delay = limits.reaction_time
         if not unscanned:
             assert self._scan is not None
             # the scan's age counts instead of the reaction time if it is longer

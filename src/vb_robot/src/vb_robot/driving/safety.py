@@ -98,9 +98,8 @@ class Scan:
     def free_distance(self, v: float, w: float, radius: float, clearance: Clearance) -> float:
         """Returns how far [m] the arc of (v, w) [m/s, rad/s] is clear of points; inf if none is in the way."""
         curvature, width = w / v, radius + clearance.sides
-        along, across = geometry.along_arc(
-            self.points * [np.sign(v), 1.0], curvature if abs(curvature) <= 1.0 / MIN_ARC_RADIUS else 0.0
-        )
+        checked_curvature = curvature if abs(curvature) <= 1.0 / MIN_ARC_RADIUS else 0.0
+        along, across = geometry.along_arc(self.points * [np.sign(v), 1.0], checked_curvature)
         in_the_way = (np.abs(across) < width) & (along > 0.0)
         if not in_the_way.any():
             return math.inf

@@ -77,9 +77,8 @@ class Workspace:
         self.borders, self._radius = borders, radius
         # the map's edge is neither a border nor an obstacle, because the floor may continue beyond it
         self._border_distance = clearance_grid(forbidden(borders, physical), borders.resolution)
-        self.keep_out = borders.with_data(
-            np.where((self._border_distance < uncertainty) & (borders.data >= 0), np.int8(100), borders.data)
-        )
+        near_border = (self._border_distance < uncertainty) & (borders.data >= 0)
+        self.keep_out = borders.with_data(np.where(near_border, np.int8(100), borders.data))
         self._blocked_distance = clearance_grid(self.keep_out.data >= LETHAL_THRESHOLD, borders.resolution)
 
     def distance_to_border(self, point) -> float:

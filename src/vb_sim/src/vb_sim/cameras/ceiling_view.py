@@ -139,9 +139,8 @@ class CeilingView(View):
         buffer.paint(image)
         image = cv2.GaussianBlur(image, (0, 0), 0.6)
         half = (slice(_HALF // 2, None, _HALF), slice(_HALF // 2, None, _HALF))
-        self._inverse_half = np.ascontiguousarray(
-            buffer.inverse[half][: self.model.height // _HALF, : self.model.width // _HALF]
-        )
+        height, width = self.model.height // _HALF, self.model.width // _HALF
+        self._inverse_half = np.ascontiguousarray(buffer.inverse[half][:height, :width])
         self._floor_mask = (buffer.ids == 0).view(np.uint8)
         radius2 = (grid.x * grid.x + grid.y * grid.y) * np.ones_like(columns)
         corner = max(1e-9, float(radius2.max()))

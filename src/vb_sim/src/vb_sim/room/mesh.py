@@ -116,9 +116,8 @@ class RayGrid:
         # exact at every eighth pixel; linear interpolation between them is accurate enough
         step = 8
         columns, rows = (int(np.ceil(size / step)) + 2 for size in (camera.width, camera.height))
-        u, v = np.meshgrid(
-            (np.arange(columns) - 1) * step + (step - 1) / 2, (np.arange(rows) - 1) * step + (step - 1) / 2
-        )
+        centers = [(np.arange(count) - 1) * step + (step - 1) / 2 for count in (columns, rows)]
+        u, v = np.meshgrid(*centers)
         rays = camera.rays(np.column_stack([u.ravel(), v.ravel()]))
         grids = []
         for axis in range(2):
@@ -177,10 +176,11 @@ class DepthBuffer:
         if len(visible) > 255 - self._count:
             nearest = np.minimum.reduceat(z, starts)
             visible = visible[np.argsort(nearest[visible])][: 255 - self._count]
+        # the near plane comes first; without distortion it is enough, as drawing clips faces to the image
+        planes = 5 if self.grid.distorted else 1
         for index in visible:
             face = corners[mesh.starts[index] : mesh.starts[index + 1]]
-            # without distortion, faces need clipping only at the near plane, as drawing clips them to the image
-            for side in np.nonzero(~inside[index])[0] if self.grid.distorted else [] if inside[index, 0] else [0]:
+            for side in np.flatnonzero(~inside[index, :planes]):
                 face = self._clip(face, int(side))
                 if len(face) < 3:
                     break

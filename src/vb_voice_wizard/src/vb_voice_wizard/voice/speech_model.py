@@ -10,6 +10,7 @@ trained here, and any English phrase can be a command.
 
 from __future__ import annotations
 
+import io
 import sys
 from pathlib import Path
 from typing import Dict, List, Sequence
@@ -106,14 +107,15 @@ def _read_tokens(path: Path) -> Dict[bytes, int]:
         data = path.read_bytes()
     except OSError as error:
         raise CodedError("no_speech_model", file=path, reason=error.strerror) from error
-    offset, tokens, number = 0, {}, 0
-    while offset < len(data):
-        length, offset = data[offset], offset + 1
+    tokens, number = {}, 0
+    stream = io.BytesIO(data)
+    while head := stream.read(1):
+        length = head[0]
         if length >= 128:
-            length, offset = length - 128 + 128 * data[offset], offset + 1
+            length += 128 * (stream.read(1)[0] - 1)
         # a single letter occurs twice, the first time as a raw byte, which no text contains
-        tokens[data[offset : offset + length]] = number
-        offset, number = offset + length, number + 1
+        tokens[stream.read(length)] = number
+        number += 1
     return tokens
 
 
