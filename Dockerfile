@@ -3,7 +3,8 @@ FROM debian:trixie-slim AS build
 RUN apt-get update && apt-get install -y --no-install-recommends ca-certificates && rm -rf /var/lib/apt/lists/*
 WORKDIR /opt/virtual_borders
 COPY requirements.in requirements.txt ./
-COPY scripts/setup scripts/packages-debian.txt scripts/
+COPY scripts/setup scripts/
+COPY scripts/packages/debian.txt scripts/packages/
 RUN scripts/setup --packages --parts "build run" && rm -rf /var/lib/apt/lists/* logs
 COPY . .
 RUN scripts/setup --parts "build run" && .venv/bin/python -m compileall -q src devel/lib && rm -rf build logs .git \
@@ -13,7 +14,8 @@ FROM debian:trixie-slim
 # "run rviz" for RViz on this computer's screen
 ARG PARTS=run
 WORKDIR /opt/virtual_borders
-COPY scripts/setup scripts/packages-debian.txt scripts/
+COPY scripts/setup scripts/
+COPY scripts/packages/debian.txt scripts/packages/
 RUN apt-get update && apt-get install -y --no-install-recommends ca-certificates && scripts/setup --packages --parts "$PARTS" \
     && apt-get clean && rm -rf /var/lib/apt/lists/* logs /usr/share/doc /usr/share/man /usr/share/locale \
     # Debian's message packages bring a compiler's headers and libraries along, which nothing here uses: 0.4 GB

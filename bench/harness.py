@@ -20,7 +20,7 @@ from typing import Any, Callable, Dict, List, Optional, Sequence
 import numpy as np
 import pandas
 
-from vb_evaluation.provenance import revision
+from vb_evaluation.repository_revision import revision
 from vb_evaluation.statistics import proportion
 
 TOP = Path(__file__).resolve().parents[1]

@@ -2,7 +2,7 @@
 """Mutation testing: inserts small faults into pure modules, which the modules' unit tests must detect.
 
     python3 bench/mutants.py                                         8 mutants of each module in MODULES
-    python3 bench/mutants.py --modules vb_robot.driving.gate --each 100
+    python3 bench/mutants.py --modules vb_robot.driving.command_gate --each 100
     python3 bench/mutants.py --seed 2 --csv survivors.csv            other mutants, with which no test was developed
 
 A mutant swaps a comparison, or `and` with `or`, changes a number, negates a condition, returns None, or omits a
@@ -45,8 +45,8 @@ MODULES = (
     "vb_fusion.strokes",
     "vb_map_integration.border_region",
     "vb_map_integration.grid.raster",
-    "vb_robot.driving.gate",
-    "vb_robot.driving.safety",
+    "vb_robot.driving.command_gate",
+    "vb_robot.driving.scan_clearance",
     "vb_robot.driving.arbiter",
     "vb_robot.driving.spot_follower",
     "vb_robot.driving.escape",

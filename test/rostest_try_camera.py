@@ -20,7 +20,7 @@ from vb_core.errors import CodedError
 from vb_core.child_processes import Child, free_port
 from vb_map_integration.border import borders_from_geojson
 
-ROOM = Path(rospkg.RosPack().get_path("vb_bringup")) / "try"
+ROOM = Path(rospkg.RosPack().get_path("vb_bringup")) / "example_video"
 TRUTH = yaml.safe_load((ROOM / "room.yaml").read_text())
 CARPET = [100 * TRUTH[side] for side in ("width", "depth")]  # [cm]
 TRY = [sys.executable, "-m", "vb_bringup.try_camera", "--out"]

@@ -13,11 +13,11 @@ from vb_testing import wait_until
 from vb_core import names
 from vb_core.geometry import resample_chain
 from vb_evaluation import metrics
-from vb_evaluation.running_system.observer import Observer
+from vb_evaluation.navigation_check.plan_observer import Observer
 from vb_msgs.msg import DetectorStatus, LaserSpot, NoticeArray
 from vb_sim.lab_simulator_node import MIN_PACE
-from vb_sim.room import floor_plan
-from vb_sim.room.world import load_world
+from vb_sim import floor_plan
+from vb_sim.world import load_world
 
 # notices that must not appear while a faultless lab starts and somebody begins to draw
 ALARMS = ("camera_", "detector_", "lab_", "spot_not_seen_no_robot")

@@ -17,8 +17,8 @@ from vb_core.node_graph import NodeGraph
 from vb_core.notices import Notice, Severity
 from vb_core.capabilities import derive_capabilities
 from vb_core.ros.robot_status import connections_from_message
-from vb_laser_detect.camera import report
-from vb_laser_detect.camera.source import Shot
+from vb_laser_detect.camera import camera_report
+from vb_laser_detect.camera.camera_source import Shot
 from vb_msgs.msg import RobotStatus, RobotStatusArray
 
 
@@ -112,9 +112,9 @@ ELSEWHERE = "on 192.0.2.7:\nrosrun vb_bringup check_lab --camera /dev/x"
     ],
 )
 def test_a_camera_that_does_not_work_is_described(monkeypatch, capsys, arguments, code, host, said):
-    monkeypatch.setattr(report, "CameraSource", camera)
-    monkeypatch.setattr(report, "_WATCH_TIME", 0.0)
-    monkeypatch.setattr(report, "run_v4l2", lambda *_: "Driver Info")
+    monkeypatch.setattr(camera_report, "CameraSource", camera)
+    monkeypatch.setattr(camera_report, "_WATCH_TIME", 0.0)
+    monkeypatch.setattr(camera_report, "run_v4l2", lambda *_: "Driver Info")
     monkeypatch.setattr(check_lab, "observe_lab", lambda _: [Notice(code, Severity.WARNING, camera="north")])
     monkeypatch.setattr(check_lab.rosgraph, "is_master_online", lambda: bool(code))
     monkeypatch.setattr(check_lab.rosservice, "get_service_uri", lambda *_: f"rosrpc://{host}:1")

@@ -30,11 +30,11 @@ from vb_core.map_files import read_map, write_map
 from vb_core.parameters import Parameters
 from vb_core.robot_profile import RobotProfile
 from vb_core.ros import images, messages
-from vb_laser_detect.calibration import calibration_file
+from vb_laser_detect.calibration import pose_file
 from vb_map_integration import border_messages
 from vb_map_integration.border import borders_from_geojson, borders_to_geojson
 from vb_msgs.msg import VirtualBorder
-from vb_sim.room.world import load_world
+from vb_sim.world import load_world
 
 from integrators import square
 
@@ -178,7 +178,7 @@ READERS = {
     "borders.geojson": (read_borders, borders_to_geojson(BORDERS).encode()),
     "world.yaml": (lambda path: load_world(str(path)), WORLD),
     "robot.yaml": (lambda path: RobotProfile.load(path), PROFILE),
-    "camera.yaml": (calibration_file.load, POSE),
+    "camera.yaml": (pose_file.load, POSE),
 }
 
 

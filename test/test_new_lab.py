@@ -12,7 +12,7 @@ from refusals import refused
 from vb_bringup.new_lab import parse_cameras, write_lab
 from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map, write_map
-from vb_evaluation.user_study import conduct
+from vb_evaluation.user_study import conduct_run
 
 TOP = Path(__file__).resolve().parents[1]
 PROFILES = TOP / "robots"
@@ -30,7 +30,7 @@ def test_a_new_labs_files_can_be_read_and_are_complete(tmp_path):
     # apart from the lab's own values, the arguments have the stack's defaults
     assert {name for name in given if given[name] != common[name]} == OWN
     (of_container,) = re.findall(r"roslaunch /lab/lab.launch (.*)", (TOP / "scripts" / "container").read_text())
-    kit = {name for arguments in yaml.safe_load(conduct.TEMPLATE)["methods"].values() for name in arguments}
+    kit = {name for arguments in yaml.safe_load(conduct_run.TEMPLATE)["methods"].values() for name in arguments}
     assert {"record", *kit, *re.findall(r"(\w+):=", of_container)} <= set(given)
     assert given["cameras"] == "north south" and given["map"] == "$(dirname)/map.yaml" and given["robot"] == "true"
     assert len(given["configs"].split()) == 2

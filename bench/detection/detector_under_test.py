@@ -48,7 +48,7 @@ class Finder:
     """
 
     def __init__(self, role: str, source: Optional[Path] = None, judge: Any = None, **changes: Any) -> None:
-        names = ("detection.spot_detector", "detection.projection", "camera.source")
+        names = ("detection.spot_detector", "detection.projection", "camera.camera_source")
         modules = import_from(source, "vb_core.image_format", *(f"vb_laser_detect.{name}" for name in names))
         images, module, self._projection, self._source = modules
         params = module.DetectorParams.mobile if role == "mobile" else module.DetectorParams

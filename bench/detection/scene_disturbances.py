@@ -14,10 +14,10 @@ import numpy as np
 
 from vb_core import geometry
 from vb_core.camera_model import CameraModel, pixels_of
-from vb_sim.cameras.camera_view import Body
+from vb_sim.rendering.camera_view import Body
 from vb_sim.lab_history import Snapshot
-from vb_sim.room.bodies import SHIRT, SHOES, BodyParts, person_key, person_pieces
-from vb_sim.room.laser_spot import apply_color_filters
+from vb_sim.rendering.bodies import SHIRT, SHOES, BodyParts, person_key, person_pieces
+from vb_sim.rendering.laser_spot import apply_color_filters
 
 _SHIFT = 4
 

@@ -12,7 +12,7 @@ from bench.detection.scene_disturbances import Glint, SceneConditions
 from bench.detection.scene_rendering import Scene
 from bench.detection.scene_motions import DARK, MAROON, WHITE, Place, Walk, along, every, still, walking
 from bench.detection.scene_rooms import lab, printed, tiles, with_camera
-from vb_sim.room.world import Light, World
+from vb_sim.world import Light, World
 
 RED, GREEN, PAPER = (235, 30, 40), (40, 230, 60), (250, 250, 250)  # paint
 CARPET = np.array([[3.12, 0.8], [5.12, 0.8], [5.12, 2.05], [3.12, 2.05]])

@@ -8,9 +8,9 @@ from typing import Any, Callable, Tuple
 import numpy as np
 
 from bench.detection.scene_disturbances import Bystander, Glint, SceneConditions
-from vb_sim.room.floor_plan import physical_map
+from vb_sim.floor_plan import physical_map
 from vb_sim.simulated_lab import DistanceField
-from vb_sim.room.world import World
+from vb_sim.world import World
 
 WHITE, DARK, MAROON = (238, 236, 230), (40, 40, 44), (150, 40, 40)  # clothes
 WALK_S = 60.0  # [s] for which people walk

@@ -16,9 +16,9 @@ from bench.detection.detector_under_test import LabeledFrame
 from bench.detection.scene_motions import Place, place_and_velocity
 from bench.detection.scene_rooms import Rooms
 from bench.harness import TOP
-from vb_sim.models import make_generator
-from vb_sim.room.floor_plan import physical_map
-from vb_sim.room.world import World
+from vb_sim.model_params import make_generator
+from vb_sim.floor_plan import physical_map
+from vb_sim.world import World
 
 RATE = 25.0
 LEARN_S, QUIET_S, DRAW_S = 1.0, 8.0, 10.0  # [s] with the empty room, with the disturbance, and also with the laser

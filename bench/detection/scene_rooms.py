@@ -8,12 +8,12 @@ from typing import Any, List, Sequence, Tuple
 from bench.detection.scene_disturbances import disturbed
 from bench.detection.scene_motions import Place
 from bench.harness import TOP
-from vb_sim.cameras.ceiling_view import CeilingView
-from vb_sim.cameras.robot_view import RobotView
-from vb_sim.models import Models
-from vb_sim.room.floor_texture import FloorTexture, render_floor
-from vb_sim.room.mesh import world_mesh
-from vb_sim.room.world import FloorPatch, World, load_world
+from vb_sim.rendering.ceiling_view import CeilingView
+from vb_sim.rendering.robot_view import RobotView
+from vb_sim.model_params import Models
+from vb_sim.rendering.floor_texture import FloorTexture, render_floor
+from vb_sim.rendering.mesh import world_mesh
+from vb_sim.world import FloorPatch, World, load_world
 
 
 def lab(**changes: Any) -> World:

@@ -33,7 +33,7 @@ from bench.lab.page_nodes import node_process, start, wait
 from vb_core import names
 from vb_core.child_processes import Child
 from vb_core.ros.messages import message_from_transform
-from vb_laser_detect.camera.camera_files import save_lens
+from vb_laser_detect.camera.lens_and_settings_files import save_lens
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
 WARM_S = 6.0  # [s] in which detectors learn the floor

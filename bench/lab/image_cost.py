@@ -18,7 +18,7 @@ import simplejpeg
 from bench.harness import Table, arguments
 from bench.lab.camera_clip import DRAWN, FRAMES, RATE, clip, scene
 from vb_core.image_format import AnyPicture, Picture
-from vb_laser_detect.camera.source import Shot
+from vb_laser_detect.camera.camera_source import Shot
 from vb_laser_detect.detection.projection import FloorProjection, ImageGeometry
 from vb_laser_detect.detection.spot_detector import SpotDetector
 

@@ -25,11 +25,11 @@ from vb_core.geometry import chain_length
 from vb_core.grid_map import distance_to
 from vb_core.ros import messages
 from vb_core.ros.services import call
-from vb_evaluation.running_system.move_base_goals import GoalRunner
-from vb_evaluation.running_system.observer import Observer, wait_until
+from vb_evaluation.navigation_check.move_base_goals import GoalRunner
+from vb_evaluation.navigation_check.plan_observer import Observer, wait_until
 from vb_msgs.msg import DriverState, LabState, ParticipantState, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
-from vb_sim.room.world import load_world
+from vb_sim.world import load_world
 
 WORLDS = TOP / "src" / "vb_sim" / "worlds"
 LIMIT_S = 120.0  # [s] of simulated time for a goal, twice the time for 10 m at the slower robot's 0.2 m/s

@@ -33,8 +33,8 @@ from vb_core.navigation_parameters import PATH_MARGIN
 from vb_map_integration.border import VirtualBorder as Border
 from vb_map_integration.border_region import compute_region
 from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap
-from vb_sim.room.floor_plan import physical_map
-from vb_sim.room.world import load_world
+from vb_sim.floor_plan import physical_map
+from vb_sim.world import load_world
 
 WANTED = {
     "round": ("reached",),

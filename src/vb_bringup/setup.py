@@ -3,6 +3,6 @@ from setuptools import find_packages, setup
 
 setup(
     **generate_distutils_setup(
-        packages=find_packages("src"), package_dir={"": "src"}, package_data={"": ["*.html", "lab_files/*"]}
+        packages=find_packages("src"), package_dir={"": "src"}, package_data={"": ["*.html", "lab_template/*"]}
     )
 )

@@ -11,8 +11,8 @@ from nav_msgs.msg import OccupancyGrid
 from vb_testing import wait_until
 from vb_core import names
 from vb_core.ros import node
-from vb_evaluation.running_system.check_navigation import NavigationCheck
-from vb_evaluation.running_system.observer import Observer
+from vb_evaluation.navigation_check.check_navigation import NavigationCheck
+from vb_evaluation.navigation_check.plan_observer import Observer
 from vb_msgs.srv import ListBorders
 
 GOAL = (1.6, 1.6)

@@ -28,12 +28,12 @@ from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
 from vb_core.ros import commands
 from vb_core.ros.messages import NumpyOccupancyGrid, array_from_points, grid_from_message, message_from_grid
-from vb_evaluation.provenance import repository_top
+from vb_evaluation.repository_revision import repository_top
 from vb_evaluation.user_study import recording_measures
 from vb_evaluation.user_study.recording import Recording
-from vb_evaluation.in_process_ros.rospy_stand_in import Graph, Node
-from vb_evaluation.in_process_ros.launch_file import start_launch
-from vb_evaluation.in_process_ros.threading_stand_in import Scheduler
+from vb_sim.in_process_ros.rospy_stand_in import Graph, Node
+from vb_sim.in_process_ros.launch_file import start_launch
+from vb_sim.in_process_ros.threading_stand_in import Scheduler
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorderArray
 
 RATE = 50.0

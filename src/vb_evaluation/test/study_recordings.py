@@ -19,7 +19,7 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_messages import message_from_border
 from vb_map_integration.border_region import compute_region
 from vb_msgs.msg import DetectorStatus, VirtualBorderArray
-from vb_voice_wizard.dialogue.command_answers import Answer
+from vb_voice_wizard.command_answers import Answer
 from vb_voice_wizard.interaction import Interaction
 
 YELLOW, RED, BLUE = (0, 215, 247), (0, 0, 255), (180, 90, 40)  # (b, g, r)

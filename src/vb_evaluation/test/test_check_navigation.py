@@ -10,8 +10,8 @@ from refusals import refused
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_evaluation.running_system import check_navigation
-from vb_evaluation.running_system.check_navigation import NavigationCheck
+from vb_evaluation.navigation_check import check_navigation
+from vb_evaluation.navigation_check.check_navigation import NavigationCheck
 from vb_msgs.msg import RobotStatus, RobotStatusArray
 
 

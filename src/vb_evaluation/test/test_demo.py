@@ -12,9 +12,9 @@ from geometry_msgs.msg import Pose2D
 from rich.console import Console
 
 from vb_evaluation import demo
-from vb_evaluation.running_system.move_base_goals import GoalOutcome
+from vb_evaluation.navigation_check.move_base_goals import GoalOutcome
 from vb_msgs.msg import InteractionState, LabState
-from vb_sim.room import floor_plan
+from vb_sim import floor_plan
 
 TOP = Path(__file__).resolve().parents[3]
 

@@ -14,9 +14,10 @@ from study_rows import PUBLISHED, rows_of
 from refusals import refused
 from vb_core.errors import CodedError
 from vb_evaluation import statistics
-from vb_evaluation.report import cross_checks, participants
-from vb_evaluation.report.answers import answers, write_page
-from vb_evaluation.report.page_blocks import Table
+from vb_evaluation.report import cross_checks
+from vb_evaluation.report import questionnaire
+from vb_evaluation.report.findings import answers, write_page
+from vb_evaluation.report.blocks import Table
 from vb_evaluation.report.study_files import ERRORS, TIMES, pairs, read_sheet, read_study, write_table, yes_or_no
 from vb_evaluation.report.map_figures import nearest_to_median
 from vb_evaluation.report.outcomes import MARGINS
@@ -234,21 +235,21 @@ def test_a_lab_asks_its_own_scenarios(scenario, beside, tmp_path):
 
 # ------------------------------------------------------------------ the questionnaire
 def write_answers(path, rows, columns=None):
-    table = pandas.DataFrame(rows, columns=columns or participants.COLUMNS)
+    table = pandas.DataFrame(rows, columns=columns or questionnaire.COLUMNS)
     table.to_csv(path, index=False, encoding="utf-8-sig")
     return path
 
 
 def person(name, nrs, robot_only, helped="yes"):
     """Returns a row with the same pair of answers to all statements."""
-    return [name, *[answer for _ in participants.STATEMENTS for answer in (nrs, robot_only)], helped]
+    return [name, *[answer for _ in questionnaire.STATEMENTS for answer in (nrs, robot_only)], helped]
 
 
 def test_answers_not_given_are_left_out(tmp_path):
     people = [person("a", 5, ""), person("b", 4, 3, "no"), person("c", 5, 2, "")]
-    questionnaire = participants.read_questionnaire(write_answers(tmp_path / "a.csv", people))
-    assert questionnaire.answers[0].first.tolist() == [4.0, 5.0]
-    assert (questionnaire.helped, questionnaire.asked) == (1, 2)
+    answers = questionnaire.read_questionnaire(write_answers(tmp_path / "a.csv", people))
+    assert answers.answers[0].first.tolist() == [4.0, 5.0]
+    assert (answers.helped, answers.asked) == (1, 2)
 
 
 def test_people_have_p_corrected_in_each_family_and_the_ueq_s_as_published(tmp_path):
@@ -257,7 +258,7 @@ def test_people_have_p_corrected_in_each_family_and_the_ueq_s_as_published(tmp_p
     answer_pairs = zip((5, 4, 5, 4, 5, 7, 7, 6, 5, 4, 3, 2, 1), (1, 2, 3, 3, 4, *(1,) * 8))
     row = [answer for pair in answer_pairs for answer in pair]
     rows = [[number, *row[:10], "yes", *row[10:]] for number in range(6)]
-    write_answers(folder / "questionnaire.csv", rows, [*participants.COLUMNS, *participants.UEQ_COLUMNS])
+    write_answers(folder / "questionnaire.csv", rows, [*questionnaire.COLUMNS, *questionnaire.UEQ_COLUMNS])
     page, study = words_of(write_report(folder).read_text()), read_study(folder)
     assert "exact p" in page and "Yes: 6 of 6" in page and "This is a simulation" not in page
     tables = {table.name: table.rows for _, _, make in SECTIONS for table in make(study) if isinstance(table, Table)}
@@ -285,8 +286,8 @@ def test_people_have_p_corrected_in_each_family_and_the_ueq_s_as_published(tmp_p
 def test_wrong_answers_name_line_or_column(rows, columns, words, tmp_path):
     path = write_answers(tmp_path / "a.csv", rows, columns=columns)
     with refused("bad_questionnaire") as caught:
-        participants.read_questionnaire(path)
+        questionnaire.read_questionnaire(path)
     assert words in str(caught.value)
     path.unlink()
     with refused("bad_questionnaire"):
-        participants.read_questionnaire(path)
+        questionnaire.read_questionnaire(path)

@@ -13,12 +13,12 @@ from scipy import stats
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import UNKNOWN, sample
 from vb_evaluation.counterbalancing import order_runs
-from vb_evaluation.provenance import repository_top
+from vb_evaluation.repository_revision import repository_top
 from vb_evaluation.report.study_files import RUNS, WORLDS
 from vb_evaluation.simulated_study import campaign, config, run_plan
 from vb_evaluation.simulated_study.config import draw
 from vb_evaluation.simulated_study.live_run import personal_scenario
-from vb_sim.room import floor_plan
+from vb_sim import floor_plan
 
 STUDY = config.load()
 

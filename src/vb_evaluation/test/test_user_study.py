@@ -11,7 +11,8 @@ from refusals import refused
 from study_recordings import EXACT, YELLOW, RecordedLab, measure_study, painted_room, write_protocol
 from vb_core.errors import CodedError
 from vb_evaluation.report.study_files import read_sheet
-from vb_evaluation.user_study import blind_judging, conduct, forms, privacy, protocol
+from vb_evaluation.user_study import blind_judging, forms, privacy, protocol
+from vb_evaluation.user_study import conduct_run
 from vb_evaluation.user_study.__main__ import main
 from vb_evaluation.user_study.recording import Recording
 from vb_evaluation.user_study.recording_measures import COLUMNS, attempts, last_attempt, outcome_of
@@ -66,7 +67,7 @@ def planned(tmp_path):
 def do_run(run, keys):
     """Conducts a run in which the experimenter presses these keys; the system records nothing. Returns what is said."""
     said = []
-    conduct.conduct_run(run, lambda plan: lambda: None, iter(keys), said.append)
+    conduct_run.conduct_run(run, lambda plan: lambda: None, iter(keys), said.append)
     return said
 
 
@@ -83,8 +84,8 @@ def test_orders_are_drawn_again_for_every_plan(planned, tmp_path):
 def conducted(planned, monkeypatch, capsys):
     """The entries of the participant p01, the runs that the command `run` started for them, and what it printed."""
     started, said = [], []
-    monkeypatch.setattr(conduct, "roslaunch", lambda run: started.append(run) or (lambda: None))
-    monkeypatch.setattr(conduct, "read_keys", lambda: iter(["b", "h", "n", "slow today", "c"]))
+    monkeypatch.setattr(conduct_run, "roslaunch", lambda run: started.append(run) or (lambda: None))
+    monkeypatch.setattr(conduct_run, "read_keys", lambda: iter(["b", "h", "n", "slow today", "c"]))
     for _ in range(6):
         assert main(["run", "p01", "--protocol", str(planned)]) == 0
         said.append(capsys.readouterr().out)
@@ -124,45 +125,45 @@ def test_the_questionnaire_of_the_first_method_is_handed_out_at_the_end(conducte
 @pytest.mark.parametrize("participant, code", [("p01", "all_done"), ("p07", "no_participant")])
 def test_who_has_done_all_runs_or_is_unknown_has_no_next_one(conducted, planned, participant, code):
     with refused(code):
-        conduct.next_run(planned, participant)
+        conduct_run.next_run(planned, participant)
 
 
 def test_a_system_that_came_up_otherwise_is_told_at_once(planned):
-    run, said = conduct.next_run(planned, "p01"), []
+    run, said = conduct_run.next_run(planned, "p01"), []
     other = "robot_only" if run.entry.method == "nrs" else "nrs"
 
     def start(plan):
         RecordedLab(plan.folder, ["blue"]).interaction("i", method=other)
         return lambda: None
 
-    conduct.conduct_run(run, start, iter("bc"), said.append)
+    conduct_run.conduct_run(run, start, iter("bc"), said.append)
     output = " ".join(said)
     assert f"method:={other}" in output and "cameras blue instead of" in output
 
 
 def test_a_system_that_recorded_nothing_is_told_at_once(planned):
-    run = conduct.next_run(planned, "p02")
+    run = conduct_run.next_run(planned, "p02")
     assert "nothing was recorded" in do_run(run, "c")[-1]
     assert Recording(run.folder).run["recorded"] is False
 
 
 def test_a_run_that_broke_off_is_kept_and_has_to_be_done_again(planned):
-    first = conduct.next_run(planned, "p02")
+    first = conduct_run.next_run(planned, "p02")
     do_run(first, ["b", "p"])  # the terminal was closed
     with refused("unfinished"):
-        conduct.next_run(planned, "p02")
-    again = conduct.next_run(planned, "p02", again=True)
+        conduct_run.next_run(planned, "p02")
+    again = conduct_run.next_run(planned, "p02", again=True)
     do_run(again, ["b", "f"])
     assert again.entry == first.entry and events_of(first.folder)
     assert again.folder == last_attempt(first.folder) != first.folder
 
 
 def test_a_torn_recording_does_not_stop_the_next_run(planned):
-    run = conduct.next_run(planned, "p02")
+    run = conduct_run.next_run(planned, "p02")
     do_run(run, ["b", "f"])
     (run.folder / "bags").mkdir()
     (run.folder / "bags" / "session.bag").write_bytes(b"#ROSBAG V2.0\n")
-    assert conduct.next_run(planned, "p02").entry.order == 2
+    assert conduct_run.next_run(planned, "p02").entry.order == 2
 
 
 def test_the_newest_of_a_runs_recordings_counts(tmp_path):

@@ -17,7 +17,7 @@ from std_msgs.msg import Header
 from vb_core import geometry, names
 from vb_core.camera_model import floor_points
 from vb_core.ros import messages
-from vb_laser_detect.calibration import calibration_file
+from vb_laser_detect.calibration import pose_file
 
 from camera_players import FixedCamera
 from spot_scenes import RED
@@ -109,7 +109,7 @@ class CalibrateCameraTest(unittest.TestCase):
         command.press("done\n")
         self.assertEqual(command.process.wait(TIMEOUT), 0, command.text)
         command.shows("5 of 6 points used")
-        pose = calibration_file.load(calibration_file.calibration_path(self.folder.name, "red"))
+        pose = pose_file.load(pose_file.calibration_path(self.folder.name, "red"))
         self.assertEqual((pose.camera, pose.parent, pose.frame), ("red", "map", "red_optical_frame"))
         self.assertLess(np.linalg.norm(pose.T[:3, 3] - camera.T[:3, 3]), 0.05)
         turn = geometry.invert(pose.T) @ camera.T
@@ -124,7 +124,7 @@ class CalibrateCameraTest(unittest.TestCase):
         self.addCleanup(poses.terminate)
         self.check_transform("red_optical_frame", pose)
         # a camera that is calibrated later is taken over at once
-        path = calibration_file.calibration_path(self.folder.name, "red")
+        path = pose_file.calibration_path(self.folder.name, "red")
         path.with_name("green.yaml").write_text(path.read_text().replace("red", "green"))
         self.check_transform("green_optical_frame", pose)
 

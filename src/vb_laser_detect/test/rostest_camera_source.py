@@ -27,7 +27,7 @@ from vb_core.camera_model import CameraModel, floor_points
 from vb_core.ros import messages
 from vb_core.ros.images import array_from_image
 from vb_core.ros.notices import NoticeListener
-from vb_laser_detect.camera.camera_files import save_lens
+from vb_laser_detect.camera.lens_and_settings_files import save_lens
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
 COMMAND = ("rosrun", "vb_laser_detect", "calibrate_camera")

@@ -17,9 +17,9 @@ import pytest
 
 from refusals import refused
 from vb_testing import wait_until
-from vb_laser_detect.camera import source as camera_source
-from vb_laser_detect.camera.source import CameraSource, Shot, printable
-from vb_laser_detect.camera.controls import CaptureParams
+from vb_laser_detect.camera import camera_source as camera_source
+from vb_laser_detect.camera.camera_source import CameraSource, Shot, printable
+from vb_laser_detect.camera.v4l2_controls import CaptureParams
 from vb_laser_detect.detection.spot_detector import SpotDetector
 
 RATE, FRAMES, KEY_EVERY = 25, 250, 25

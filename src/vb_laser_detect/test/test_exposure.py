@@ -11,7 +11,7 @@ import rospy
 from vb_core.errors import CodedError
 from vb_core.image_format import Picture
 from vb_laser_detect.camera.exposure import TOO_BRIGHT, saturated_share
-from vb_laser_detect.ros import camera_setup
+from vb_laser_detect.ros import calibration_commands
 
 OLD_SETTINGS = {"exposure": 120, "white_balance": 5000}
 
@@ -41,7 +41,7 @@ class HallCamera:
 @pytest.fixture
 def hall(monkeypatch):
     camera = HallCamera()
-    monkeypatch.setattr(camera_setup, "RunningCamera", lambda name: camera)
+    monkeypatch.setattr(calibration_commands, "RunningCamera", lambda name: camera)
     monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(5)))
     return camera
 
@@ -49,10 +49,10 @@ def hall(monkeypatch):
 @pytest.mark.parametrize("spot_px, status", [(4, 0), (0, 1), (90, 1)])  # 90: a lamp was switched on
 @pytest.mark.parametrize("light, window", [(0.2, math.inf), (8.0, math.inf), (60.0, math.inf), (1.0, 60)])
 def test_an_exposure_is_found_for_the_floor_and_the_spot(hall, light, window, spot_px, status, monkeypatch):
-    monkeypatch.setattr(camera_setup, "_SPOT_TIMEOUT", 0.1 if status else 60.0)
+    monkeypatch.setattr(calibration_commands, "_SPOT_TIMEOUT", 0.1 if status else 60.0)
     hall.floor_level = lambda exposure: 255.0 * (light * exposure / 2000.0) ** (1 / 2.2)
     hall.window_exposure, hall.spot_px = window, spot_px
-    assert camera_setup.set_exposure(SimpleNamespace(camera="hall")) == status
+    assert calibration_commands.set_exposure(SimpleNamespace(camera="hall")) == status
     assert hall.written_settings == hall.settings
     assert hall.settings["white_balance"] == 4600
     # at 202 / light the floor's level is 90, and from 75 to 105 it is grey; a window in the image keeps it short
@@ -72,7 +72,7 @@ def test_an_exposure_is_found_for_the_floor_and_the_spot(hall, light, window, sp
 def test_a_search_that_fails_sets_the_camera_back(hall, floor_level, code):
     hall.floor_level = floor_level
     with pytest.raises((CodedError, KeyboardInterrupt)) as raised:
-        camera_setup.set_exposure(SimpleNamespace(camera="hall"))
+        calibration_commands.set_exposure(SimpleNamespace(camera="hall"))
     assert getattr(raised.value, "code", "") == code
     assert hall.settings == OLD_SETTINGS and not hall.written_settings
 

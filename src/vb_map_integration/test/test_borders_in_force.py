@@ -11,7 +11,7 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders_in_force import compute_in_force, transfer_accepted_region
 from vb_map_integration.places.border_location import BorderLocation
 from vb_map_integration.places.transform import Transform
-from vb_map_integration.storage.database import MAX_MAPS
+from vb_map_integration.storage.border_database import MAX_MAPS
 
 DOOR = VirtualBorder([(3.1, 1.25), (3.1, 2.05)], (2.6, 1.6), closed=False)  # a doorway of the room on the left
 

@@ -23,7 +23,7 @@ from vb_testing import TIMEOUT, Process, wait_until
 from vb_core import names
 from vb_core.notices import Notice, Severity
 from vb_core.ros.notices import NoticePublisher
-from vb_mqtt.inbox import MAX_AGE
+from vb_mqtt.incoming_requests import MAX_AGE
 from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, Stop, VirtualBorder, VirtualBorderArray
 from vb_msgs.srv import AddBorder, Command, CommandResponse, GetDrawnBorder, GetDrawnBorderResponse
 from vb_msgs.srv import RemoveBorder

@@ -17,7 +17,7 @@ from vb_core.capabilities import ConnectedRobot, Connections, derive_capabilitie
 from vb_core.vocabulary import COMMANDS
 from vb_mqtt import entities
 from vb_mqtt.entities import Lab, describe, key_in, key_of, leftovers
-from vb_mqtt.inbox import Inbox
+from vb_mqtt.incoming_requests import Inbox
 from vb_msgs.msg import InteractionState, VirtualBorder
 
 NOW = 1_700_000_000.25

@@ -7,7 +7,7 @@ import numpy as np
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.grid_map import GridMap
-from vb_robot.driving.safety import Scan
+from vb_robot.driving.scan_clearance import Scan
 from vb_robot.dispatching.viewpoint import FloorView
 
 # an ideal camera with a 58 degree field of view, 0.45 m above the floor, pitched 30 degrees down

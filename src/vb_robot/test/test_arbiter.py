@@ -15,7 +15,7 @@ from vb_core.stop_latch import HeldStops
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED, state_of
 from vb_robot.driving.arbiter import Arbiter
 from vb_robot.driving.escape import FREE, PINCHED_AFTER
-from vb_robot.driving.gate import NAVIGATION, TELEOP
+from vb_robot.driving.command_gate import NAVIGATION, TELEOP
 from vb_robot.driving.spot_follower import FAR_DISTANCE, NEAR_DISTANCE
 from vb_robot.driving.velocity import MAX_TURN
 from vb_robot.driving.workspace import MIN_UNCERTAINTY

@@ -23,7 +23,7 @@ from vb_robot.monitoring import planner_speed
 from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, is_inside, name_of
 from vb_robot.monitoring.planner_speed import PlannerSpeed, limited
 from vb_robot.monitoring.watched_robot import WatchedRobot
-from vb_robot.monitoring.navigation_wiring import PLANNERS, Wiring, observe, within
+from vb_robot.monitoring.navigation_connections import PLANNERS, Wiring, observe, within
 
 
 def graph(maps, robot="", missing=(), heard=True):

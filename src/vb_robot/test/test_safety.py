@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from plain_rooms import empty, scan_of, with_border
 from vb_core.robot_profile import Limits, RobotProfile
-from vb_robot.driving.gate import CLEARANCES, TELEOP, CommandGate
-from vb_robot.driving.safety import Clearance, Fix, arc, limit_around, pose_jump, safe_speed, stop_distance
+from vb_robot.driving.command_gate import CLEARANCES, TELEOP, CommandGate
+from vb_robot.driving.scan_clearance import Clearance, Fix, arc, limit_around, pose_jump, safe_speed, stop_distance
 from vb_robot.driving.velocity import VelocityRequest
 from vb_robot.driving.workspace import MAX_UNCERTAINTY, MIN_UNCERTAINTY, UNCERTAINTY_UPDATES, PoseUncertainty, Workspace
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from examples import STEADY, off_thresholds
 from plain_rooms import scan_of
 from vb_core import geometry
-from vb_robot.driving.safety import Clearance, arc
+from vb_robot.driving.scan_clearance import Clearance, arc
 
 
 @settings(STEADY, max_examples=300)

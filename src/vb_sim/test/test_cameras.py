@@ -11,15 +11,15 @@ from vb_core import geometry
 from vb_core.camera_model import CameraModel, intersect_floor
 from vb_core.image_format import PixelReader
 from vb_sim.cameras.camera_calibration import calibrated_pose
-from vb_sim.cameras.ceiling_view import CeilingView
-from vb_sim.room.floor_texture import render_floor
+from vb_sim.rendering.ceiling_view import CeilingView
+from vb_sim.rendering.floor_texture import render_floor
 from vb_sim.cameras.frame_clock import FrameSchedule, SmoothClock
 from vb_sim.lab_history import History, Snapshot
-from vb_sim.room.mesh import DepthBuffer, RayGrid, world_mesh
-from vb_sim.models import CameraNoise, Models, Optics, RobotCamera
-from vb_sim.cameras.robot_view import RobotView
-from vb_sim.room.laser_spot import render_spot
-from vb_sim.room.world import CeilingCamera, load_world, world_from_mapping
+from vb_sim.rendering.mesh import DepthBuffer, RayGrid, world_mesh
+from vb_sim.model_params import CameraNoise, Models, Optics, RobotCamera
+from vb_sim.rendering.robot_view import RobotView
+from vb_sim.rendering.laser_spot import render_spot
+from vb_sim.world import CeilingCamera, load_world, world_from_mapping
 
 WORLD = {
     "room": {"size": [4.0, 3.0]},

@@ -12,9 +12,9 @@ from hypothesis import given, settings, strategies as st
 from vb_core import geometry
 from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap, sample
 from vb_sim.simulated_lab import DistanceField, Lab, Lockstep, cast_disc
-from vb_sim.models import LocalizationModel, Models, RobotModel, ScanModel
+from vb_sim.model_params import LocalizationModel, Models, RobotModel, ScanModel
 from vb_sim.robot.robot_body import RobotBody, advance
-from vb_sim.room.world import world_from_mapping
+from vb_sim.world import world_from_mapping
 
 DT = 0.02
 EXACT = RobotModel(

@@ -11,10 +11,10 @@ from shapely.geometry import Point, Polygon
 from vb_core import geometry
 from vb_sim.person.hand import Stroke, Tremor, perceive_border, load_styles
 from vb_sim.person.walking import distance_to_chain
-from vb_sim.models import ParticipantModel
+from vb_sim.model_params import ParticipantModel
 from vb_sim.person.participant_methods import choose_order, make_script
 from vb_sim.person.person import Person
-from vb_sim.room.world import load_world
+from vb_sim.world import load_world
 from closed_loop import DT, System
 
 PACKAGE = Path(__file__).resolve().parent.parent

@@ -3,7 +3,7 @@
 import pytest
 
 from vb_core.vocabulary import ANSWERS, BORDER, DEFAULT, GUIDE, SEED
-from vb_voice_wizard.dialogue.command_answers import Answer
+from vb_voice_wizard.command_answers import Answer
 from vb_voice_wizard.interaction import Interaction, InteractionParams
 
 # commands given before, the state that they lead to, and the answers to define_border, define_seed and save then

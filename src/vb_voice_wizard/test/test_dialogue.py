@@ -12,9 +12,9 @@ from hypothesis import given, strategies as st
 
 from vb_core.notices import Notice, Severity
 from vb_msgs.msg import VirtualBorder
-from vb_voice_wizard.dialogue.command_answers import Answer, AnswerCache
-from vb_voice_wizard.dialogue.preview_scheduler import MAX_TIME_SHARE, PERIOD, DrawingWarnings, PreviewInputs
-from vb_voice_wizard.dialogue.preview_scheduler import PreviewScheduler, to_key
+from vb_voice_wizard.command_answers import Answer, AnswerCache
+from vb_voice_wizard.preview.preview_scheduler import MAX_TIME_SHARE, PERIOD, DrawingWarnings, PreviewInputs
+from vb_voice_wizard.preview.preview_scheduler import PreviewScheduler, to_key
 from vb_voice_wizard.interaction_manager_node import _describe_change
 
 

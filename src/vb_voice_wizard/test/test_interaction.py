@@ -13,7 +13,7 @@ from vb_core.sentences import spelled_out
 from vb_core.vocabulary import BORDER, COMMANDS, DEFAULT, GUIDE, PAUSED, SEED, STATES
 from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, REDO, RESUME, SAVE
 from vb_core.vocabulary import STOP, UNDO
-from vb_voice_wizard.dialogue.command_answers import Answer
+from vb_voice_wizard.command_answers import Answer
 from vb_voice_wizard.interaction import UNSEEN_AFTER, Interaction, InteractionParams
 
 # the other commands: the answer and the next state in Default, and once something was begun; None: the state stays

@@ -24,7 +24,7 @@ from sensor_msgs.msg import LaserScan
 from vb_msgs.msg import DetectorStatus, RobotStatus, RobotStatusArray, VirtualBorderArray
 
 from vb_bringup.lab_readiness import check_camera, check_disk, check_map, check_nodes, check_robot, is_all_known
-from vb_bringup.launch_check import UNIQUE_NODE, read_parameters
+from vb_bringup.check_launch import UNIQUE_NODE, read_parameters
 from vb_bringup.new_lab import parse_source
 from vb_core import names, sentences
 from vb_core.errors import CodedError
@@ -38,8 +38,8 @@ from vb_core.ros.messages import NumpyOccupancyGrid, grid_from_message
 from vb_core.ros.node import wait_for_publishers
 from vb_core.ros.notices import NoticeListener
 from vb_core.ros.robot_status import connections_from_message
-from vb_laser_detect.camera.report import REPORTED, describe, describing_command
-from vb_laser_detect.camera.controls import CaptureParams
+from vb_laser_detect.camera.camera_report import REPORTED, describe, describing_command
+from vb_laser_detect.camera.v4l2_controls import CaptureParams
 
 READY, FAULTS, NO_MASTER = 0, 1, 3
 _STATES = {Severity.INFO: "ok", Severity.WARNING: "warning", Severity.ERROR: "error"}

@@ -15,7 +15,7 @@ import numpy as np
 from vb_core import sentences
 from vb_core.node_graph import NodeGraph
 from vb_core.notices import Notice, Severity
-from vb_laser_detect.detector_params import image_topic
+from vb_laser_detect.spot_detector_node_params import image_topic
 
 MIN_DISK_MB = 500  # room for a day of logs and recordings
 MIN_SCAN_DEG = 60.0  # a robot that drives by its scan should see at least the floor ahead

@@ -77,7 +77,7 @@ def write_lab(
 
 
 def _template(name: str) -> str:
-    return (Path(__file__).with_name("lab_files") / name).read_text(encoding="utf-8")
+    return (Path(__file__).with_name("lab_template") / name).read_text(encoding="utf-8")
 
 
 def parse_source(text: str) -> str:

@@ -37,14 +37,14 @@ from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
 from vb_core.ros import commands
-from vb_evaluation.running_system.observer import wait_until
-from vb_laser_detect.calibration import calibration_file
-from vb_laser_detect.calibration.calibration_file import CameraPose
+from vb_evaluation.navigation_check.plan_observer import wait_until
+from vb_laser_detect.calibration import pose_file
+from vb_laser_detect.calibration.pose_file import CameraPose
 from vb_laser_detect.calibration.pose import FloorView, project, click_uncertainty, view_rectangle
-from vb_laser_detect.camera.camera_files import save_lens
-from vb_laser_detect.camera.report import describing_command
-from vb_laser_detect.camera.source import CameraSource, Shot, is_file
-from vb_laser_detect.camera.controls import CaptureParams
+from vb_laser_detect.camera.lens_and_settings_files import save_lens
+from vb_laser_detect.camera.camera_report import describing_command
+from vb_laser_detect.camera.camera_source import CameraSource, Shot, is_file
+from vb_laser_detect.camera.v4l2_controls import CaptureParams
 from vb_map_integration.border import VirtualBorder, borders_to_geojson
 from vb_map_integration.border_messages import border_from_message
 from vb_msgs.msg import LaserSpot, VirtualBorderArray
@@ -105,7 +105,7 @@ def write_camera_lab(folder: Path, source: str, view: FloorView, profiles: Path)
     write_lab(folder, {CAMERA: source}, "", folder.parent / "floor.yaml", profiles)
     save_lens(folder / "lenses" / f"{CAMERA}.yaml", CAMERA, view.camera)
     pose = CameraPose(CAMERA, names.MAP_FRAME, f"{CAMERA}_optical_frame", view.T_map_camera, view.camera.focal_px)
-    calibration_file.save(folder / "calibration" / f"{CAMERA}.yaml", pose, ["from a rectangle on the floor"])
+    pose_file.save(folder / "calibration" / f"{CAMERA}.yaml", pose, ["from a rectangle on the floor"])
 
 
 # ------------------------------------------------------------- the page that asks for the corners
@@ -279,8 +279,8 @@ def run(arguments: Optional[List[str]] = None) -> int:
         webbrowser.open(address)
         view = asyncio.run(CornerPage(source).ask(port))
     else:
-        source = str(package / "try/room.mp4")
-        truth = yaml.safe_load((package / "try/room.yaml").read_text(encoding="utf-8"))
+        source = str(package / "example_video/room.mp4")
+        truth = yaml.safe_load((package / "example_video/room.yaml").read_text(encoding="utf-8"))
         view = view_rectangle(np.array(truth["corners"]), (truth["width"], truth["depth"]), tuple(truth["image"]))
     write_camera_lab(folder / "lab", source, view, package / "robots")
     master_port = free_port()

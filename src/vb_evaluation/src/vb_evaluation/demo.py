@@ -33,13 +33,13 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import Pose, chain_length
 from vb_core.ros import services
 from vb_evaluation import metrics
-from vb_evaluation.provenance import repository_top
+from vb_evaluation.repository_revision import repository_top
 from vb_evaluation.report.paper_results import METHOD_TITLES
-from vb_evaluation.running_system.move_base_goals import GoalOutcome, GoalRunner
-from vb_evaluation.running_system.observer import Observer, wait_until
+from vb_evaluation.navigation_check.move_base_goals import GoalOutcome, GoalRunner
+from vb_evaluation.navigation_check.plan_observer import Observer, wait_until
 from vb_msgs.srv import SaveMap, SaveMapRequest
-from vb_sim.room import floor_plan
-from vb_sim.room.world import load_world
+from vb_sim import floor_plan
+from vb_sim.world import load_world
 
 NAVIGATIONS = ("standin", "move_base")
 DRIVE_TIMEOUT = 120.0  # [s] for one goal; move_base gives up on an unreachable one after 40 s

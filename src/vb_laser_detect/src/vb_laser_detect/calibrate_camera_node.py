@@ -23,13 +23,13 @@ from geometry_msgs.msg import PointStamped
 
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_laser_detect.calibration import calibration_file
-from vb_laser_detect.calibration.calibration_session import CalibrationSession, HeldSpot, describe, describe_points
-from vb_laser_detect.calibration.calibration_session import parse_place
+from vb_laser_detect.calibration import pose_file
+from vb_laser_detect.calibration.pose_session import CalibrationSession, HeldSpot, describe, describe_points
+from vb_laser_detect.calibration.pose_session import parse_place
 from vb_laser_detect.calibration.lens import PAPERS_MM, write_board
 from vb_laser_detect.calibration.pose import POINT_SIGMA
 from vb_laser_detect.detection.spot_detector import SpotDetector
-from vb_laser_detect.ros.camera_setup import RunningCamera, calibrate_lens, measure_camera_delay, set_exposure
+from vb_laser_detect.ros.calibration_commands import RunningCamera, calibrate_lens, measure_camera_delay, set_exposure
 
 FOLDER = "~/.ros/virtual_borders/cameras"
 _SPOT_TIMEOUT = 4.0  # [s] for the spot to be seen and still
@@ -147,12 +147,12 @@ class SpotCalibration:
         name = self._arguments.camera
         frame = self._camera.frame or f"{name}_optical_frame"
         focal = float(self._lens.matrix[0, 0])
-        pose = calibration_file.CameraPose(name, names.MAP_FRAME, frame, estimate.T_map_camera, focal)
+        pose = pose_file.CameraPose(name, names.MAP_FRAME, frame, estimate.T_map_camera, focal)
         # where the running lab looks for it
         folder = str(rospy.get_param("/camera_poses/calibration_dir", "")) or FOLDER
-        path = calibration_file.calibration_path(folder, name)
+        path = pose_file.calibration_path(folder, name)
         title = f"{self._arguments.command}, {datetime.datetime.now().isoformat(' ', 'minutes')}"
-        calibration_file.save(path, pose, [title, *report, *describe_points(estimate, observed)])
+        pose_file.save(path, pose, [title, *report, *describe_points(estimate, observed)])
         print_line(f"wrote {path}; a running lab.launch takes it within seconds")
         return 0
 

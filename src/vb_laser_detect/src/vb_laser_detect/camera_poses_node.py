@@ -15,8 +15,8 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.notices import NoticePublisher
-from vb_laser_detect.calibration.calibration_file import CameraPose, calibration_path
-from vb_laser_detect.calibration.camera_watch import CameraWatch, Report, read_files
+from vb_laser_detect.calibration.pose_file import CameraPose, calibration_path
+from vb_laser_detect.calibration.camera_faults import CameraWatch, Report, read_files
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
 

@@ -31,7 +31,7 @@ from vb_core.ros.transforms import TransformLookup
 from vb_laser_detect.ros.camera_feed import CameraFeed, LensFile, ReceivedImage, subscribe_images
 from vb_laser_detect.detection.debug_image import draw_candidates
 from vb_laser_detect.detection.spot_detector import DetectorParams, Spot, SpotDetector
-from vb_laser_detect.detector_params import SpotDetectorNodeParams, image_topic
+from vb_laser_detect.spot_detector_node_params import SpotDetectorNodeParams, image_topic
 from vb_laser_detect.detection.projection import FloorProjection, ImageGeometry, ProjectionParams
 from vb_laser_detect.ros.camera_geometry import CameraGeometry, DepthTopic, InfoTopic, is_rectified, sibling_topic
 from vb_laser_detect.ros.detector_diagnostics import DetectorDiagnostics

@@ -22,7 +22,7 @@ from vb_map_integration.grid.raster import count_free_parts
 from vb_map_integration.places.border_location import BorderLocator
 from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer
 from vb_map_integration.places.transform import Transform
-from vb_map_integration.storage.database import BorderChange, Change, Database, fingerprint
+from vb_map_integration.storage.border_database import BorderChange, Change, Database, fingerprint
 
 
 @dataclass(frozen=True)

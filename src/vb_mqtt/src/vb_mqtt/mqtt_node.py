@@ -30,7 +30,7 @@ from vb_core.vocabulary import COMMANDS
 from vb_mqtt import entities
 from vb_mqtt.broker_connection import MqttClient, read_connection
 from vb_mqtt.entities import CONFIRM, INTEGRATOR, MANAGER, MONITOR, OFFLINE, ONLINE, Lab, key_of
-from vb_mqtt.inbox import BURST, RATE, Inbox, Request
+from vb_mqtt.incoming_requests import BURST, RATE, Inbox, Request
 
 SOURCE = "home_assistant"
 SWITCH = "switch_border"  # its name in the queue of commands, which are carried out in the order given

@@ -37,8 +37,8 @@ from vb_core.stop_latch import HeldStops, new_id
 from vb_core.vocabulary import state_of
 from vb_msgs.msg import BorderProgress, DriverState, InteractionState, Stop
 from vb_robot.driving.arbiter import Arbiter, DriveCommand
-from vb_robot.driving.gate import NAVIGATION, RATE, STOP, TELEOP
-from vb_robot.driving.safety import Scan
+from vb_robot.driving.command_gate import NAVIGATION, RATE, STOP, TELEOP
+from vb_robot.driving.scan_clearance import Scan
 from vb_robot.driving.workspace import PoseUncertainty, Workspace
 from vb_robot.subscriptions import RUNNING, message_class, subscribe_map, subscribe_spots
 

@@ -31,10 +31,10 @@ from vb_msgs.srv import SendRobot, SendRobotResponse
 from vb_robot.dispatching.dispatched_robot import DispatchedRobot
 from vb_robot.dispatching.dispatcher import Dispatcher
 from vb_robot.dispatching.viewpoint import DrawingState
-from vb_robot.driving.safety import limit_around
+from vb_robot.driving.scan_clearance import limit_around
 from vb_robot.subscriptions import keep_out_borders_for, subscribe_map, subscribe_spots
 from vb_robot.monitoring.watched_robot import WatchedRobot
-from vb_robot.monitoring.navigation_wiring import within
+from vb_robot.monitoring.navigation_connections import within
 from vb_robot.spot_sightings import Sighting
 
 PERIOD = 0.2  # [s] between checks of poses and speed limits

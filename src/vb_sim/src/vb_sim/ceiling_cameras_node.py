@@ -20,11 +20,11 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros.messages import message_from_transform
 from vb_sim.cameras.camera_calibration import calibrated_pose
 from vb_sim.cameras.camera_node import CameraNode, ImageStream, SimulatedCamera, read_parameters
-from vb_sim.cameras.ceiling_view import CeilingView
-from vb_sim.models import Optics, load_models
-from vb_sim.room.floor_texture import render_floor
-from vb_sim.room.mesh import world_mesh
-from vb_sim.room.world import CeilingCamera, load_world
+from vb_sim.rendering.ceiling_view import CeilingView
+from vb_sim.model_params import Optics, load_models
+from vb_sim.rendering.floor_texture import render_floor
+from vb_sim.rendering.mesh import world_mesh
+from vb_sim.world import CeilingCamera, load_world
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, parameters
 from vb_msgs.msg import LabState, ParticipantState
-from vb_sim.models import load_models
-from vb_sim.room.world import Robot, load_world
+from vb_sim.model_params import load_models
+from vb_sim.world import Robot, load_world
 from vb_sim.simulated_lab import Lab, Lockstep
 
 MIN_PACE, MAX_PACE = 0.1, 20.0  # simulated seconds per real second

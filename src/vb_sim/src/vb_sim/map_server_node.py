@@ -13,8 +13,8 @@ from vb_core.grid_map import GridMap
 from vb_core.map_files import map_path, read_map
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, parameters
-from vb_sim.room.floor_plan import physical_map
-from vb_sim.room.world import load_world
+from vb_sim.floor_plan import physical_map
+from vb_sim.world import load_world
 
 
 @dataclass(frozen=True)

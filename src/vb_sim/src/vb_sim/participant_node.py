@@ -16,11 +16,11 @@ from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import commands, node, parameters
 from vb_msgs.msg import BorderProgress, InteractionState, LabState, LaserSpot, NoticeArray, ParticipantState
-from vb_sim.models import load_models
+from vb_sim.model_params import load_models
 from vb_sim.person.participant_methods import SCRIPTS, make_script
 from vb_sim.person.participant_script import ParticipantScript
 from vb_sim.person.person import HOLD_STILL, Action, CommandReply, Perception
-from vb_sim.room.world import load_world
+from vb_sim.world import load_world
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from typing import List, Optional, Set, Tuple
 import numpy as np
 
 from vb_core.grid_map import OCCUPIED, GridMap, distance_to
-from vb_sim.models import Models
+from vb_sim.model_params import Models
 from vb_sim.robot.robot_body import RobotBody
-from vb_sim.room.floor_plan import physical_map
-from vb_sim.room.world import World
+from vb_sim.floor_plan import physical_map
+from vb_sim.world import World
 
 
 class DistanceField:

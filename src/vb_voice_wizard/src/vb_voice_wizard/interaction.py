@@ -35,7 +35,7 @@ from vb_core.vocabulary import COMMANDS, QUESTIONS, STATES, State
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, PAUSED, SEED
 from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, RESUME, SAVE, STOP
 from vb_core.vocabulary import REDO, UNDO
-from vb_voice_wizard.dialogue.command_answers import Answer
+from vb_voice_wizard.command_answers import Answer
 
 # [s] in Border or Seed after which a missing spot is reported: by then a person has begun to draw
 UNSEEN_AFTER = 10.0

@@ -25,9 +25,9 @@ from vb_msgs.msg import BorderProgress, DriverState, InteractionState, LaserSpot
 from vb_msgs.msg import VirtualBorderArray
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
-from vb_voice_wizard.dialogue.command_answers import Answer, AnswerCache
-from vb_voice_wizard.dialogue.border_preview import Previewer
-from vb_voice_wizard.dialogue.border_services import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, BorderServices
+from vb_voice_wizard.command_answers import Answer, AnswerCache
+from vb_voice_wizard.preview.border_preview import Previewer
+from vb_voice_wizard.border_services import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, BorderServices
 from vb_voice_wizard.interaction import Interaction, InteractionParams
 
 # [s] wall time between states: robots stop half a second after the last one, see vb_msgs/InteractionState

@@ -201,7 +201,7 @@ def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:
 
 
 def apply_draft(draft: Mapping[str, Any], border: VirtualBorder) -> VirtualBorder:
-    """Puts a draft, checked by `action_requests`, into a border's message. Fields that a draft does not have are unchanged."""
+    """Puts a draft, checked by `action_parser`, into a border's message. Fields that a draft does not have are unchanged."""
     border.name, border.enabled, border.robots = draft["name"], draft["enabled"], list(draft["robots"])
     border.points = [Point(x, y, 0.0) for x, y in draft["points"]]
     border.kind = KINDS[draft["kind"]]

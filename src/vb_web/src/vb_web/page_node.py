@@ -27,9 +27,9 @@ from vb_core.ros.transforms import TransformLookup
 from vb_core.vocabulary import DEFAULT
 from vb_web import page_images, page_messages
 from vb_web.access_control import Sessions, is_loopback, load_codes
-from vb_web.actions import ActionHandler
+from vb_web.action_executor import ActionHandler
 from vb_web.camera_images import CameraImages
-from vb_web.action_requests import Bounds
+from vb_web.action_parser import Bounds
 from vb_web.server import PageParams, PageServer, addresses
 from vb_web.page_view import PageView, coarse_age, mark_borders, rounded
 

@@ -1,8 +1,8 @@
-"""The web server: its thread, its connections, and the pools that carry out requests (handlers: `request_handlers`).
+"""The web server: its thread, its connections, and the pools that carry out requests (handlers: `http_handlers`).
 
 An attacker must not prevent an operator's *stop*. Therefore each role has its own slots for connections
 (`access_control.ConnectionSlots`), slow work is separate from quick work and done one piece at a time for each person,
-and a connection that reads or writes too slowly is closed. No ROS here; `actions.ActionHandler` carries out requests.
+and a connection that reads or writes too slowly is closed. No ROS here; `action_executor.ActionHandler` carries out requests.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ from vb_core import sentences, vocabulary, zones
 from vb_core.errors import CodedError, ParameterError
 from vb_core.rate_limiter import RateLimiter
 from vb_core.parameters import Parameters, param
-from vb_web import access_control, action_requests, request_handlers
+from vb_web import access_control
+from vb_web import action_parser
+from vb_web import http_handlers
 from vb_web.access_control import ConnectionSlots, Role, Sessions
 from vb_web.page_images import ImageCache
 from vb_web.page_view import PageView, as_message, refusal
@@ -84,7 +86,7 @@ class PageServer:
 
     Args:
         sessions: None only for loopback addresses, where every user of this computer is an operator.
-        actions: an `actions.ActionHandler`, which carries out requests in the pools' threads. It may take seconds.
+        actions: an `action_executor.ActionHandler`, which carries out requests in the pools' threads. It may take seconds.
         cameras: a `camera_images.CameraImages`, which may take seconds too.
         find_bounds: returns the map's bounds, for checking points, or None without a map.
         on_fault: called once with the error that ended the server's thread.
@@ -98,7 +100,7 @@ class PageServer:
         images: ImageCache,
         actions: Any,
         cameras: Any,
-        find_bounds: Callable[[], Optional[action_requests.Bounds]],
+        find_bounds: Callable[[], Optional[action_parser.Bounds]],
         on_fault: Callable[[BaseException], None],
     ) -> None:
         self.params, self.sessions, self.view, self.images = params, sessions, view, images
@@ -180,7 +182,7 @@ class PageServer:
             page=self,
             ssl_options=context,
             max_header_size=16384,
-            max_body_size=request_handlers.MAX_BODY,
+            max_body_size=http_handlers.MAX_BODY,
             idle_connection_timeout=_PATIENCE,
             body_timeout=_PATIENCE,
         )
@@ -198,9 +200,9 @@ class PageServer:
 
     def _application(self) -> web.Application:
         return web.Application(
-            request_handlers.routes(self),
+            http_handlers.routes(self),
             log_function=lambda _handler: None,
-            websocket_max_message_size=action_requests.MAX_BYTES,
+            websocket_max_message_size=action_parser.MAX_BYTES,
             websocket_ping_interval=15,
             websocket_ping_timeout=45,
         )
@@ -226,7 +228,7 @@ class PageServer:
         async with turn:
             return await asyncio.get_event_loop().run_in_executor(self.slow_pool, work, *args)
 
-    def carry_out(self, request: action_requests.Request, person: str) -> "asyncio.Future[Dict[str, Any]]":
+    def carry_out(self, request: action_parser.Request, person: str) -> "asyncio.Future[Dict[str, Any]]":
         """Carries out a request and returns its answer. A repeated request gets the same answer."""
         key, source = (person, request.id), f"page {person[:4]}".strip()
         if key not in self._answers:
@@ -238,7 +240,7 @@ class PageServer:
                 self._answers.popitem(last=False)
         return self._answers[key]
 
-    async def _carry_out(self, request: action_requests.Request, person: str, source: str) -> Dict[str, Any]:
+    async def _carry_out(self, request: action_parser.Request, person: str, source: str) -> Dict[str, Any]:
         try:
             if request.action == "preview":
                 return await self.in_turn(person, self.actions.carry_out, request, source)

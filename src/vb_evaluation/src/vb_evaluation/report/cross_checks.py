@@ -9,7 +9,7 @@ import pandas
 
 from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, paper_results
-from vb_evaluation.report.page_blocks import Block, Table, columns
+from vb_evaluation.report.blocks import Block, Table, columns
 from vb_evaluation.report.paper_results import METHODS, PAPER
 from vb_evaluation.report.study_files import DRAWS, WORLDS, StudyResults, known_values, pairs, read_sheet, select
 from vb_evaluation.statistics import Interval

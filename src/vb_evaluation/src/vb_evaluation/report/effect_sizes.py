@@ -8,7 +8,7 @@ import numpy as np
 import pandas
 
 from vb_evaluation import statistics
-from vb_evaluation.report.page_blocks import Block, Table, columns
+from vb_evaluation.report.blocks import Block, Table, columns
 from vb_evaluation.report.study_files import StudyResults, known_values, pairs, select
 from vb_evaluation.statistics import Interval
 

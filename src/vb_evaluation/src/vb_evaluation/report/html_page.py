@@ -14,8 +14,9 @@ import jinja2
 from markupsafe import Markup
 
 from vb_core.errors import CodedError
-from vb_evaluation.report import cross_checks, outcomes, participants
-from vb_evaluation.report.page_blocks import Block, Table
+from vb_evaluation.report import cross_checks, outcomes
+from vb_evaluation.report import questionnaire
+from vb_evaluation.report.blocks import Block, Table
 from vb_evaluation.report.study_files import StudyResults, read_study, write_table
 
 PAGE, TABLES = "report.html", "tables"
@@ -28,8 +29,8 @@ SECTIONS: Tuple[Tuple[str, str, Callable[[StudyResults], List[Block]]], ...] = (
     ("completeness", "Completeness", outcomes.completeness_section),
     ("paper", "Beside the paper", cross_checks.paper_comparison_section),
     ("worlds", "Plausible worlds", cross_checks.plausible_worlds_section),
-    ("experience", "People and their experience", participants.participants_section),
-    ("runs", "The runs", participants.runs_section),
+    ("experience", "People and their experience", questionnaire.participants_section),
+    ("runs", "The runs", questionnaire.runs_section),
 )
 
 

@@ -9,7 +9,7 @@ import pandas
 
 from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, map_figures, paper_results
-from vb_evaluation.report.page_blocks import Block, Figure, Table, columns
+from vb_evaluation.report.blocks import Block, Figure, Table, columns
 from vb_evaluation.report.study_files import ERRORS, STATES, StudyResults, known_values, pairs
 
 ERROR_TITLES = dict(zip(ERRORS, ("mean", "95 % of the boundary within", "largest")))

@@ -12,7 +12,7 @@ from typing import List, Optional
 from rich.console import Console
 
 from vb_core.errors import CodedError
-from vb_evaluation.provenance import repository_top
+from vb_evaluation.repository_revision import repository_top
 from vb_evaluation.report.study_files import RUNS, WORLDS
 from vb_evaluation.simulated_study import campaign, config, run_plan
 

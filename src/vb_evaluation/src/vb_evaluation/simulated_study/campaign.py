@@ -28,13 +28,13 @@ from vb_core.files import write_atomically
 from vb_core.grid_map import FREE, GridMap
 from vb_core.map_files import read_map, write_map
 from vb_evaluation import metrics
-from vb_evaluation.provenance import repository_top, revision
+from vb_evaluation.repository_revision import repository_top, revision
 from vb_evaluation.report import study_files
 from vb_evaluation.report.map_figures import write_truths
 from vb_evaluation.report.study_files import CONDITIONS, DRAWS, META, REQUIRED, RUNS, WORLDS, read_meta, write_table
 from vb_evaluation.simulated_study.config import Study, study_from_mapping
 from vb_evaluation.simulated_study.run_plan import Job, draw_worlds
-from vb_sim.room import floor_plan
+from vb_sim import floor_plan
 
 if TYPE_CHECKING:  # only running needs ROS: reading a study does not
     from vb_evaluation.simulated_study.live_run import LiveRun

@@ -16,9 +16,9 @@ import rospkg
 
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
-from vb_evaluation.provenance import repository_top
-from vb_sim.models import BodyProportions, Models, ParticipantModel, read_document
-from vb_sim.room.world import World, world_from_mapping
+from vb_evaluation.repository_revision import repository_top
+from vb_sim.model_params import BodyProportions, Models, ParticipantModel, read_document
+from vb_sim.world import World, world_from_mapping
 
 # the ceiling cameras that a method uses: the paper's uses all of them, its baseline none
 METHODS: Dict[str, Callable[[World], Tuple[str, ...]]] = {

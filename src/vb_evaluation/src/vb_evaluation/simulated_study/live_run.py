@@ -19,10 +19,10 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.ros import commands, parameters
 from vb_core.ros.messages import NumpyOccupancyGrid, grid_from_message
-from vb_evaluation.in_process_ros.launch_file import import_nodes, start_launch
-from vb_evaluation.in_process_ros.rospy_stand_in import Graph, Node
-from vb_evaluation.in_process_ros.threading_stand_in import Scheduler, replaced
-from vb_evaluation.provenance import repository_top
+from vb_sim.in_process_ros.launch_file import import_nodes, start_launch
+from vb_sim.in_process_ros.rospy_stand_in import Graph, Node
+from vb_sim.in_process_ros.threading_stand_in import Scheduler, replaced
+from vb_evaluation.repository_revision import repository_top
 from vb_evaluation.simulated_study.config import METHODS, Study, Traits
 from vb_evaluation.simulated_study.run_plan import Job
 from vb_evaluation.simulated_study.study_camera_node import RenderCache, StudyCeilingCameras, StudyRobotCamera
@@ -35,8 +35,8 @@ from vb_sim.person.hand import perceive_border
 from vb_sim.person.participant_methods import make_script
 from vb_sim.person.walking import distance_to_chain
 from vb_sim.robot.path_planner import Costmap, Planner
-from vb_sim.room import floor_plan
-from vb_sim.room.world import Scenario, World
+from vb_sim import floor_plan
+from vb_sim.world import Scenario, World
 from vb_sim.simulated_lab import Lab
 
 LAUNCH = repository_top() / "launch" / "simulation.launch"

@@ -11,15 +11,15 @@ import numpy as np
 from vb_core import geometry
 from vb_laser_detect.camera.exposure import TOO_BRIGHT, saturated_share
 from vb_sim.cameras.camera_node import CameraNode, SimulatedCamera
-from vb_sim.cameras.ceiling_view import CeilingView
-from vb_sim.cameras.robot_view import RobotView
+from vb_sim.rendering.ceiling_view import CeilingView
+from vb_sim.rendering.robot_view import RobotView
 from vb_sim.ceiling_cameras_node import ceiling_camera
 from vb_sim.lab_history import Snapshot
-from vb_sim.models import Models
+from vb_sim.model_params import Models
 from vb_sim.robot_camera_node import robot_camera
-from vb_sim.room.floor_texture import FloorTexture, render_floor
-from vb_sim.room.mesh import Mesh, world_mesh
-from vb_sim.room.world import CeilingCamera, Robot, World
+from vb_sim.rendering.floor_texture import FloorTexture, render_floor
+from vb_sim.rendering.mesh import Mesh, world_mesh
+from vb_sim.world import CeilingCamera, Robot, World
 
 View = TypeVar("View", CeilingView, RobotView)
 FLOOR_SEED = 1  # everybody draws on the same floor

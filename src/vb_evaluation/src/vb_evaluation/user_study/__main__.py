@@ -11,9 +11,10 @@ from typing import Any, Callable, Iterable, Iterator, List, Optional
 from vb_core.errors import CodedError
 from vb_core.map_files import read_map
 from vb_evaluation import statistics
-from vb_evaluation.report import answers
+from vb_evaluation.report import findings
 from vb_evaluation.report.html_page import write_report
-from vb_evaluation.user_study import blind_judging, conduct, forms, privacy, protocol, recording_measures
+from vb_evaluation.user_study import blind_judging, forms, privacy, protocol, recording_measures
+from vb_evaluation.user_study import conduct_run
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
@@ -89,7 +90,7 @@ def _power(options: argparse.Namespace) -> Iterator[Any]:
 def _report(options: argparse.Namespace) -> Iterator[Any]:
     yield write_report(options.folder)
     if options.page:
-        answers.write_page(options.folder, options.page)
+        findings.write_page(options.folder, options.page)
 
 
 def _forms(options: argparse.Namespace) -> Iterator[Any]:
@@ -112,13 +113,13 @@ def _delete(options: argparse.Namespace) -> Iterator[Any]:
 def _plan(options: argparse.Namespace) -> Iterator[Any]:
     seed = secrets.randbelow(10**9) if options.seed is None else options.seed
     protocol.write(options.out, protocol.plan(options.participants, options.scenarios, options.methods, seed))
-    conduct.write_template(options.out.parent)
+    conduct_run.write_template(options.out.parent)
     yield options.out
 
 
 def _run(options: argparse.Namespace) -> Iterator[Any]:
-    planned = conduct.next_run(options.protocol, options.participant, options.again)
-    run = conduct.conduct_run(planned, conduct.roslaunch, conduct.read_keys(), print)
+    planned = conduct_run.next_run(options.protocol, options.participant, options.again)
+    run = conduct_run.conduct_run(planned, conduct_run.roslaunch, conduct_run.read_keys(), print)
     if planned.last:
         yield f"that was the last run: hand out questionnaire_{planned.questionnaire}_first.html"
     if "ended" not in run:

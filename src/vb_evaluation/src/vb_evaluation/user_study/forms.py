@@ -9,7 +9,7 @@ import jinja2
 import rospkg
 
 from vb_core.errors import CodedError
-from vb_evaluation.report import participants
+from vb_evaluation.report import questionnaire
 from vb_evaluation.report.paper_results import METHOD_TITLES
 
 TEMPLATES = Path(rospkg.RosPack().get_path("vb_evaluation")) / "config" / "forms"
@@ -31,16 +31,16 @@ def write(folder: Path) -> List[Path]:
         CodedError: "cannot_write_into", also if one exists: entries must not be lost.
     """
     pages = jinja2.Environment(loader=jinja2.FileSystemLoader(str(TEMPLATES)), autoescape=True, trim_blocks=True)
-    fields = {"statements": participants.STATEMENTS, "pairs": participants.UEQ_S, "question": participants.QUESTION}
+    fields = {"statements": questionnaire.STATEMENTS, "pairs": questionnaire.UEQ_S, "question": questionnaire.QUESTION}
     contents = {path.name: path.read_text(encoding="utf-8") for path in sorted(TEMPLATES.glob("*.[mc][ds]*"))}
     contents["demographics.html"] = pages.get_template("demographics.html.j2").render(demographics=DEMOGRAPHICS)
     # half of the people are asked about one method first, half about the other
-    for first in participants.METHODS:
-        methods = [METHOD_TITLES[name] for name in sorted(participants.METHODS, key=lambda name: name != first)]
+    for first in questionnaire.METHODS:
+        methods = [METHOD_TITLES[name] for name in sorted(questionnaire.METHODS, key=lambda name: name != first)]
         page = pages.get_template("questionnaire.html.j2").render(methods=methods, **fields)
         contents[f"questionnaire_{first}_first.html"] = page
     contents["demographics.csv"] = ",".join(["participant", *(name for name, _, _ in DEMOGRAPHICS)]) + "\n"
-    contents["questionnaire.csv"] = ",".join(participants.COLUMNS + participants.UEQ_COLUMNS) + "\n"
+    contents["questionnaire.csv"] = ",".join(questionnaire.COLUMNS + questionnaire.UEQ_COLUMNS) + "\n"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in contents.items():

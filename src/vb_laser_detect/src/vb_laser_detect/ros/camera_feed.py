@@ -17,13 +17,13 @@ from vb_core.errors import CodedError
 from vb_core.image_format import AnyPicture, PixelReader
 from vb_core.ros.images import camera_from_info, decode, info_from_camera, message_from_image
 from vb_core.ros.node import Mailbox
-from vb_laser_detect.camera import controls
-from vb_laser_detect.camera.camera_files import load_lens, save_lens
-from vb_laser_detect.camera.source import CameraSource, Shot, is_device, is_file, printable
+from vb_laser_detect.camera import v4l2_controls
+from vb_laser_detect.camera.lens_and_settings_files import load_lens, save_lens
+from vb_laser_detect.camera.camera_source import CameraSource, Shot, is_device, is_file, printable
 from vb_laser_detect.ros.camera_geometry import require_size, sibling_topic
 from vb_laser_detect.ros.detector_diagnostics import DetectorDiagnostics
-from vb_laser_detect.camera.controls import CaptureParams
-from vb_laser_detect.detector_params import SpotDetectorNodeParams
+from vb_laser_detect.camera.v4l2_controls import CaptureParams
+from vb_laser_detect.spot_detector_node_params import SpotDetectorNodeParams
 
 FOLDER = "~/.ros/virtual_borders"
 
@@ -123,11 +123,11 @@ class CameraFeed:
         """Changes delay, exposure and white balance of the running camera.
 
         Raises:
-            CodedError: as `controls.apply`; only what the camera has accepted is then changed.
+            CodedError: as `v4l2_controls.apply`; only what the camera has accepted is then changed.
         """
         with self._settings_lock:
             if is_device(self._source.address):
-                controls.apply(self._source.address, params)
+                v4l2_controls.apply(self._source.address, params)
             elif params.exposure or params.white_balance:
                 raise CodedError("control_refused", source=printable(self._source.address), why="$only_devices")
             self._source.params = params

@@ -14,7 +14,7 @@ from vb_core.image_format import AnyPicture
 from vb_core.notices import Notice, Severity
 from vb_core.ros.node import Mailbox, WakeTimer, Worker
 from vb_core.ros.notices import NoticePublisher
-from vb_laser_detect.calibration.calibration_file import require_own_frame
+from vb_laser_detect.calibration.pose_file import require_own_frame
 from vb_laser_detect.detection.detector_counts import DetectorCounts, InputWatch
 from vb_laser_detect.camera.exposure import TOO_BRIGHT, saturated_share
 from vb_msgs.msg import DetectorStatus

@@ -21,7 +21,7 @@ from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.places.registration import WallMap, compare_walls, refine, thin
 from vb_map_integration.places.transform import Transform
-from vb_map_integration.storage.database import KnownMap
+from vb_map_integration.storage.border_database import KnownMap
 
 _SEEN = 0.5  # share of a border's points that the map must know before a person is asked about the border
 WALL_RADIUS = 3.0  # [m] walls this near a border decide where it is; others may be distorted differently

@@ -18,7 +18,7 @@ from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_map_integration.places.border_location import BorderLocator, wall_map_of
 from vb_map_integration.places.registration import Registration, WallMap, measure, register
 from vb_map_integration.places.transform import IDENTITY, Transform
-from vb_map_integration.storage.database import Database, KnownMap
+from vb_map_integration.storage.border_database import Database, KnownMap
 
 # how many of a place's maps are compared: the first and the newest ones
 _COMPARED = 3

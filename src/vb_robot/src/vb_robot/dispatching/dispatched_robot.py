@@ -15,7 +15,7 @@ from vb_core.ros.transforms import TransformLookup
 from vb_robot.dispatching.dispatch_policy import DispatchStatus, SentGoalState
 from vb_robot.dispatching.viewpoint import FloorView, Viewpoint
 from vb_robot.monitoring.watched_robot import WatchedRobot
-from vb_robot.monitoring.navigation_wiring import within
+from vb_robot.monitoring.navigation_connections import within
 
 MARK = "-looks-"  # in the ids of goals, by which those of a process that died are recognised
 OUTCOMES = {

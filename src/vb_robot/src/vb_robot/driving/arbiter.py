@@ -18,7 +18,7 @@ from vb_core.robot_profile import RobotProfile
 from vb_core.stop_latch import HeldStops
 from vb_core.vocabulary import DEFAULT, State
 from vb_robot.driving.escape import Escape
-from vb_robot.driving.gate import ESCAPE, FOLLOW, INPUT_TIMEOUT, NAVIGATION, NONE, STOP, TELEOP, CommandGate
+from vb_robot.driving.command_gate import ESCAPE, FOLLOW, INPUT_TIMEOUT, NAVIGATION, NONE, STOP, TELEOP, CommandGate
 from vb_robot.driving.rotation_shim import RotationShim
 from vb_robot.driving.spot_follower import SpotFollower
 from vb_robot.driving.velocity import VelocityRequest
@@ -134,7 +134,7 @@ class Arbiter:
             return self._last
 
     def step(self, now: float, listeners: int = 1) -> DriveCommand:
-        """Computes the command for time `now` [s] and this number of subscribers. Call it `gate.RATE` times a second."""
+        """Computes the command for time `now` [s] and this number of subscribers. Call it `command_gate.RATE` times a second."""
         with self._lock:
             if listeners > self._listeners:
                 self._zeros_until = now + START_ZEROS

@@ -15,7 +15,7 @@ import numpy as np
 
 from vb_core.grid_map import GridMap, clearance_grid, nearest_cell, sample
 from vb_core.geometry import Pose
-from vb_robot.driving.safety import HORIZON, arc
+from vb_robot.driving.scan_clearance import HORIZON, arc
 
 LETHAL_THRESHOLD = 99  # [%] a cell of this occupancy or more is never entered
 # The localisation's error. AMCL reports the spread of its particles; the error of their mean, which is its pose, is

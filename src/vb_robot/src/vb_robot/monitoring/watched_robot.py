@@ -23,12 +23,12 @@ from vb_core.ros import robot_profile
 from vb_core.ros.messages import array_from_points, message_from_pose2d, points_from_array, pose2d_from_message
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import DriverState, RobotStatus
-from vb_robot.driving.gate import OTHER_PUBLISHER
+from vb_robot.driving.command_gate import OTHER_PUBLISHER
 from vb_robot.subscriptions import RUNNING
-from vb_robot.monitoring import navigation_wiring
+from vb_robot.monitoring import navigation_connections
 from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, is_inside, quoted
 from vb_robot.monitoring.planner_speed import PlannerSpeed
-from vb_robot.monitoring.navigation_wiring import Wiring, within
+from vb_robot.monitoring.navigation_connections import Wiring, within
 
 DRIVER_SILENCE = 3.0  # [s] after which a driver counts as gone; it reports twice a second
 NAVIGATION_SILENCE = 2.0  # [s] after which navigation counts as gone; it sends its status five times a second
@@ -116,13 +116,13 @@ class WatchedRobot:
 
     def update_wiring(self, graph: Any) -> None:
         """Updates the wiring from the ROS graph and the parameters of the robot's navigation."""
-        node = navigation_wiring.find_move_base(graph, self.name)
+        node = navigation_connections.find_move_base(graph, self.name)
         parameters = rospy.get_param(node, {}) if node else {}
-        wiring = navigation_wiring.observe(graph, self.name, parameters if isinstance(parameters, dict) else {})
+        wiring = navigation_connections.observe(graph, self.name, parameters if isinstance(parameters, dict) else {})
         if (wiring.move_base, wiring.planner) != (self.wiring.move_base, self.wiring.planner):
             if self.speed is not None:
                 self.speed.close()
-            limits = navigation_wiring.PLANNERS.get(wiring.planner)
+            limits = navigation_connections.PLANNERS.get(wiring.planner)
             self.speed = PlannerSpeed(f"{wiring.move_base}/{wiring.planner}", limits) if limits else None
         if wiring.path != self.wiring.path:
             if self._path_subscriber is not None:

@@ -1,1 +1,1 @@
-"""The simulated cameras: their views, their errors, and the timing of their images."""
+"""The simulated cameras' nodes: their calibration errors, and the timing of their images."""

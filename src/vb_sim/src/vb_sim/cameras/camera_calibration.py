@@ -10,8 +10,8 @@ from scipy.optimize import least_squares
 from vb_core import geometry
 from vb_core.camera_model import CameraModel, floor_points, intersect_floor
 from vb_core.errors import CodedError
-from vb_sim.models import Optics, make_generator
-from vb_sim.room.world import CeilingCamera
+from vb_sim.model_params import Optics, make_generator
+from vb_sim.world import CeilingCamera
 
 _RIM = 0.85  # distance of marks from the centre of the view, as a share of the distance to its rim
 _MAX_DISTANCE = 8.0  # [m] from the camera, beyond which a person would not mark a floor point

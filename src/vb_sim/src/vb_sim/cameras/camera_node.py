@@ -19,7 +19,7 @@ from vb_core.camera_model import CameraModel
 from vb_core.ros import node, parameters
 from vb_core.ros.images import info_from_camera, message_from_image
 from vb_msgs.msg import LabState
-from vb_sim.cameras.camera_view import View
+from vb_sim.rendering.camera_view import View
 from vb_sim.cameras.frame_clock import FrameSchedule, SmoothClock
 from vb_sim.lab_history import History, Snapshot, snapshot_from_message
 

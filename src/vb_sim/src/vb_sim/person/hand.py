@@ -17,7 +17,7 @@ from typing import Callable, List, Optional, Tuple
 import numpy as np
 
 from vb_core.geometry import bounding_diagonal, to_map
-from vb_sim.models import MODELS, ParticipantModel
+from vb_sim.model_params import MODELS, ParticipantModel
 
 IsFloor = Callable[[np.ndarray], np.ndarray]
 RESOURCE = MODELS.with_name("strokes.json")

@@ -9,12 +9,12 @@ import numpy as np
 from shapely.geometry import Point, Polygon
 
 from vb_core import geometry
-from vb_sim.models import ParticipantModel
+from vb_sim.model_params import ParticipantModel
 from vb_sim.person.hand import Stroke
 from vb_sim.person.participant_script import ParticipantScript
 from vb_sim.person.person import FEEDBACK_GAP, Person, Step
 from vb_sim.person.walking import distance_to_chain
-from vb_sim.room.world import Scenario, World
+from vb_sim.world import Scenario, World
 
 LOST = 1.5  # [s] without feedback after which the robot has lost the spot
 EDGE_BEARING = math.radians(24.0)  # bearing at which the spot is about to leave the image of the robot's camera

@@ -16,11 +16,11 @@ import numpy as np
 
 from vb_core import geometry
 from vb_core.grid_map import FREE, UNKNOWN, GridMap, sample
-from vb_sim.models import ParticipantModel
+from vb_sim.model_params import ParticipantModel
 from vb_sim.person.hand import Stroke, Tremor, load_styles
 from vb_sim.person.walking import Walker
-from vb_sim.room.floor_plan import physical_map
-from vb_sim.room.world import Scenario, World
+from vb_sim.floor_plan import physical_map
+from vb_sim.world import Scenario, World
 
 Step = Generator[None, None, None]
 FEEDBACK_GAP = 0.3  # [s] since the last feedback after which the spot counts as unseen

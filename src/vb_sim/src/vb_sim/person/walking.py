@@ -12,7 +12,7 @@ from shapely.geometry import LineString, Point
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_sim.models import ParticipantModel
+from vb_sim.model_params import ParticipantModel
 from vb_sim.robot.path_planner import Costmap, Planner
 
 ROBOT_DISTANCE = 0.5  # [m] minimum distance between the centres of a person and a robot

@@ -9,7 +9,7 @@ import numpy as np
 
 from vb_core import geometry
 from vb_core.geometry import Pose
-from vb_sim.models import Models
+from vb_sim.model_params import Models
 
 
 def advance(pose: Pose, distance: float, turn: float) -> Pose:

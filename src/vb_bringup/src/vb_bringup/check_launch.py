@@ -1,0 +1,285 @@
+"""Refuses a launch that cannot work, before roslaunch starts its first node.
+
+Each argument of the stack's launch files has a kind, and a wrong value is refused in one sentence; otherwise several
+nodes would start and die again and again. The launch files begin with `<param command="python3 -m
+vb_bringup.check_launch ...">`; roslaunch runs that command while it reads the file.
+
+    check_launch lab cameras:="north south" robot:=false      as lab.launch and borders_only.launch call it
+    check_launch simulation navigation:=standin               as simulation.launch calls it
+    check_launch navigation amcl move_base                    as navigation.launch calls it
+"""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import os
+import signal
+import socket
+import sys
+import xml.etree.ElementTree as ElementTree
+import xmlrpc.client
+from functools import partial
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Sequence, Tuple
+
+import rosgraph
+import rosgraph.network
+
+from vb_core import sentences
+from vb_core.errors import CodedError
+from vb_core.parameters import NAME
+from vb_core.robot_profile import RobotProfile, find_profile
+
+STARTED, REFUSED = 0, 1
+ANSWER_TIMEOUT = 3.0  # [s] for a running node to answer with its process id
+UNIQUE_NODE = "/map_integrator"  # every lab has exactly one, since two would publish to the same topic
+_CALLER = "/check_launch"
+
+
+def check_arguments(arguments: Iterable[str], declared: Sequence[str]) -> None:
+    """Refuses arguments that the launch files do not declare: roslaunch would ignore them silently.
+
+    Raises:
+        CodedError: "launch_mistyped_argument" if one resembles a declared one, else "launch_unknown_argument".
+    """
+    for name in arguments:
+        if name not in declared:
+            matches = difflib.get_close_matches(name, declared, 1)
+            if matches:
+                raise CodedError("launch_mistyped_argument", argument=name, nearest=matches[0])
+            raise CodedError("launch_unknown_argument", argument=name, known=", ".join(sorted(declared)) or "-")
+
+
+# ------------------------------------------------------------ kinds of arguments
+def check_choice(argument: str, value: str, choices: Sequence[str]) -> None:
+    """Raises CodedError "launch_bad_choice" for a value that would mean the default, or make a node fail."""
+    if value not in choices:
+        raise CodedError("launch_bad_choice", argument=argument, value=value, choices=", ".join(choices))
+
+
+def check_names(argument: str, value: str) -> None:
+    """Raises CodedError "launch_bad_names" unless the value is empty or unique names separated by spaces."""
+    names = value.split()
+    invalid = [name for name in names if not NAME.fullmatch(name) or names.count(name) > 1]
+    if invalid:
+        raise CodedError("launch_bad_names", argument=argument, value=value, wrong=" ".join(invalid))
+
+
+def parse_pairs(argument: str, value: str) -> Dict[str, str]:
+    """Parses NAME=VALUE pairs separated by spaces. Returns the values by name.
+
+    Raises:
+        CodedError: "launch_bad_pairs"
+    """
+    pairs = [word.partition("=") for word in value.split()]
+    invalid = ["".join(parts) for parts in pairs if not (NAME.fullmatch(parts[0]) and parts[2])]
+    if invalid:
+        raise CodedError("launch_bad_pairs", argument=argument, wrong=" ".join(invalid))
+    return {name: text for name, _, text in pairs}
+
+
+def check_file(argument: str, value: str) -> None:
+    """Raises CodedError "launch_no_file" unless the value is empty or names a readable file."""
+    try:
+        if value:
+            Path(value).open("rb").close()
+    except (OSError, ValueError) as error:
+        raise CodedError(
+            "launch_no_file", argument=argument, file=value, why=getattr(error, "strerror", "") or error
+        ) from None
+
+
+def check_map(_argument: str, value: str) -> None:
+    """Raises CodedError "bad_map_file" unless the value is empty or a map that map_server can read."""
+    if value:
+        from vb_core.map_files import map_path, read_map
+
+        read_map(map_path(value))
+
+
+def read_parameters(argument: str, path: str) -> Mapping[str, Any]:
+    """Reads the parameters in a YAML file as roslaunch does.
+
+    Raises:
+        CodedError: "launch_no_file", "launch_bad_file"
+    """
+    import rosparam
+    import yaml
+
+    check_file(argument, path)
+    try:
+        documents = [values for values, _ in rosparam.load_file(path)]
+    except (rosparam.RosParamException, yaml.YAMLError, ValueError) as error:
+        raise CodedError("launch_bad_file", file=path, why=" ".join(str(error).split())) from None
+    if not all(isinstance(values, dict) for values in documents):
+        raise CodedError("launch_bad_file", file=path, why="expected keys and values")
+    return {key: value for values in documents for key, value in values.items()}
+
+
+def check_detector(argument: str, value: str) -> None:
+    """Raises CodedError "bad_parameter", which names file and key, and the errors of `read_parameters`."""
+    from vb_laser_detect.spot_detector_node_params import SpotDetectorNodeParams
+
+    SpotDetectorNodeParams.from_mapping(read_parameters(argument, value), value)
+
+
+def check_detectors(argument: str, value: str) -> None:
+    """Checks the files of single cameras as `check_detector` does. Also raises "launch_bad_pairs"."""
+    for path in parse_pairs(argument, value).values():
+        check_detector(argument, path)
+
+
+def check_robot_types(argument: str, value: str) -> List[RobotProfile]:
+    """Reads robot types or paths of profiles, separated by spaces.
+
+    Raises:
+        CodedError: "unknown_robot_type", "launch_no_file", "bad_parameter"
+    """
+    import rospkg
+
+    folder = Path(rospkg.RosPack().get_path("vb_bringup")) / "robots"
+    profiles = []
+    for name in value.split():
+        path = Path(name) if "/" in name else find_profile(name, folder)
+        check_file(argument, str(path))
+        profiles.append(RobotProfile.load(path))
+    return profiles
+
+
+Kind = Callable[[str, str], Any]
+# arguments that roslaunch or a node checks itself, such as a condition or a port, have no kind
+KINDS: Dict[str, Kind] = {
+    "robot": partial(check_choice, choices=("true", "false", "1", "0")),
+    "cameras": check_names,
+    "robots": check_names,
+    "robot_types": check_robot_types,
+    "config": check_detector,
+    "configs": check_detectors,
+    "machines": parse_pairs,
+    "machines_file": check_file,
+    "map": check_map,
+    "image_transport": partial(check_choice, choices=("raw", "compressed")),
+    "method": partial(check_choice, choices=("nrs", "robot_only")),
+    "language": partial(check_choice, choices=sentences.languages()),
+    "navigation": partial(check_choice, choices=("none", "move_base")),
+}
+# the kinds that differ in the simulated lab
+SIMULATION: Dict[str, Kind] = {"navigation": partial(check_choice, choices=("standin", "move_base", "none"))}
+
+
+def check_values(values: Mapping[str, str], kinds: Mapping[str, Kind] = KINDS) -> None:
+    """Checks each argument by its kind, then whether the arguments fit together.
+
+    Raises:
+        CodedError: the kind's errors; "launch_navigation_without_robot"
+    """
+    without_robot = values.get("robot") in ("false", "0")
+    for name, value in values.items():
+        if not (without_robot and name == "robot_types"):
+            kinds[name](name, value)
+    if without_robot and values.get("navigation") == "move_base":
+        raise CodedError("launch_navigation_without_robot")
+
+
+# ------------------------------------------------------------ what is installed, and what runs
+def declared_arguments(files: Iterable[Path]) -> List[str]:
+    """Lists the arguments that launch files declare without a fixed value. Included files do not count."""
+    names = set()
+    for path in files:
+        root = ElementTree.parse(str(path)).getroot()
+        arguments = [*root.findall("arg"), *root.findall(".//group/arg")]
+        names.update(str(argument.get("name")) for argument in arguments if argument.get("value") is None)
+    return sorted(names)
+
+
+def check_installed(programs: Iterable[str]) -> None:
+    """Refuses programs of ROS's navigation stack that are not installed. Each is in a package of the same name.
+
+    Raises:
+        CodedError: "launch_not_installed"
+    """
+    import rospkg
+    from roslib.packages import find_node
+
+    for program in programs:
+        try:
+            executables = find_node(program, program)
+        except rospkg.ResourceNotFound:
+            executables = []
+        if not executables:
+            raise CodedError("launch_not_installed", program=program)
+
+
+def check_alone(master_uri: str) -> None:
+    """Refuses a second lab on one ROS master: each would end the other's nodes and restart its own for ever.
+
+    Raises:
+        CodedError: "lab_already_running"
+    """
+    previous_timeout = socket.getdefaulttimeout()
+    socket.setdefaulttimeout(ANSWER_TIMEOUT)
+    try:
+        address = rosgraph.Master(_CALLER, master_uri).lookupNode(UNIQUE_NODE)
+        process = xmlrpc.client.ServerProxy(address).getPid(_CALLER)[2]
+    except (rosgraph.MasterException, OSError, xmlrpc.client.Error):
+        return  # no master, no lab, or a lab that was killed
+    finally:
+        socket.setdefaulttimeout(previous_timeout)
+    raise CodedError("lab_already_running", node=UNIQUE_NODE, process=process)
+
+
+def find_launch(process: int) -> Tuple[List[str], List[Path], str]:
+    """Finds roslaunch's arguments: names of the launch arguments, launch files, URI of the master that it will use.
+
+    All are empty if the process starts nothing, or is another program, such as a test that runs its own master.
+    """
+    words = [os.fsdecode(word) for word in Path(f"/proc/{process}/cmdline").read_bytes().split(b"\0")[:-1]]
+    position = next((index for index, word in enumerate(words[:3]) if os.path.basename(word) == "roslaunch"), None)
+    if position is None:
+        return [], [], ""
+    import roslaunch
+    import roslaunch.rlutil
+
+    options, remaining = roslaunch._get_optparse().parse_args(words[position + 1 :])
+    if any([options.node_args, options.node_list, options.find_node, options.dump_params, options.file_list]):
+        return [], [], ""
+    files = [Path(name) for name in roslaunch.rlutil.resolve_launch_arguments(remaining) if os.path.isfile(name)]
+    arguments = [word.split(":=")[0] for word in remaining if ":=" in word and not word.startswith("_")]
+    uri = rosgraph.network.create_local_xmlrpc_uri(options.port) if options.port else rosgraph.get_master_uri()
+    return arguments if files else [], files, uri
+
+
+def run() -> int:
+    """Checks what the parent process, roslaunch, is about to start. Returns the exit status, 0 or 1."""
+    parser = argparse.ArgumentParser(prog="check_launch", description=__doc__.split("\n")[0])
+    parser.add_argument("launch_file", choices=("lab", "simulation", "navigation"))
+    parser.add_argument(
+        "words", nargs="*", help="NAME:=VALUE of the launch file's arguments; or programs of the navigation stack"
+    )
+    options = parser.parse_args()
+    process = os.getppid()
+    files: List[Path] = []
+    try:
+        arguments, files, master_uri = find_launch(process)
+        check_arguments(arguments, declared_arguments(files))
+        if options.launch_file == "navigation":
+            check_installed(options.words)
+        else:
+            values = {name: value for name, _, value in (word.partition(":=") for word in options.words)}
+            check_values(values, {**KINDS, **(SIMULATION if options.launch_file == "simulation" else {})})
+            if master_uri:
+                check_alone(master_uri)
+    except CodedError as error:
+        print(f"\n[FATAL] Nothing was started. {error.message} [{error.code}]\n", file=sys.stderr, flush=True)
+        if files:
+            # The exit status would end roslaunch too, but with a page of red text below the important sentence.
+            # roslaunch has not started anything yet that it would have to end.
+            os.kill(process, signal.SIGTERM)
+        return REFUSED
+    print("ok")  # the parameter's value
+    return STARTED
+
+
+if __name__ == "__main__":
+    sys.exit(run())

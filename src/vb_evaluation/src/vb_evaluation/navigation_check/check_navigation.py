@@ -1,0 +1,211 @@
+"""Checks that a robot's navigation respects virtual borders, on the running move_base before people rely on it.
+
+Puts a small border across the path between the robot and a goal, asks move_base for plans before and after, clears its
+costmaps, tries a soft border, and removes everything again. The robot does not drive.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+import time
+from typing import Callable, Iterator, List, NamedTuple, Optional, Tuple
+
+import numpy as np
+import rospy
+from rich.console import Console
+from rich.table import Table
+from std_srvs.srv import Empty, EmptyRequest
+
+from vb_core import geometry, names, sentences
+from vb_core.errors import CodedError
+from vb_core.navigation_parameters import is_trinary
+from vb_core.ros import messages
+from vb_core.ros.services import call
+from vb_core.ros.transforms import TransformLookup
+from vb_evaluation.navigation_check.plan_observer import Observer, wait_until
+from vb_msgs.msg import RobotStatus, RobotStatusArray, VirtualBorder
+from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
+
+WATCHED = 2.0  # [s] for which plans are requested after the costmaps were cleared
+STILL = 0.05  # [m] by which the robot's pose may move while nothing but a border changes
+SOFT = 0.75  # delta of the soft border
+_SIGNS = {True: "[green]ok[/green]", False: "[red]NO[/red]", None: "[yellow]?[/yellow]"}
+
+
+class Check(NamedTuple):
+    """One line of the result. `good` is None where it could not be determined."""
+
+    name: str
+    good: Optional[bool]
+    result: str
+
+
+class NavigationCheck:
+    """Runs the checks against map_integrator and move_base of a running system.
+
+    Args:
+        goal: (x, y) [m] in the map frame, somewhere the robot could drive to from where it is.
+        size: [m] edge of the square border that is put on the path.
+        move_base: name of the node.
+        base_frame: name of the robot's base frame.
+        at_once: [s] after a border was added until plans have to go around it.
+        timeout: [s] to wait for anything before giving up.
+    """
+
+    def __init__(
+        self,
+        goal: Tuple[float, float],
+        size: float = 0.5,
+        move_base: str = "move_base",
+        base_frame: str = "base_link",
+        at_once: float = 1.0,
+        timeout: float = 10.0,
+    ) -> None:
+        self._goal, self._size, self._move_base = (goal[0], goal[1], 0.0), size, "/" + move_base.strip("/")
+        self._at_once, self._timeout, self._base_frame = at_once, timeout, base_frame
+
+    def run(self) -> List[Check]:
+        """Runs all checks, in order.
+
+        Raises:
+            CodedError: "no_map_with_borders", "no_transform", "no_planner", "no_path" or "path_too_short" if the checks
+                cannot be made; "refused" if the map integrator refuses the border.
+        """
+        service = f"{self._move_base}/make_plan"
+        try:
+            # a running move_base offers it at once
+            rospy.wait_for_service(service, timeout=2.0)
+        except rospy.ROSException:
+            raise CodedError("no_planner", f"no node offers {service}: start move_base first") from None
+        observer, transforms = Observer(), TransformLookup()
+        if not wait_until(lambda: observer.posterior is not None, 10.0):
+            raise CodedError("no_map_with_borders", topic=names.MAP_WITH_BORDERS)
+
+        def pose(frame: str) -> np.ndarray:
+            return transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0), timeout=5.0)
+
+        start = geometry.pose2d_from_transform(pose(self._base_frame))
+        path = observer.plan(start, self._goal, service)
+        if not len(path):
+            raise CodedError("no_path", "move_base finds no path to the goal: choose another one with --goal")
+        points = geometry.resample_chain(path, 0.02)
+        middle = points[len(points) // 2]
+        # the border must be clear of the robot and of the goal
+        if np.abs(np.array([start[:2], self._goal[:2]]) - middle).max(axis=1).min() < self._size:
+            raise CodedError(
+                "path_too_short", f"a border of {self._size:g} m does not fit on the path: choose a --goal farther away"
+            )
+        # one cell less: a path may touch the border's edge
+        half_size = 0.5 * self._size - observer.posterior.resolution
+
+        def plan_avoids_border() -> bool:
+            path = observer.plan(start, self._goal, service)
+            distances = np.abs(geometry.resample_chain(path, 0.01) - middle).max(axis=1) if len(path) else np.inf
+            return not np.any(distances < half_size)
+
+        checks = []
+        with self._border(middle, 1.0):
+            checks.append(self._soon("plans respect a new border at once", plan_avoids_border, self._at_once))
+            checks.append(self._check_cleared_costmaps(plan_avoids_border))
+        checks.append(self._soon("the way is free again once the border is removed", lambda: not plan_avoids_border()))
+        with self._border(middle, SOFT):
+            checks.append(self._check_soft_border(plan_avoids_border))
+        moved = float(np.hypot(*(np.array(geometry.pose2d_from_transform(pose(self._base_frame))) - start)[:2]))
+        return [*checks, Check("localisation does not jump", moved <= STILL, f"moved by {100 * moved:.1f} cm")]
+
+    @contextlib.contextmanager
+    def _border(self, middle: np.ndarray, occupancy: float) -> Iterator[None]:
+        """Adds a square border round a point (2,) [m], and removes it at the end."""
+        border = VirtualBorder(name="navigation check", kind=VirtualBorder.POLYGON, occupancy=occupancy, enabled=True)
+        corners = middle + 0.5 * self._size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        border.points = messages.points_from_array(corners)
+        border.seed = messages.points_from_array(middle[None])[0]
+        reply = call(names.ADD_BORDER, AddBorder, AddBorderRequest(border=border, source="check"), "the map integrator")
+        if not reply.success:
+            raise CodedError("refused", f"the map integrator does not take the border ({reply.code}): {reply.message}")
+        try:
+            yield
+        finally:
+            call(names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(id=reply.id), "the map integrator")
+
+    def _check_soft_border(self, plan_avoids_border: Callable[[], bool]) -> Check:
+        """Checks a soft border, if move_base is configured to see one."""
+        name = "a soft border is gone round where that is possible"
+        costmaps = [f"{self._move_base}/{name}" for name in ("global_costmap", "local_costmap")]
+        blind = [name for name in costmaps if is_trinary(rospy.get_param(name, None))]
+        if blind:
+            return Check(name, None, sentences.translate("soft_border_ignored", {"costmaps": ", ".join(blind)}))
+        return self._soon(name, plan_avoids_border)
+
+    def _check_cleared_costmaps(self, plan_avoids_border: Callable[[], bool]) -> Check:
+        name = "a border survives clear_costmaps"
+        try:
+            call(f"{self._move_base}/clear_costmaps", Empty, EmptyRequest(), "move_base")
+        except CodedError as error:
+            return Check(name, None, str(error))
+        # the costmap is empty until its next cycle; what counts is that the border returns on its own
+        check = self._soon(name, plan_avoids_border, self._at_once)
+        if not check.good:
+            return check
+        plans = []
+        end = time.monotonic() + WATCHED
+        while time.monotonic() < end:
+            plans.append(plan_avoids_border())
+        result = f"back {check.result}; {plans.count(False)} of {len(plans)} plans after that cross it"
+        return Check(name, all(plans), result)
+
+    def _soon(self, name: str, condition: Callable[[], bool], limit: float = float("inf")) -> Check:
+        """Checks that a condition comes to hold within a limit [s] of wall time."""
+        start = time.monotonic()
+        if not wait_until(condition, self._timeout, 0.02):
+            return Check(name, False, f"not within {self._timeout:g} s")
+        seconds = time.monotonic() - start
+        excess = f", {limit:g} s are allowed" if seconds > limit else ""
+        return Check(name, seconds <= limit, f"after {seconds:.2f} s{excess}")
+
+
+def find_robot(name: str) -> RobotStatus:
+    """Returns the robot of that name, or the only one, as robot_monitor knows it; without a monitor, default names.
+
+    Raises:
+        CodedError: "which_robot" if there is none of that name, or several.
+    """
+    try:
+        robots = rospy.wait_for_message(names.ROBOTS, RobotStatusArray, 3.0).robots
+    except rospy.ROSException:
+        robots = []
+    matches = [robot for robot in robots if name in ("", robot.robot)]
+    if robots and len(matches) != 1:
+        robot_names = ", ".join(robot.robot for robot in robots)
+        raise CodedError("which_robot", f"choose one of these robots with --robot: {robot_names}")
+    prefix = f"{name}/" if name else ""
+    robot = matches[0] if matches else RobotStatus(frame=f"{prefix}base_link")
+    robot.move_base = robot.move_base or f"/{prefix}move_base"
+    return robot
+
+
+def main() -> None:
+    """Runs the command. Exits with 1 if a check failed or none could be made."""
+    parser = argparse.ArgumentParser(prog="check_navigation", description=(__doc__ or "").splitlines()[0])
+    about_goal = "[m] in the map, some metres from the robot, with another way round"
+    parser.add_argument("--goal", nargs=2, type=float, required=True, metavar=("X", "Y"), help=about_goal)
+    parser.add_argument("--size", type=float, default=0.5, help="[m] edge of the border that is put on the way")
+    parser.add_argument("--robot", default="", help="its name, if there are several")
+    options = parser.parse_args(rospy.myargv()[1:])
+    # rospy's own handler would end the node before its border is taken away
+    rospy.init_node("check_navigation", anonymous=True, disable_signals=True)
+    console = Console()
+    console.print("Asks move_base for plans, with and without a border; half a minute. The robot does not drive.")
+    try:
+        robot = find_robot(options.robot)
+        checks = NavigationCheck(tuple(options.goal), options.size, robot.move_base, robot.frame).run()
+    except CodedError as error:
+        console.print(str(error), style="red", markup=False)  # a name in brackets is not markup
+        sys.exit(1)
+    table = Table("", "check", "found")
+    for check in checks:
+        table.add_row(_SIGNS[check.good], check.name, check.result)
+    console.print(table)
+    sys.exit(1 if any(check.good is False for check in checks) else 0)

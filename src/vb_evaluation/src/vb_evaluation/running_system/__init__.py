@@ -1,1 +1,0 @@
-"""Watches, drives and checks a running system over ROS, whether it is a lab or its simulation."""

@@ -1,0 +1,202 @@
+"""Finds faults of ceiling cameras that one detector alone cannot find. No ROS.
+
+Each detector reports what is wrong with its own images. This module compares the detectors' reports with the calibration
+files, with this computer's clock, and with each other.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Deque, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+
+import numpy as np
+
+from vb_core.errors import CodedError
+from vb_core.notices import Notice, Severity
+from vb_laser_detect.calibration import pose_file
+from vb_laser_detect.calibration.pose_file import CameraPose
+from vb_laser_detect.detection.detector_counts import MAX_CLOCK_OFFSET
+
+_SILENCE_TIMEOUT = 3.0  # [s] a detector reports each second; two reports may be late on a busy computer
+_START_TIMEOUT = 60.0  # [s] a lab's nodes start one after the other, which takes a minute on a small computer
+_CLOCK_REPORTS = 10  # the quickest of them counts: a busy computer delays some, clocks that differ shift all of them
+_MAX_FOCAL_CHANGE = 0.01  # lenses of one model differ by more, two calibrations of one lens by less
+# [m] extraction assumes that cameras agree within the hand's tremor; calibrated ones differ by one or two centimetres
+_MAX_DISAGREEMENT = 0.05
+_MAX_SIGHTINGS = 200  # per camera: enough for a median
+_SIGHTING_LIFETIME = 300.0  # [s] so that those from before a calibration soon no longer count
+_MIN_COMMON = 20  # sightings that two cameras must share before they are compared
+# positions are interpolated over at most one lost image, and no longer than a straight part of a slow drawing lasts
+_MAX_GAP_PERIODS = 2.5  # of a camera's usual interval between sightings
+_MAX_GAP = 0.5  # [s]
+# [s] a detector looks up a fixed camera's pose twice a second: until then, spots may be located with the former one
+_POSE_LATENCY = 5.0
+
+Sighting = Tuple[float, float, float]  # stamp [s], x, y [m]
+
+
+@dataclass(frozen=True)
+class Report:
+    """The part of a detector's status that is compared.
+
+    Attributes:
+        arrival: [s] time at which it arrived.
+        frame: frame of the images; "": not known.
+        focal: [px] focal length of the lens; 0: not known.
+        age: [s] time from the status's stamp until its arrival.
+    """
+
+    arrival: float
+    frame: str = ""
+    focal: float = 0.0
+    age: float = 0.0
+
+
+class CameraWatch:
+    """Finds faults of the cameras that should be there. Not thread safe.
+
+    Args:
+        cameras: names of the cameras.
+        now: [s] when the watch begins; detectors have a minute to start.
+    """
+
+    def __init__(self, cameras: Sequence[str], now: float) -> None:
+        self._reports = {name: Report(now + _START_TIMEOUT - _SILENCE_TIMEOUT) for name in cameras}
+        self._ages: Dict[str, Deque[float]] = {name: deque(maxlen=_CLOCK_REPORTS) for name in cameras}
+        self._sightings: Dict[str, Deque[Sighting]] = {}
+        self._pose_changes: Dict[str, float] = {}  # [s] when a camera got its present pose
+
+    def report(self, camera: str, report: Report) -> None:
+        """Records a detector's report; that of an unexpected camera is ignored."""
+        if camera in self._reports:
+            self._reports[camera] = report
+            self._ages[camera].append(report.age)
+
+    def add_spot(self, camera: str, stamp: float, x: float, y: float) -> None:
+        """Adds a stationary camera's spot at (x, y) [m] in the map, with its image's stamp [s].
+
+        Nobody has to draw for the comparison: any use of the laser where cameras overlap serves it.
+        """
+        if math.isfinite(x + y) and abs(stamp - self._pose_changes.get(camera, -math.inf)) > _POSE_LATENCY:
+            self._sightings.setdefault(camera, deque(maxlen=_MAX_SIGHTINGS)).append((stamp, x, y))
+
+    def forget_spots(self, camera: str, now: float) -> None:
+        """Drops a camera's sightings, because it has had another pose since a time [s]."""
+        self._sightings.pop(camera, None)
+        self._pose_changes[camera] = now
+
+    def missing_detectors(self, now: float) -> List[Notice]:
+        """Returns a notice for each camera whose detector has not reported for too long at a time [s]."""
+        return [
+            Notice.from_error(CodedError("detector_missing"), Severity.ERROR, camera)
+            for camera in sorted(self._reports)
+            if self._is_missing(camera, now)
+        ]
+
+    def _is_missing(self, camera: str, now: float) -> bool:
+        return now - self._reports[camera].arrival > _SILENCE_TIMEOUT
+
+    def wrong_clocks(self, now: float) -> List[Notice]:
+        """Returns a notice for each camera on a computer whose clock differs from this one's at a time [s]."""
+        notices = []
+        for camera, ages in sorted(self._ages.items()):
+            age = min(ages, key=abs, default=0.0)
+            is_known = len(ages) == _CLOCK_REPORTS and not self._is_missing(camera, now)
+            if is_known and abs(age) > MAX_CLOCK_OFFSET:
+                notices.append(Notice.from_error(CodedError("camera_clock", age=f"{age:.2f}"), Severity.ERROR, camera))
+        return notices
+
+    def misfits(
+        self, files: Mapping[str, Union[CameraPose, CodedError]], kept: Sequence[str], now: float
+    ) -> List[Notice]:
+        """Returns a notice for each camera whose calibration cannot be used, or does not fit its images.
+
+        Args:
+            files: each camera's calibration, or why it cannot be read.
+            kept: cameras whose earlier pose is still published.
+            now: [s] present time.
+        """
+        frames = [report.frame for camera, report in self._reports.items() if not self._is_missing(camera, now)]
+        notices = []
+        for camera, file in sorted(files.items()):
+            report = self._reports[camera]
+            fault = _misfit(camera, file, report, camera in kept)
+            # its detector says that another camera has the same frame: that must be resolved before the pose
+            if fault is not None and not (report.frame and frames.count(report.frame) > 1):
+                notices.append(Notice.from_error(fault, Severity.ERROR, camera))
+        return notices
+
+    def disagreements(self, now: float) -> List[Notice]:
+        """Returns a notice for each pair of cameras that disagree on a spot: one was moved, or has another's pose."""
+        recent = {
+            camera: np.array(sorted(row for row in rows if 0.0 <= now - row[0] <= _SIGHTING_LIFETIME)).reshape(-1, 3)
+            for camera, rows in self._sightings.items()
+        }
+        notices = []
+        for first, second in itertools.combinations(sorted(recent), 2):
+            distance = distance_between(recent[first], recent[second])
+            if distance > _MAX_DISAGREEMENT:
+                values = {"first": first, "second": second, "cm": f"{100 * distance:.0f}"}
+                notices.append(Notice.from_error(CodedError("cameras_disagree", **values), Severity.ERROR, second))
+        return notices
+
+
+def distance_between(a: np.ndarray, b: np.ndarray) -> float:
+    """Returns how far apart [m] two cameras see the same spot (median); NaN if they hardly saw it together.
+
+    Cameras do not take their images at the same time, and a spot moves. So the second camera's position is interpolated
+    to the first one's time, between two consecutive sightings at its usual rate.
+
+    Args:
+        a, b: (N, 3) sightings in order of time: stamp [s], x, y [m].
+    """
+    if min(len(a), len(b)) < _MIN_COMMON:
+        return math.nan
+    intervals = np.diff(b[:, 0])
+    previous = np.searchsorted(b[:, 0], a[:, 0], side="right") - 1  # row of b before each row of a
+    is_between = (previous >= 0) & (previous < len(intervals))
+    a, previous = a[is_between], previous[is_between]
+    is_short = intervals[previous] <= min(_MAX_GAP_PERIODS * float(np.median(intervals)), _MAX_GAP)
+    a, previous = a[is_short], previous[is_short]
+    if len(a) < _MIN_COMMON:
+        return math.nan
+    share = ((a[:, 0] - b[previous, 0]) / intervals[previous])[:, None]
+    interpolated = b[previous, 1:] + share * (b[previous + 1, 1:] - b[previous, 1:])
+    return float(np.median(np.linalg.norm(interpolated - a[:, 1:], axis=1)))
+
+
+def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, Union[CameraPose, CodedError]]:
+    """Reads each camera's calibration; gives the error if there is none, or its frame is also another camera's."""
+    files: Dict[str, Union[CameraPose, CodedError]] = {}
+    for camera in cameras:
+        try:
+            files[camera] = pose_file.load(pose_file.calibration_path(folder, camera))
+        except CodedError as error:
+            files[camera] = error.without_traceback()
+    frames = {camera: file.frame for camera, file in files.items() if isinstance(file, CameraPose)}
+    for camera, frame in frames.items():
+        try:
+            pose_file.require_own_frame(camera, frame, frames)  # a shared frame can be right for neither
+        except CodedError as error:
+            files[camera] = error.without_traceback()
+    return files
+
+
+def _misfit(camera: str, file: Union[CameraPose, CodedError], report: Report, is_kept: bool) -> Optional[CodedError]:
+    """Returns the fault if a calibration cannot be used, or does not fit the camera's images; None if it fits."""
+    name = f"{camera}.yaml"
+    if isinstance(file, CodedError):
+        if file.code == "shared_frame":
+            return file
+        if file.code == "no_calibration" and not is_kept:
+            return CodedError("camera_not_calibrated", error=file.message)
+        return CodedError("camera_file_broken", error=file.message, file=name)
+    if report.frame not in ("", file.frame):
+        return CodedError("camera_frame_differs", frame=report.frame, file_frame=file.frame, file=name)
+    if report.focal and file.focal and abs(report.focal / file.focal - 1.0) > _MAX_FOCAL_CHANGE:
+        focal, of_file = f"{report.focal:.0f}", f"{file.focal:.0f}"
+        return CodedError("camera_other_lens", focal=focal, file_focal=of_file, file=name)
+    return None

@@ -1,0 +1,89 @@
+"""Spots found in an image of half the size are measured at full size, with the accuracy of a full-size search."""
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from spot_scenes import GREEN, RED, Scene
+from vb_core.image_format import HalvedPicture
+from vb_laser_detect.camera.camera_source import Shot
+from vb_laser_detect.detection.spot_detector import SpotDetector
+
+SIZE = 956, 540  # neither the rows nor the columns of its half are a multiple of 8
+DRAWN = range(35, 60)
+ROWS = np.arange(SIZE[1], dtype=np.float32)[:, None, None]
+LIGHTS = {  # the gain of each image, or of each of its rows
+    "steady": lambda number: 1.0,
+    "switched": lambda number: 1.0 if number < 47 else 0.45,  # in the middle of the stroke
+    "flickering": lambda number: 1.0 + 0.3 * np.sin(ROWS / 90.0 + 1.7 * number),  # over a rolling shutter
+}
+
+
+@pytest.mark.parametrize(
+    "light, color, sigma, start, step",
+    [
+        ("steady", RED, 2.5, (250.3, 150.6), (6.0, 3.0)),
+        ("steady", GREEN, 1.2, (250.3, 150.6), (6.0, 3.0)),
+        ("steady", RED, 2.5, (250.3, 534.6), (6.0, 0.0)),
+        ("steady", RED, 2.5, (950.5, 150.6), (0.0, 3.0)),
+        ("switched", RED, 2.5, (250.3, 150.6), (6.0, 3.0)),
+        ("flickering", GREEN, 3.0, (250.3, 150.6), (6.0, 3.0)),
+    ],
+    ids=["red", "small and green", "at the lower edge", "at the right edge", "light switched", "lamps flicker"],
+)
+def test_halves_lead_to_the_spots_of_the_whole(light, color, sigma, start, step):
+    scene, both = Scene(*SIZE), [SpotDetector(), SpotDetector()]
+    found, whole = [[], []], []
+
+    def place(number):
+        return np.add(start, np.multiply(step, number))
+
+    for number in range(DRAWN.stop):
+        spots = [place(number)] if number in DRAWN else []
+        image = scene.render(spots, sigma, color=color, floor=scene.floor * LIGHTS[light](number))
+
+        def decode(width, height, image=image, number=number):
+            whole.extend([number] if width == SIZE[0] else [])
+            return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+
+        for offsets, detector, picture in zip(found, both, (image, HalvedPicture(SIZE, decode))):
+            for spot in detector.detect(picture, 0.04 * number).spots:
+                offsets.append((spot.u, spot.v) - place(spot.stamp / 0.04))
+    searched, halved = (np.array(offsets) for offsets in found)
+    assert len(searched) >= 0.8 * len(DRAWN) and abs(len(searched) - len(halved)) <= 1
+    assert np.abs(halved).max() <= np.abs(searched).max() + 0.1
+    if light == "steady":
+        # nothing else needs the full size
+        assert min(whole) >= DRAWN.start and set(whole) >= set(DRAWN)
+
+
+@pytest.mark.parametrize("size, scale", [((1920, 1080), 2), ((1441, 1080), 1), ((1280, 720), 1)])
+@pytest.mark.parametrize("jpeg", [True, False])
+def test_large_images_are_decoded_to_halves_of_the_same_place(size, scale, jpeg):
+    image = Scene(*size, noise=0.0).render([(201.0, 152.0)], sigma=4.0)
+    if jpeg:
+        shot = Shot(0.0, jpeg=cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes())
+    else:
+        shot = Shot(0.0, frame=av.VideoFrame.from_ndarray(image, format="bgr24"))
+    picture, again = shot.picture(), shot.picture()
+    assert picture.scale == scale and picture.size == size
+    assert picture.searched.shape == (size[1] // scale, size[0] // scale, 3) and picture.pixels.shape == image.shape
+    assert np.abs(scale * (middle_of_spot(picture.searched) + 0.5) - 0.5 - middle_of_spot(image)).max() < 0.2
+    if scale > 1:
+        again.decode_whole()
+        assert np.abs(again.searched.astype(int) - picture.searched).mean() < 1.0
+
+
+def test_an_image_that_comes_late_is_not_decoded():
+    scene, detector, decoded = Scene(*SIZE), SpotDetector(), []
+    detector.detect(HalvedPicture(SIZE, lambda *size: cv2.resize(scene.render(), size)), 1.0)
+    found = detector.detect(HalvedPicture(SIZE, lambda *size: decoded.append(size)), 0.96)
+    assert found.is_late and not found.spots and not decoded
+
+
+def middle_of_spot(image):
+    light = np.maximum(image[..., 2].astype(float) - 200.0, 0.0)
+    light[:, image.shape[1] // 2 :] = 0.0
+    rows, columns = np.indices(light.shape)
+    return np.array([(light * columns).sum(), (light * rows).sum()]) / light.sum()

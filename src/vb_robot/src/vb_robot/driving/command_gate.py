@@ -1,0 +1,258 @@
+"""The gate that every command passes: it limits a command to what is known to be safe, and names the reason.
+
+If anything that a command depends on is unknown, the robot stops, with a code that says why. All periodic inputs share
+one age limit: the robot has stopped INPUT_TIMEOUT after the last message of any of them (up to MAX_SLACK later for an
+input slower than 10 Hz). The older the oldest input, the slower the robot drives, so that it can brake in time from any
+speed. A message that is a little late, as on a busy computer, slows the robot for a moment but does not stop it.
+
+With or without ROS, the gate makes any source of velocities respect borders and a laser scanner: pass it every input,
+and send the result of `limit` to the base.
+
+>>> import numpy as np
+>>> from vb_core.grid_map import GridMap
+>>> gate, profile = CommandGate(RobotProfile()), RobotProfile()
+>>> request = VelocityRequest(0.3, 0.0, "driving")                            # [m/s], [rad/s]
+>>> gate.limit(10.0, NAVIGATION, request)                                     # nothing is known yet
+VelocityRequest(v=0.0, w=0.0, code='no_map')
+>>> floor = GridMap(np.zeros((100, 100), np.int8), resolution=0.05)           # 5 m x 5 m ...
+>>> borders = floor.with_data(np.tile(np.int8([0] * 60 + [100] * 40), (100, 1)))    # ... restricted from x = 3 m on
+>>> gate.workspace = Workspace(borders, floor, profile.radius)
+>>> ranges = np.full(360, 8.0)                                                # [m] nothing is near
+>>> gate.set_scan(Scan(ranges, -np.pi, np.radians(1.0), 0.1, 8.0, np.eye(4), profile.radius), stamp=10.0)
+>>> gate.record_input("state", 10.0)
+>>> gate.set_pose((2.0, 2.5, 0.0), stamp=10.0)
+>>> gate.limit(10.0, NAVIGATION, request), gate.limit(10.6, NAVIGATION, request)    # at once, and 0.6 s later
+(VelocityRequest(v=0.3, w=0.0, code='driving'), VelocityRequest(v=0.0, w=0.0, code='scan_lost'))
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+import threading
+from collections import deque
+from typing import Deque, Dict, Optional, Tuple
+
+from vb_core.grid_map import GridMap
+from vb_core.geometry import Pose
+from vb_core.robot_profile import RobotProfile
+from vb_robot.driving.scan_clearance import MAX_POSE_JUMP, Clearance, Fix, Scan, limit_around, pose_jump, safe_speed
+from vb_robot.driving.scan_clearance import stop_distance
+from vb_robot.driving.velocity import MAX_SPEED, VelocityRequest
+from vb_robot.driving.workspace import Workspace
+
+RATE = 20.0  # [1/s] how often commands are limited, and late messages noticed
+INPUT_TIMEOUT = 0.5  # [s] from the last scan, state, pose or command until the robot has stopped, without slack
+BASE_DELAY = 0.02  # [s] from a command to the wheels
+MAX_FUTURE_STAMP = 0.5  # [s] a stamp farther in the future comes from another clock, and its age is not known
+USUAL_PERIOD, MAX_SLACK = 0.1, 0.15  # [s] an input with a longer period may be older by the excess, up to MAX_SLACK
+JUMP_WINDOW = 1.0  # [s] over which the localisation is compared with the odometry
+POSE_JUMP_HOLD = 1.0  # [s] after a jump of the localisation, during which the borders' positions count as unknown
+OTHER_PUBLISHER_HOLD = 1.0  # [s] for which no command passes after another node's, as one node may drive a base
+BLIND_SPEED = 0.1  # [m/s] without a scanner, by the map alone, and for a joystick where no beam points
+
+OTHER_PUBLISHER = "other_cmd_vel_publisher"  # the code while another node can command the base
+NONE, STOP, TELEOP, FOLLOW, ESCAPE, NAVIGATION = "none", "stop", "teleop", "follow", "escape", "navigation"
+CLEARANCES = {
+    TELEOP: Clearance(0.05, 0.02, 0.0),
+    FOLLOW: Clearance(0.12, 0.04, 0.06),  # navigation must find a path from where a person leaves the robot
+    ESCAPE: Clearance(0.12, 0.04, 0.05),
+    NAVIGATION: Clearance(0.04, 0.0, -0.04),  # navigation keeps its own distance; this is only the last safeguard
+}
+
+
+class CommandGate:
+    """Limits one robot's commands by the space ahead and the age of its inputs. The input methods are thread safe.
+
+    Attributes:
+        workspace: the maps; None while they are not known.
+        speed_limits: the map of the slow zones' limits, if there is one.
+        contacts: for each (topic, sensor), the motion that its contact forbids: "forward" or "all".
+        pose_uncertain: whether the localisation reports that the robot may be anywhere.
+        other_commanders: other nodes that can command this robot's base now.
+        clock_age: [s] of real time since ROS's clock last moved; while it stands still, stamps do not show their age.
+        stamps: [s] of the newest scan, state, pose and spot, and of each source's newest command, by name.
+    """
+
+    def __init__(self, profile: RobotProfile) -> None:
+        self.profile = profile
+        self.workspace: Optional[Workspace] = None
+        self.speed_limits: Optional[GridMap] = None
+        self.contacts: Dict[Tuple[str, int], str] = {}
+        self.pose_uncertain = False
+        self.other_commanders: Tuple[str, ...] = ()
+        self.clock_age = 0.0
+        self.stamps: Dict[str, float] = {}
+        self._lock = threading.RLock()
+        self._scan: Optional[Scan] = None
+        self._recent_fixes: Deque[Fix] = deque(maxlen=64)
+        self._pose_known = False  # whether the newest fix is still valid
+        self._periods: Dict[str, Deque[float]] = {}  # [s] between an input's newest messages
+        self._corrected_stamp = 0.0  # [s] stamp of the localisation's newest correction
+        self._corrected_at = -math.inf  # [s] when it arrived
+        self._jump_hold_until = -math.inf
+        self._other_publishers: Dict[str, float] = {}  # [s] time of the last command, by other node
+        self._last_limited = -math.inf  # [s] time of the last call of `limit`
+
+    # ------------------------------------------------------------- inputs
+    def set_scan(self, scan: Scan, stamp: float) -> None:
+        """Stores a scan taken at time `stamp` [s]."""
+        with self._lock:
+            self._scan = scan
+            self.record_input("scan", stamp)
+
+    def set_pose(
+        self, pose: Optional[Pose], stamp: float, correction: float = 0.0, odometry: Optional[Pose] = None
+    ) -> None:
+        """Stores the robot's pose (x, y, yaw), map frame, at time `stamp` [s]; None if it is not known.
+
+        Args:
+            odometry: the pose in the odometry frame, if there is odometry.
+            correction: stamp [s] of the localisation's newest correction of the odometry; 0 if none is expected. AMCL
+                post-dates its corrections, so a correction's age counts from the change of this stamp.
+        """
+        with self._lock:
+            if correction != self._corrected_stamp:
+                self._corrected_stamp, self._corrected_at = correction, stamp
+            stamp = min(stamp, self._corrected_at) if correction else stamp
+            was_located, self._pose_known = self._pose_known, pose is not None
+            if pose is None:
+                self.stamps.pop("pose", None)
+                return
+            recent_fixes, fix = self._recent_fixes, Fix(stamp, pose, odometry)
+            if not was_located or not recent_fixes or stamp != recent_fixes[-1].stamp:
+                self.record_input("pose", stamp)  # a repeated pose is as old as before
+            # the last fix stays at any age, because the pose must agree with the odometry even after a pause
+            while len(recent_fixes) > 1 and not stamp - JUMP_WINDOW <= recent_fixes[0].stamp <= stamp:
+                recent_fixes.popleft()
+            compared_fixes = {recent_fixes[0], recent_fixes[-1]} if recent_fixes else ()
+            if any(earlier.stamp <= stamp and pose_jump(earlier, fix) > MAX_POSE_JUMP for earlier in compared_fixes):
+                self._jump_hold_until = stamp + POSE_JUMP_HOLD
+                recent_fixes.clear()
+            recent_fixes.append(fix)
+
+    def record_input(self, name: str, stamp: float) -> None:
+        """Records the stamp [s] of an input's newest message. A stamp slightly in the future counts as now."""
+        with self._lock:
+            if self._last_limited < stamp < self._last_limited + MAX_FUTURE_STAMP:
+                stamp = self._last_limited
+            if 0.0 < stamp - self.stamps.get(name, stamp) < 1.0:
+                self._periods.setdefault(name, deque(maxlen=5)).append(stamp - self.stamps[name])
+            self.stamps[name] = stamp
+
+    def set_contact(self, sensor: Tuple[str, int], blocks: str) -> None:
+        """Stores the motion that a sensor's contact forbids: "forward" or "all"; "" for no contact."""
+        with self._lock:
+            self.contacts.pop(sensor, None)
+            if blocks:
+                self.contacts[sensor] = blocks
+
+    def record_other_publisher(self, name: str, now: float) -> None:
+        """Records that another node has commanded this robot's base."""
+        self._other_publishers[name] = now
+
+    # ------------------------------------------------------------- state
+    def other_publishers(self, now: float) -> str:
+        """Returns the other nodes that can command the robot, or did in the last second."""
+        publishers = list(self._other_publishers.items())
+        recent = [name for name, stamp in publishers if 0.0 <= now - stamp <= OTHER_PUBLISHER_HOLD]
+        return ", ".join(sorted({*recent, *self.other_commanders}))
+
+    def pose(self, now: float) -> Optional[Pose]:
+        """Returns the robot's pose; None if it is unknown, or has just jumped."""
+        if self._jump_hold_until > now + POSE_JUMP_HOLD + MAX_FUTURE_STAMP:
+            self._jump_hold_until = -math.inf  # time has jumped back
+        unknown = not self._pose_known or self.pose_uncertain or now < self._jump_hold_until
+        return None if unknown or self._age(now, "pose") > INPUT_TIMEOUT else self._recent_fixes[-1].pose
+
+    # ------------------------------------------------------------- commands
+    def limit(self, now: float, source: str, request: VelocityRequest) -> VelocityRequest:
+        """Returns a source's request at time `now` [s] limited to what is safe, with the code of what limits it."""
+        with self._lock:
+            self._last_limited = now
+            # two nodes must not drive one base, in any state, even if no source requests motion
+            if self.other_publishers(now):
+                return VelocityRequest(0.0, 0.0, OTHER_PUBLISHER)
+            if source in (NONE, STOP):
+                return VelocityRequest(0.0, 0.0, request.code)
+            if not (math.isfinite(request.v) and math.isfinite(request.w)):
+                return VelocityRequest(0.0, 0.0, "bad_command")
+            if "all" in self.contacts.values():
+                return VelocityRequest(0.0, 0.0, "contact")
+            v, w, code = request
+            max_turn_rate = self.profile.limits.max_turn_rate
+            w = min(max(w, -max_turn_rate), max_turn_rate)
+            max_speed, reason = self._speed_limit(now, source, v, w) if v != 0.0 else (math.inf, "")
+            if abs(v) > max_speed:
+                # the same arc, which was checked, at a lower speed; a round robot can always turn in place
+                scale = max_speed / abs(v)
+                v, w, code = (scale * v, scale * w, reason) if max_speed >= 0.02 else (0.0, w, reason)
+            scale, missing_code = self._age_factor(now, source, v, w)
+            if missing_code:
+                return VelocityRequest(0.0, 0.0, missing_code)
+            return VelocityRequest(scale * v, scale * w, code)
+
+    def _age_factor(self, now: float, source: str, v: float, w: float) -> Tuple[float, str]:
+        """Returns the fraction of a command from which the robot can stop before the oldest input is too old.
+
+        If it is 0, also returns the code of the missing input, else "".
+        """
+        # a person may be driving with a joystick because all other inputs are lost
+        autonomous = source != TELEOP
+        unknown = {
+            "pose_jumped": autonomous and now < self._jump_hold_until,
+            "pose_uncertain": autonomous and self.pose_uncertain,
+            "no_map": autonomous and self.workspace is None,
+        }
+        ages = {code: math.inf for code, is_unknown in unknown.items() if is_unknown}
+        required = {"scan": self.profile.scanner.present, "state": autonomous, "pose": autonomous}
+        ages.update({f"{name}_lost": self._age(now, name) for name, is_required in required.items() if is_required})
+        if source == FOLLOW:
+            ages["spot_lost"] = self._age(now, "spot")
+        ages["driving"] = self._age(now, source) if source in self.stamps else 0.0
+        ages["clock_stopped"] = self.clock_age
+        oldest = max(ages, key=lambda name: ages[name])
+        # the command of this step is in force until the next step, and the base responds with a delay
+        remaining = INPUT_TIMEOUT - 1.0 / RATE - BASE_DELAY - ages[oldest]
+        if remaining <= 0.0:
+            return 0.0, oldest
+        limits = self.profile.limits
+        return min(1.0, remaining / max(abs(v) / limits.deceleration, abs(w) / limits.turn_acceleration, 1e-9)), ""
+
+    def _speed_limit(self, now: float, source: str, v: float, w: float) -> Tuple[float, str]:
+        """Returns the highest speed [m/s] on the arc of (v, w), and the code of what limits it."""
+        limits, clearance, radius = self.profile.limits, CLEARANCES[source], self.profile.radius
+        guided = source in (FOLLOW, ESCAPE)
+        speeds = [(min(MAX_SPEED, limits.max_speed) if guided else limits.max_speed, "speed_limit")]
+        if v > 0 and self.contacts:
+            speeds.append((0.0, "contact"))
+        unscanned = self._scan is None or not self.profile.scanner.present
+        delay = limits.reaction_time
+        if not unscanned:
+            assert self._scan is not None
+            # the scan's age counts instead of the reaction time if it is longer
+            latency = max(delay, now - self.stamps["scan"] + 1.0 / RATE + BASE_DELAY)
+            speeds.append((safe_speed(self._scan.free_distance(v, w, radius, clearance), limits, latency), "obstacle"))
+            unscanned = not self._scan.sees_path(v, w, radius, stop_distance(v, limits, latency))
+            if unscanned and source != TELEOP:
+                speeds.append((0.0, "floor_not_scanned"))
+        if unscanned:
+            speeds.append((BLIND_SPEED, "floor_not_scanned"))
+        pose, workspace = self.pose(now), self.workspace
+        if pose is not None and workspace is not None:
+            if source == NAVIGATION and workspace.distance_to_border(pose) <= 0.0:
+                speeds.append((0.0, "inside_border"))
+            speeds.append((safe_speed(workspace.free_distance(pose, v, w, clearance.cells), limits, delay), "border"))
+        if pose is not None and self.speed_limits is not None:
+            speeds.append((limit_around(self.speed_limits, pose[:2], stop_distance(v, limits, delay)), "speed_zone"))
+        return min(speeds, key=lambda entry: entry[0])
+
+    def _age(self, now: float, name: str) -> float:
+        """Returns the age [s] of an input's newest message, minus the slack that its period allows.
+
+        Returns inf if none has arrived, or its stamp is from another clock.
+        """
+        age = now - self.stamps.get(name, -math.inf)
+        period = statistics.median(self._periods[name]) if name in self._periods else 0.0
+        slack = min(max(period - USUAL_PERIOD, 0.0), MAX_SLACK)
+        return max(age - slack, min(age, 0.0)) if age >= -MAX_FUTURE_STAMP else math.inf

@@ -1,0 +1,1 @@
+"""Renders what cameras see of the simulated room: bodies, floor, laser spot."""

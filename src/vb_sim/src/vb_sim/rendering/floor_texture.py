@@ -1,0 +1,178 @@
+"""Draws an image of the floor from above, with all flat objects on it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Tuple
+
+import cv2
+import numpy as np
+
+from vb_core.geometry import to_map
+from vb_sim.model_params import make_generator
+from vb_sim.floor_plan import wall_outline
+from vb_sim.world import Floor, FloorPatch, World
+
+
+@dataclass(frozen=True)
+class FloorTexture:
+    """A metric image of the floor, seen from above.
+
+    Attributes:
+        rgb: (H, W, 3) uint8; row 0 has the lowest y.
+        resolution: [m] per pixel.
+        origin: (x, y) [m] of the outer corner of pixel (0, 0), map frame.
+    """
+
+    rgb: np.ndarray
+    resolution: float
+    origin: Tuple[float, float]
+
+    def matrix(self) -> np.ndarray:
+        """Returns the matrix (3, 3) from map coordinates [m] to (column, row) [px], integers at pixel centres."""
+        scale, (x, y) = 1.0 / self.resolution, self.origin
+        return np.array([[scale, 0, -x * scale - 0.5], [0, scale, -y * scale - 0.5], [0, 0, 1.0]])
+
+    def pixels(self, points: np.ndarray) -> np.ndarray:
+        """Projects points (N, 2) [m] to pixels (N, 2) (column, row) [px]."""
+        return (np.asarray(points, dtype=float).reshape(-1, 2) - self.origin) / self.resolution - 0.5
+
+    def halved(self) -> "FloorTexture":
+        """Returns the image at half the resolution, averaged."""
+        height, width = (size // 2 * 2 for size in self.rgb.shape[:2])
+        small = cv2.resize(self.rgb[:height, :width], (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+        return FloorTexture(small, self.resolution * 2.0, self.origin)
+
+
+def render_floor(world: World, seed: int, resolution: float = 0.0025) -> FloorTexture:
+    """Draws a world's floor; the same seed gives the same image."""
+    margin = world.room.margin
+    origin = (-margin, -margin)
+    width, height = (int(math.ceil((size + 2 * margin) / resolution)) for size in world.room.size)
+    rng = make_generator(seed, "floor")
+    texture = FloorTexture(np.zeros((height, width, 3), np.uint8), resolution, origin)
+    brightness = _make_brightness(world.floor, (height, width), resolution, rng)
+    image = brightness[..., None] * np.array(world.floor.color, np.float32)
+    for patch in world.patches:
+        if patch.kind == "snippets":
+            _draw_snippets(image, texture, patch, rng)
+        else:
+            _draw_carpet(image, texture, patch, rng)
+    _draw_contact_shadows(image, texture, world)
+    for light in world.lights:
+        column, row = texture.pixels(np.array([[light.x, light.y]]))[0]
+        reach = 2.0 * light.radius / resolution
+        top, left = max(0, int(row - reach)), max(0, int(column - reach))
+        part = image[top : max(0, int(row + reach)), left : max(0, int(column + reach))]
+        y, x = np.ogrid[top : top + part.shape[0], left : left + part.shape[1]]
+        distance = ((x - column) ** 2 + (y - row) ** 2) * (resolution / light.radius) ** 2
+        part += (light.brightness * np.exp(-0.7 * distance**1.5))[..., None].astype(np.float32)
+    return FloorTexture(np.clip(image + 0.5, 0, 255).astype(np.uint8), resolution, origin)
+
+
+def _make_noise(shape: Tuple[int, int], step: Tuple[float, float], rng: np.random.Generator) -> np.ndarray:
+    """Returns smooth noise (H, W) float32 of unit standard deviation, with features of `step` (rows, columns) [px]."""
+    coarse = tuple(max(2, int(math.ceil(size / max(1.0, length))) + 2) for size, length in zip(shape, step))
+    values = rng.standard_normal(coarse, dtype=np.float32)
+    noise = cv2.resize(values, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC)
+    return noise / max(1e-6, float(noise.std()))
+
+
+def _make_brightness(floor: Floor, shape: Tuple[int, int], resolution: float, rng: np.random.Generator) -> np.ndarray:
+    height, width = shape
+    result = 1.0 + 0.02 * _make_noise(shape, (0.9 / resolution, 0.9 / resolution), rng)
+    result += 0.12 * floor.contrast * _make_noise(shape, (0.004 / resolution, 0.004 / resolution), rng)
+    if floor.kind == "plain":
+        return result + 0.15 * floor.contrast * _make_noise(shape, (0.03 / resolution, 0.03 / resolution), rng)
+    length, breadth = (max(2.0, size / resolution) for size in floor.plank)
+    if floor.kind == "tiles":
+        breadth = length
+    rows = np.arange(height, dtype=np.float32) / breadth
+    row_numbers = rows.astype(int)
+    shifts = rng.random(row_numbers[-1] + 1).astype(np.float32)
+    if floor.kind == "tiles":
+        shifts[:] = 0.0
+    columns = np.arange(width, dtype=np.float32)[None, :] / length + shifts[row_numbers][:, None]
+    column_numbers = columns.astype(np.int32)
+    tones = rng.normal(0.0, 1.0, (row_numbers[-1] + 1, int(column_numbers.max()) + 1)).astype(np.float32)
+    result += 0.42 * floor.contrast * tones[row_numbers[:, None], column_numbers]
+    if floor.kind == "planks":
+        # the grain runs along the boards
+        result += 0.28 * floor.contrast * _make_noise(shape, (0.006 / resolution, 0.25 / resolution), rng)
+        result += 0.18 * floor.contrast * _make_noise(shape, (0.02 / resolution, 0.5 / resolution), rng)
+    seam = 0.0015 / resolution if floor.kind == "planks" else 0.002 / resolution
+    across = np.minimum(rows - row_numbers, 1.0 - (rows - row_numbers)) * breadth
+    along = np.minimum(columns - column_numbers, 1.0 - (columns - column_numbers)) * length
+    gap = np.maximum(np.exp(-((across / seam) ** 2))[:, None], np.exp(-((along / seam) ** 2)))
+    return result * (1.0 - min(1.0, 1.8 * floor.contrast) * gap)
+
+
+def _cut_patch(image: np.ndarray, texture: FloorTexture, patch: FloorPatch):
+    """Returns the part of the image that contains a patch, and x and y [m] of its pixels in the patch's axes."""
+    corners = texture.pixels(patch.footprint())
+    low = np.maximum(np.floor(corners.min(axis=0)).astype(int), 0)
+    high = np.maximum(np.ceil(corners.max(axis=0)).astype(int) + 1, low)
+    part = image[low[1] : high[1], low[0] : high[0]]
+    rows, columns = np.indices(part.shape[:2], dtype=np.float32)
+    dx = (columns + low[0] + 0.5) * texture.resolution + texture.origin[0] - patch.x
+    dy = (rows + low[1] + 0.5) * texture.resolution + texture.origin[1] - patch.y
+    c, s = math.cos(math.radians(patch.yaw)), math.sin(math.radians(patch.yaw))
+    return part, c * dx + s * dy, c * dy - s * dx
+
+
+def _draw_carpet(image: np.ndarray, texture: FloorTexture, patch: FloorPatch, rng: np.random.Generator) -> None:
+    part, x, y = _cut_patch(image, texture, patch)
+    if part.size == 0:
+        return
+    half = np.array(patch.size) / 2.0
+    edge = np.minimum(half[0] - np.abs(x), half[1] - np.abs(y))
+    weave = 0.5 * (np.sin(2 * math.pi * x / 0.011) * np.sin(2 * math.pi * y / 0.011))
+    step = 0.007 / texture.resolution
+    tone = 1.0 + patch.contrast * (0.35 * weave + 0.22 * _make_noise(part.shape[:2], (step, step), rng))
+    tone += 0.10 * patch.contrast * _make_noise(part.shape[:2], (60 * step, 60 * step), rng)
+    # a woven border and diamonds, which may mislead a spot detector as real carpets do
+    stripe = (((edge > 0.05) & (edge < 0.065)) | ((edge > 0.10) & (edge < 0.125))).astype(np.float32)
+    rhomb = np.abs(((x + 0.2) % 0.4) / 0.4 - 0.5) + np.abs(((y + 0.2) % 0.4) / 0.4 - 0.5)
+    figure = (((rhomb > 0.16) & (rhomb < 0.21)) & (edge > 0.16)).astype(np.float32)
+    tone *= 1.0 + 1.2 * patch.contrast * (stripe + 0.7 * figure)
+    color = np.array(patch.color, np.float32)
+    inside = edge > 0.0
+    part[inside] = (tone[..., None] * color)[inside]
+    rim = (edge <= 0.0) & (edge > -0.012)
+    part[rim] *= 0.75
+
+
+def _draw_snippets(image: np.ndarray, texture: FloorTexture, patch: FloorPatch, rng: np.random.Generator) -> None:
+    for _ in range(patch.count):
+        center = (rng.random(2) - 0.5) * np.array(patch.size)
+        angle = rng.random() * math.pi
+        half = patch.snippet * rng.uniform(0.3, 0.6, 2)
+        axes = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]]) * half[:, None]
+        # torn paper: a rectangle with each corner displaced
+        corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * rng.uniform(0.7, 1.1, (4, 2)) @ axes + center
+        outline = texture.pixels(to_map(corners, (patch.x, patch.y, math.radians(patch.yaw))))
+        shade = float(rng.uniform(1.0 - patch.contrast, 1.0))
+        color = tuple(shade * value for value in patch.color)
+        cv2.fillConvexPoly(image, np.round(outline * 16 + 12).astype(np.int32), (0.0, 0.0, 0.0), cv2.LINE_8, 4)
+        cv2.fillConvexPoly(image, np.round(outline * 16).astype(np.int32), color, cv2.LINE_8, 4)
+
+
+def _draw_contact_shadows(image: np.ndarray, texture: FloorTexture, world: World) -> None:
+    """Darkens the floor beside walls and furniture."""
+    step = 8
+    small = (image.shape[0] // step + 1, image.shape[1] // step + 1)
+    occluder = np.zeros(small, np.float32)
+    outlines = [wall_outline(wall) for wall in world.walls] + [thing.footprint() for thing in world.furniture]
+    weights = [1.0] * len(world.walls) + [0.55 if thing.kind == "table" else 1.0 for thing in world.furniture]
+    for outline, weight in zip(outlines, weights):
+        cv2.fillPoly(occluder, [np.round(texture.pixels(outline) / step * 16).astype(np.int32)], weight, cv2.LINE_8, 4)
+    low, high = np.round(texture.pixels(np.array([(0, 0), world.room.size])) / step).astype(int).tolist()
+    outside = np.ones(small, np.float32)
+    cv2.rectangle(outside, low, high, 0.0, -1)
+    occluder = np.maximum(occluder, 0.7 * outside)
+    cell = texture.resolution * step
+    near, far = (cv2.GaussianBlur(occluder, (0, 0), reach / cell) for reach in (0.07, 0.22))
+    shade = 0.55 * near + 0.45 * far
+    resized = cv2.resize(shade, (small[1] * step, small[0] * step), interpolation=cv2.INTER_LINEAR)
+    image *= (1.0 - 0.5 * resized[: image.shape[0], : image.shape[1]])[..., None]

@@ -1,0 +1,196 @@
+"""Renders the image of a laser spot on the floor.
+
+The beam's footprint is an ellipse of light, many times brighter than the floor. Lens and filter blur it, motion during
+the exposure smears it, and some of the light is scattered into a halo. The sensor saturates: the core is white, because
+even the light that leaks through the other colours' filters saturates there, and the halo around it is coloured. The
+spot's size follows from power, exposure and distance.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Optional, Tuple
+
+import numpy as np
+
+from vb_core.camera_model import CameraModel
+from vb_core.geometry import invert
+from vb_sim.model_params import Optics
+
+_MAX_PX = 56
+
+
+@dataclass(frozen=True)
+class SpotImage:
+    """The light of a spot.
+
+    Attributes:
+        column, row: [px] position of the patch's first pixel.
+        center: (u, v) [px] of the spot in the middle of the exposure.
+        light: (h, w) float32 [grey levels] on a white floor, before any colour filter.
+    """
+
+    column: int
+    row: int
+    center: Tuple[float, float]
+    light: np.ndarray
+
+    @property
+    def pixel(self) -> Tuple[int, int]:
+        """Column and row of the pixel at the spot's centre."""
+        return int(round(self.center[0])), int(round(self.center[1]))
+
+    @property
+    def area(self) -> Tuple[slice, slice]:
+        """Rows and columns of the patch."""
+        height, width = self.light.shape
+        return slice(self.row, self.row + height), slice(self.column, self.column + width)
+
+
+def render_spot(
+    point: Tuple[float, float],
+    velocity: Tuple[float, float],
+    source: Optional[np.ndarray],
+    camera: CameraModel,
+    T_map_optical: np.ndarray,
+    optics: Optics,
+) -> Optional[SpotImage]:
+    """Renders the light of a spot. Returns None if it is out of view.
+
+    Args:
+        point: [m] position of the spot, map frame.
+        velocity: [m/s] velocity of the spot.
+        source: (3,) [m] position of the pointer; if None, it is straight above the spot.
+    """
+    projection = _project(point, velocity, camera, T_map_optical, optics)
+    if projection is None:
+        return None
+    center, jacobian, smear = projection
+    pixels_per_m2 = abs(_determinant(jacobian))
+    if pixels_per_m2 < 1e-6:
+        return None
+    # a pixel integrates light over its area, which adds a variance of 1/12 px^2
+    blur = (optics.psf_sigma_px**2 + 1.0 / 12.0) * np.eye(2)
+    covariance = jacobian @ _footprint_covariance(point, source, optics) @ jacobian.T + blur
+    # laser power relative to ambient light, if all its light fell into one pixel
+    total = optics.laser_power_mw * 1e-3 * pixels_per_m2 / optics.ambient_w_m2
+    total *= optics.white_level * optics.exposure_gain
+    radius = _light_radius(total, covariance, optics) + float(np.linalg.norm(smear)) / 2.0
+    half = int(min(_MAX_PX, math.ceil(radius)))
+    column, row = int(round(center[0])) - half, int(round(center[1])) - half
+    first_column, first_row = max(column, 0), max(row, 0)
+    last_column, last_row = min(column + 2 * half + 1, camera.width), min(row + 2 * half + 1, camera.height)
+    if last_column <= first_column or last_row <= first_row:
+        return None
+    u = np.arange(first_column, last_column, dtype=np.float32)[None, :] - np.float32(center[0])
+    v = np.arange(first_row, last_row, dtype=np.float32)[:, None] - np.float32(center[1])
+    light = _spread_light(u, v, (1.0 - optics.halo_share) * total, covariance, smear)
+    scale = optics.halo_scale_px
+    halo = optics.halo_share * total / (2.0 * math.pi * scale**2)
+    light += np.float32(halo) * np.exp(-np.sqrt(u * u + v * v) / np.float32(scale))
+    return SpotImage(first_column, first_row, (float(center[0]), float(center[1])), light)
+
+
+def add_spot(
+    image: np.ndarray, spot: SpotImage, weights: np.ndarray, encoding: str, full_well_e: float, rng: np.random.Generator
+) -> None:
+    """Adds a spot's light to an image in place.
+
+    Args:
+        weights: (3,) shares of the light that pass the red, green and blue filters.
+        full_well_e: [electrons] at 255, which determines the photon noise of the light.
+    """
+    light = apply_color_filters(spot.light, weights, encoding, spot.column, spot.row)
+    sigma = np.sqrt(np.minimum(light, 255.0) * np.float32(255.0 / full_well_e))
+    light += sigma * rng.standard_normal(light.shape, dtype=np.float32)
+    part = image[spot.area]
+    part[...] = np.clip(part + light + 0.5, 0, 255)
+
+
+def apply_color_filters(values: np.ndarray, weights: np.ndarray, encoding: str, column: int, row: int) -> np.ndarray:
+    """Returns the light behind a sensor's colour filters, (h, w) or (h, w, 3), for light (h, w) before them.
+
+    Args:
+        weights: (3,) shares for red, green, blue.
+        column, row: position of the light's first pixel in the image, on which a Bayer pattern's phase depends.
+    """
+    red, green, blue = (np.float32(weight) for weight in weights)
+    if encoding == "rgb8":
+        return values[..., None] * np.array([red, green, blue])
+    if encoding == "bgr8":
+        return values[..., None] * np.array([blue, green, red])
+    if encoding == "mono8":
+        return values * np.float32(0.299 * red + 0.587 * green + 0.114 * blue)
+    result = values * green
+    even_row, even_column, odd_row, odd_column = row % 2, column % 2, 1 - row % 2, 1 - column % 2
+    result[even_row::2, even_column::2] = values[even_row::2, even_column::2] * red
+    result[odd_row::2, odd_column::2] = values[odd_row::2, odd_column::2] * blue
+    return result
+
+
+def _project(
+    point: Tuple[float, float],
+    velocity: Tuple[float, float],
+    camera: CameraModel,
+    T_map_optical: np.ndarray,
+    optics: Optics,
+) -> Optional[Tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Returns the spot's centre (2,) [px], the Jacobian there (2, 2) [px/m], and the spot's motion blur (2,) [px]."""
+    step, border = 1e-3, 30.0
+    half_exposure = optics.exposure_ms * 1e-3 / 2.0
+    x, y = point
+    dx, dy = velocity[0] * half_exposure, velocity[1] * half_exposure
+    probes = np.array([(x, y, 0), (x + step, y, 0), (x, y + step, 0), (x - dx, y - dy, 0), (x + dx, y + dy, 0)])
+    T = invert(T_map_optical)
+    in_camera = probes @ T[:3, :3].T + T[:3, 3]
+    if (in_camera[:, 2] < 0.05).any():
+        return None
+    center, along_x, along_y, first, last = camera.project(in_camera)
+    if not (-border < center[0] < camera.width + border and -border < center[1] < camera.height + border):
+        return None
+    return center, np.column_stack([along_x - center, along_y - center]) / step, last - first
+
+
+def _spread_light(u: np.ndarray, v: np.ndarray, total: float, covariance: np.ndarray, smear: np.ndarray) -> np.ndarray:
+    """Returns the light (h, w) of an ellipse that moves by `smear` (2,) [px], at offsets u (1, w) and v (h, 1) [px]."""
+    determinant = _determinant(covariance)
+    uu, uv, vv = (np.float32(value / determinant) for value in (covariance[1, 1], -covariance[0, 1], covariance[0, 0]))
+    length = float(np.linalg.norm(smear))
+    count = 1 if length < 0.5 else min(11, 2 + int(length / 0.8))
+    # all instants of the exposure at once
+    shares = ((np.arange(count) + 0.5) / count - 0.5)[:, None, None]
+    du, dv = u - (shares * smear[0]).astype(np.float32), v - (shares * smear[1]).astype(np.float32)
+    light = np.exp(np.float32(-0.5) * (uu * du * du + (np.float32(2) * uv * du) * dv + vv * dv * dv)).sum(axis=0)
+    light *= np.float32(total / (2.0 * math.pi * math.sqrt(determinant)) / count)
+    return light
+
+
+def _determinant(matrix: np.ndarray) -> float:
+    return float(matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0])
+
+
+def _footprint_covariance(point: Tuple[float, float], source: Optional[np.ndarray], optics: Optics) -> np.ndarray:
+    """Computes the covariance (2, 2) [m^2] of the light on the floor, an ellipse if the beam is oblique."""
+    distance = 1.5
+    covariance = np.eye(2)
+    if source is not None:
+        along = np.array(point) - source[:2]
+        horizontal = float(np.linalg.norm(along))
+        distance = math.hypot(horizontal, source[2])
+        if horizontal > 1e-6:
+            along /= horizontal
+            stretch = min(distance / max(float(source[2]), 0.05), 6.0)
+            covariance = np.eye(2) + (stretch**2 - 1.0) * np.outer(along, along)
+    diameter = optics.beam_diameter_mm * 1e-3 + optics.divergence_mrad * 1e-3 * distance
+    return covariance * (diameter / 4.0) ** 2
+
+
+def _light_radius(total: float, covariance: np.ndarray, optics: Optics) -> float:
+    """Computes the radius [px] beyond which the spot adds less than half a grey level."""
+    half_trace = 0.5 * float(covariance[0, 0] + covariance[1, 1])
+    sigma = math.sqrt(half_trace + math.sqrt(max(0.0, half_trace**2 - _determinant(covariance))))
+    peak = max(1.0, total / (2.0 * math.pi * math.sqrt(_determinant(covariance))))
+    core = sigma * math.sqrt(2.0 * math.log(2.0 * peak + 1.0))
+    halo = optics.halo_share * total / (2.0 * math.pi * optics.halo_scale_px**2)
+    return max(core, optics.halo_scale_px * math.log(max(1.0, 2.0 * halo))) + 2.0

@@ -1,0 +1,253 @@
+"""Represents the world's solid objects by flat faces, and draws them with a depth buffer.
+
+Colours are rgb. A depth buffer contains inverse depths along the optical axis [1/m], 0 where nothing is drawn.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, List, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core.camera_model import CameraModel
+from vb_core.geometry import invert
+from vb_sim.floor_plan import wall_outline
+from vb_sim.world import Furniture, World
+
+Face = Tuple[Any, Sequence[float]]  # corners and colour
+_NEAR = 0.03
+# light from above and slightly from the side, so that a box's sides differ in brightness
+_LIGHT = np.array([0.30, -0.45, 0.84])
+_AMBIENT, _DIRECT = 0.58, 0.46
+_SHIFT = 4
+
+
+class Mesh:
+    """Flat convex faces in the map frame: their normals (N, 3), colours (N, 3), and all their corners (M, 3) [m].
+
+    Args:
+        faces: corners (K, 3) [m] of each face, counter-clockwise seen from outside, and its colour.
+    """
+
+    def __init__(self, faces: Sequence[Face]) -> None:
+        corners = [np.asarray(face, dtype=float) for face, _ in faces]
+        normals = [np.cross(face[1] - face[0], face[2] - face[0]) for face in corners]
+        normals = [normal / float(np.linalg.norm(normal)) for normal in normals]
+        brightness = [_AMBIENT + _DIRECT * max(0.0, float(normal @ _LIGHT)) for normal in normals]
+        colors = [np.clip(np.array(color, dtype=float) * light, 0, 255) for (_, color), light in zip(faces, brightness)]
+        self.normals, self.colors = np.array(normals).reshape(-1, 3), np.array(colors).reshape(-1, 3)
+        self.corners = np.concatenate(corners) if corners else np.zeros((0, 3))
+        self.starts = np.concatenate([[0], np.cumsum([len(face) for face in corners])]).astype(int)
+
+
+def prism(
+    outline: np.ndarray, low: float, high: float, color: Sequence[float], bands: Sequence[Tuple[float, float]] = ()
+) -> List[Face]:
+    """Builds the faces of an upright prism over a convex outline (N, 2), counter-clockwise, from `low` to `high` [m].
+
+    Args:
+        bands: (upper height [m], brightness) of strips of its sides, from the bottom up; above, the brightness is 1.
+    """
+    outline, color = np.asarray(outline, dtype=float), np.array(color, dtype=float)
+    strips = [(top, brightness) for top, brightness in bands if low < top < high] + [(high, 1.0)]
+    faces: List[Face] = []
+    for a, b in zip(outline, np.roll(outline, -1, axis=0)):
+        bottom = low
+        for top, brightness in strips:
+            faces.append(([(*a, bottom), (*b, bottom), (*b, top), (*a, top)], color * brightness))
+            bottom = top
+    faces.append((np.column_stack([outline, np.full(len(outline), high)]), color))
+    if low > 0:
+        faces.append((np.column_stack([outline, np.full(len(outline), low)])[::-1], color * 0.7))
+    return faces
+
+
+def world_mesh(world: World) -> Mesh:
+    """Builds the mesh of a world's walls and furniture."""
+    width, height = world.room.size
+    t, top = world.room.wall_thickness, world.room.wall_height
+    faces: List[Face] = []
+    for outline in (
+        [(-t, -t), (width + t, -t), (width + t, 0), (-t, 0)],
+        [(-t, height), (width + t, height), (width + t, height + t), (-t, height + t)],
+        [(-t, 0), (0, 0), (0, height), (-t, height)],
+        [(width, 0), (width + t, 0), (width + t, height), (width, height)],
+    ):
+        # the bands are a skirting board
+        faces += prism(np.array(outline, dtype=float), 0.0, top, (214, 209, 200), [(0.07, 0.72), (0.08, 0.5)])
+    for wall in world.walls:
+        faces += prism(wall_outline(wall), 0.0, wall.height, wall.color, [(0.04, 0.8)])
+    for thing in world.furniture:
+        faces += _furniture_faces(thing)
+    return Mesh(faces)
+
+
+def _furniture_faces(thing: Furniture) -> List[Face]:
+    if thing.kind == "table":
+        board = min(0.04, thing.height / 4)
+        legs = [prism(leg, 0.0, thing.height - board, np.array(thing.color) * 0.8) for leg in thing.contact_outlines()]
+        return sum(legs, []) + prism(thing.footprint(), thing.height - board, thing.height, thing.color)
+    # objects are darker near the floor
+    bands = [(share * thing.height, brightness) for share, brightness in ((0.06, 0.55), (0.3, 0.86), (0.65, 0.94))]
+    return prism(thing.footprint(), 0.0, thing.height, thing.color, [] if thing.kind == "cylinder" else bands)
+
+
+class RayGrid:
+    """The viewing rays of all pixels of a camera, (x, y, 1) in the optical frame.
+
+    Without distortion, x is (1, W) and y is (H, 1), otherwise both are (H, W); float32.
+    """
+
+    def __init__(self, camera: CameraModel) -> None:
+        self.camera = camera
+        self.distorted = camera.distorted
+        if self.distorted:
+            self.x, self.y = self._distorted_rays(camera)
+        else:
+            matrix = camera.matrix
+            self.x = ((np.arange(camera.width) - matrix[0, 2]) / matrix[0, 0]).astype(np.float32)[None, :]
+            self.y = ((np.arange(camera.height) - matrix[1, 2]) / matrix[1, 1]).astype(np.float32)[:, None]
+        self.limits = (float(self.x.min()), float(self.x.max()), float(self.y.min()), float(self.y.max()))
+
+    @staticmethod
+    def _distorted_rays(camera: CameraModel) -> Tuple[np.ndarray, np.ndarray]:
+        # exact at every eighth pixel; linear interpolation between them is accurate enough
+        step = 8
+        columns, rows = (int(np.ceil(size / step)) + 2 for size in (camera.width, camera.height))
+        centers = [(np.arange(count) - 1) * step + (step - 1) / 2 for count in (columns, rows)]
+        u, v = np.meshgrid(*centers)
+        rays = camera.rays(np.column_stack([u.ravel(), v.ravel()]))
+        grids = []
+        for axis in range(2):
+            coarse = rays[:, axis].reshape(rows, columns).astype(np.float32)
+            fine = cv2.resize(coarse, (columns * step, rows * step), interpolation=cv2.INTER_LINEAR)
+            grids.append(np.ascontiguousarray(fine[step : step + camera.height, step : step + camera.width]))
+        return grids[0], grids[1]
+
+    def combine(
+        self, a: float, b: float, c: float, rows: slice = slice(None), columns: slice = slice(None)
+    ) -> np.ndarray:
+        """Computes a x + b y + c, (h, w) float32, over a part of the image."""
+        x, y = (self.x[rows, columns], self.y[rows, columns]) if self.distorted else (self.x[:, columns], self.y[rows])
+        return np.add(np.float32(a) * x, np.float32(b) * y + np.float32(c))
+
+
+class DepthBuffer:
+    """The nearest surface in each pixel.
+
+    Attributes:
+        inverse: (H, W) float32 [1/m] inverse depth along the optical axis, 0 for the floor.
+        ids: (H, W) uint8, index into `colors` and `normals`, 0 for the floor.
+        colors: (256, 3) uint8 rgb.
+    """
+
+    def __init__(self, grid: RayGrid) -> None:
+        self.grid = grid
+        size = (grid.camera.height, grid.camera.width)
+        self.inverse = np.zeros(size, np.float32)
+        self.ids = np.zeros(size, np.uint8)
+        self.normals = np.zeros((256, 3), np.float32)
+        self.colors = np.zeros((256, 3), np.uint8)
+        self._count = 0
+
+    def clear(self) -> None:
+        """Empties the buffer."""
+        self.inverse.fill(0)
+        self.ids.fill(0)
+        self._count = 0
+
+    def draw_mesh(self, mesh: Mesh, T_map_optical: np.ndarray, gain: float = 1.0) -> None:
+        """Draws the faces of a mesh that the camera sees, with their colours multiplied by a gain."""
+        if not len(mesh.corners):
+            return
+        T = invert(T_map_optical)
+        corners = mesh.corners @ T[:3, :3].T + T[:3, 3]
+        normals = mesh.normals @ T[:3, :3].T
+        starts = mesh.starts[:-1]
+        offsets = np.einsum("ij,ij->i", normals, corners[starts])
+        x0, x1, y0, y1 = self.grid.limits
+        x, y, z = corners.T
+        sides = np.stack([z - _NEAR, x - x0 * z, x1 * z - x, y - y0 * z, y1 * z - y])
+        reachable = (np.maximum.reduceat(sides, starts, axis=1) > 0).all(axis=0) & (offsets < -1e-9)
+        inside = np.minimum.reduceat(sides, starts, axis=1).T >= 0
+        visible = np.nonzero(reachable)[0]
+        if len(visible) > 255 - self._count:
+            nearest = np.minimum.reduceat(z, starts)
+            visible = visible[np.argsort(nearest[visible])][: 255 - self._count]
+        # the near plane comes first; without distortion it is enough, as drawing clips faces to the image
+        planes = 5 if self.grid.distorted else 1
+        for index in visible:
+            face = corners[mesh.starts[index] : mesh.starts[index + 1]]
+            for side in np.flatnonzero(~inside[index, :planes]):
+                face = self._clip(face, int(side))
+                if len(face) < 3:
+                    break
+            if len(face) >= 3:
+                a, b, c = normals[index] / offsets[index]
+                self._fill(self._outline(face), (a, b, c), mesh.colors[index] * gain, normals[index])
+
+    def draw_flat(self, outline_px: np.ndarray, depth: float, color: Sequence[float], normal: np.ndarray) -> None:
+        """Draws the convex hull of points (N, 2) [px] as a face at one depth [m]."""
+        if self._count < 255:
+            hull = cv2.convexHull(np.asarray(outline_px, dtype=np.float32))[:, 0]
+            self._fill(hull, (0.0, 0.0, 1.0 / depth), color, normal)
+
+    def _clip(self, face: np.ndarray, side: int) -> np.ndarray:
+        x0, x1, y0, y1 = self.grid.limits
+        plane = [(0, 0, 1), (1, 0, -x0), (-1, 0, x1), (0, 1, -y0), (0, -1, y1)][side]
+        distances = face @ np.array(plane, dtype=float) - (_NEAR if side == 0 else 0.0)
+        clipped = []
+        for i in range(len(face)):
+            j = (i + 1) % len(face)
+            if distances[i] >= 0:
+                clipped.append(face[i])
+            if (distances[i] >= 0) != (distances[j] >= 0):
+                share = distances[i] / (distances[i] - distances[j])
+                clipped.append(face[i] + share * (face[j] - face[i]))
+        return np.array(clipped).reshape(-1, 3)
+
+    def _outline(self, face: np.ndarray) -> np.ndarray:
+        if self.grid.distorted:
+            # samples the edges, because the lens bends them
+            steps = np.linspace(0, 1, 12, endpoint=False)[None, :, None]
+            face = (face[:, None, :] * (1 - steps) + np.roll(face, -1, axis=0)[:, None, :] * steps).reshape(-1, 3)
+            return self.grid.camera.project(face)
+        matrix = self.grid.camera.matrix
+        return face[:, :2] / face[:, 2:] * (matrix[0, 0], matrix[1, 1]) + (matrix[0, 2], matrix[1, 2])
+
+    def _fill(
+        self, outline: np.ndarray, plane: Tuple[float, float, float], color: Sequence[float], normal: np.ndarray
+    ) -> None:
+        height, width = self.ids.shape
+        (min_x, min_y), (max_x, max_y) = outline.min(axis=0), outline.max(axis=0)
+        left, top = max(math.floor(min_x), 0), max(math.floor(min_y), 0)
+        right, bottom = min(math.ceil(max_x) + 1, width), min(math.ceil(max_y) + 1, height)
+        if right <= left or bottom <= top:
+            return
+        mask = np.zeros((bottom - top, right - left), np.uint8)
+        points = np.round((outline - (left, top)) * (1 << _SHIFT)).astype(np.int32)
+        if self.grid.distorted:
+            cv2.fillPoly(mask, [points], 1, cv2.LINE_8, _SHIFT)
+        else:
+            cv2.fillConvexPoly(mask, points, 1, cv2.LINE_8, _SHIFT)
+        self._count += 1
+        self.colors[self._count] = np.minimum(np.maximum(color, 0), 255)
+        self.normals[self._count] = normal
+        rows, columns = slice(top, bottom), slice(left, right)
+        inverse = self.inverse[rows, columns]
+        flat = plane[:2] == (0.0, 0.0)
+        candidate = np.float32(plane[2]) if flat else self.grid.combine(*plane, rows, columns)
+        nearer = mask.astype(bool) & (candidate > inverse)
+        np.copyto(inverse, candidate, where=nearer)
+        self.ids[rows, columns][nearer] = self._count
+
+    def paint(self, image: np.ndarray) -> None:
+        """Paints the drawn objects into the image (H, W, 3) of the floor, in place."""
+        left, top, width, height = cv2.boundingRect(self.ids)
+        if width == 0:
+            return
+        part = (slice(top, top + height), slice(left, left + width))
+        ids = self.ids[part]
+        cv2.copyTo(cv2.applyColorMap(ids, self.colors[:, None]), ids, image[part])

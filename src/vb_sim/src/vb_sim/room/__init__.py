@@ -1,1 +1,0 @@
-"""The simulated room: world file, floor plan, geometry, appearance and laser spot."""

@@ -1,1 +1,0 @@
-"""What stands behind the interaction's commands: previews, services, and answers to repeated commands."""

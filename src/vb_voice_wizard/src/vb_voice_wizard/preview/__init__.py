@@ -1,0 +1,1 @@
+"""Shows what a border would restrict, before it is saved."""

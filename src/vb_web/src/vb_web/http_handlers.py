@@ -1,0 +1,258 @@
+"""Answers browsers: files and images by HTTP, and one WebSocket for everything else.
+
+Browsers get the view's sections as they change, and send requests that `action_parser` must accept. No request names
+a file on disk: dictionaries hold all that can be fetched.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import random
+import time
+from functools import partial
+from typing import Any, Dict, List, Optional, Tuple
+
+from tornado import web
+from tornado.websocket import WebSocketClosedError, WebSocketHandler
+
+from vb_core.errors import CodedError
+from vb_core.rate_limiter import RateLimiter
+from vb_web import access_control
+from vb_web import action_parser
+from vb_web.access_control import Role
+from vb_web.page_view import as_message, refusal
+
+# [s] between two messages to a browser: 25 a second look fluid, and cost little for 20 browsers
+_SEND_PERIOD = 0.04
+MAX_BODY = 2048  # [B] the only body is a code
+_MAX_UNANSWERED = 4  # requests of one browser
+_MAX_REFUSED = 20  # messages after which the browser is disconnected
+
+
+def routes(page: Any) -> List[Tuple]:
+    """Lists the handler of each path. `page` is the `server.PageServer`."""
+    settings = {"page": page}
+    return [
+        (r"/picture/(map|restricted)/([0-9a-f]{16})\.png", _ImageHandler, settings),
+        (r"/floor\.webp|/camera/([A-Za-z0-9_]{1,40})\.jpg", _CameraHandler, settings),
+        (r"/session", _SessionHandler, settings),
+        (r"/link", _LinkHandler, settings),
+        (r"/(.*)", _FileHandler, settings),
+    ]
+
+
+class _GuardedHandler(web.RequestHandler):
+    """Checks every request before a handler does anything."""
+
+    NEEDS = Role.VIEWER
+    role: Role
+    session: str  # its name; "" for a browser of this computer
+
+    def initialize(self, page: Any) -> None:
+        self.page = page
+        self.body = b""
+
+    def set_default_headers(self) -> None:
+        self.set_header("Server", "virtual_borders")
+        for name, value in access_control.security_headers(self.request.protocol == "https").items():
+            self.set_header(name, value)
+
+    def prepare(self) -> None:
+        request = self.request
+        if not self.page.request_limiter.allows(request.remote_ip or "", time.monotonic()):
+            raise web.HTTPError(429)
+        self.role, self.session = self._identify()
+        holders = filter(None, (request.remote_ip, self.session))
+        if not self.page.assign_slot(request.connection.stream, self.role, *holders):
+            self.set_header("Connection", "close")
+            raise web.HTTPError(503)
+        if request.method not in ("GET", "HEAD") or isinstance(self, WebSocketHandler):
+            # also for this computer's own browsers: any other page open in them could ask
+            if not access_control.same_origin(request.headers.get("Origin"), request.protocol, request.host):
+                raise web.HTTPError(403)
+        if self.role < self.NEEDS:
+            raise web.HTTPError(403 if self.role else 401)
+
+    def _identify(self) -> Tuple[Role, str]:
+        if self.page.sessions is not None:
+            return self.page.sessions.find(self.get_cookie(access_control.COOKIE))
+        # a request by another host's name that leads here, or through a proxy here, is not from this computer
+        headers = self.request.headers
+        direct = not any(name in headers for name in ("Forwarded", "X-Forwarded-For", "X-Real-Ip", "Via"))
+        hosts = (access_control.host_of(self.request.host), self.request.remote_ip or "")
+        return (Role.OPERATOR, "") if direct and all(map(access_control.is_loopback, hosts)) else (Role.NOBODY, "")
+
+    def write_error(self, status_code: int, **_kwargs: Any) -> None:
+        self.set_header("Content-Type", "application/json")
+        self.set_header("Cache-Control", "no-store")
+        self.finish(json.dumps({"ok": False, "status": status_code}))
+
+    def log_exception(self, kind: Any, value: Any, trace: Any) -> None:
+        if not isinstance(value, web.HTTPError):
+            super().log_exception(kind, value, trace)
+
+
+@web.stream_request_body
+class _Handler(_GuardedHandler):
+    """Reads bodies as bytes: Tornado's form and multipart parsers are never reached."""
+
+    def data_received(self, chunk: bytes) -> None:
+        self.body += chunk
+        if len(self.body) > MAX_BODY:
+            raise web.HTTPError(413)
+
+    def send(self, data: bytes, kind: str, keep: str = "no-store") -> None:
+        """Answers with bytes. Tornado adds an ETag, by which the browser can ask whether they have changed."""
+        self.set_header("Content-Type", kind)
+        self.set_header("Cache-Control", keep)
+        self.finish(data)
+
+
+class _FileHandler(_Handler):
+    NEEDS = Role.NOBODY  # the page's files reveal nothing about the house
+
+    def get(self, name: str) -> None:
+        file = self.page.files.get(name or "index.html")
+        if file is None:
+            raise web.HTTPError(404)
+        self.send(*file, keep="no-cache")
+
+
+class _ImageHandler(_Handler):
+    def get(self, kind: str, name: str) -> None:
+        image = self.page.images.get(kind, name)
+        if image is None:
+            raise web.HTTPError(404)
+        self.send(image.data, "image/png", keep="private, max-age=31536000, immutable")
+
+
+class _CameraHandler(_Handler):
+    """Sends a camera's image, or the floor as all of them see it. Both are made on request."""
+
+    NEEDS = Role.OPERATOR
+
+    async def get(self, camera: Optional[str]) -> None:
+        make = (self.page.cameras.camera_jpeg, camera) if camera else (self.page.cameras.floor_webp,)
+        data = await self.page.in_turn(self.session, *make)
+        if data is None:
+            raise web.HTTPError(404)
+        self.send(data, "image/jpeg" if camera else "image/webp")
+
+
+class _SessionHandler(_Handler):
+    """Tells a browser its role, which a failed WebSocket does not. Logs in (POST, with a code) and out (DELETE)."""
+
+    NEEDS = Role.NOBODY
+
+    def get(self) -> None:
+        status = {"role": self.role.name.lower(), "login": self.page.sessions is not None}
+        self.send(json.dumps(status).encode("ascii"), "application/json")
+
+    async def post(self) -> None:
+        sessions, address = self.page.sessions, self.request.remote_ip or ""
+        if sessions is None:
+            raise web.HTTPError(404)
+        if not self.page.login_limiter.allows(address, time.monotonic()):
+            raise web.HTTPError(429)
+        try:
+            fields = json.loads(self.body.decode("utf-8"))
+            code = fields["code"] if set(fields) == {"code"} and isinstance(fields["code"], str) else ""
+        except (ValueError, TypeError, RecursionError):
+            raise web.HTTPError(400) from None
+        cookie = await asyncio.get_event_loop().run_in_executor(self.page.pool, sessions.open, code)
+        if cookie is None:
+            raise web.HTTPError(401)
+        self.set_cookie(
+            access_control.COOKIE,
+            cookie,
+            expires_days=access_control.COOKIE_DAYS,
+            httponly=True,
+            secure=self.request.protocol == "https",
+            samesite="Strict",
+        )
+        self.send(b'{"ok":true}', "application/json")
+
+    async def delete(self) -> None:
+        if self.session and self.page.sessions is not None:
+            await asyncio.get_event_loop().run_in_executor(self.page.pool, self.page.sessions.end, self.session)
+            for browser in [browser for browser in self.page.browsers if browser.session == self.session]:
+                browser.close(1008)
+        self.clear_cookie(access_control.COOKIE)
+        self.send(b'{"ok":true}', "application/json")
+
+
+class _LinkHandler(_GuardedHandler, WebSocketHandler):
+    """The WebSocket of one browser."""
+
+    def check_origin(self, origin: str) -> bool:
+        return True  # `prepare` has checked it, and refused a missing one
+
+    def open(self, *_args: str) -> None:
+        self.set_nodelay(True)
+        self._refused = 0  # messages so far
+        self._unanswered = 0  # requests that are being carried out
+        self._message_limiter = RateLimiter(rate=10.0, burst=40.0)
+        self.page.browsers.add(self)
+        self._write(self.page.hellos[self.role])
+        asyncio.ensure_future(self._send_view())
+
+    def on_close(self) -> None:
+        self.page.browsers.discard(self)
+
+    async def _send_view(self) -> None:
+        """Sends this browser what it has not received yet, as fast as it accepts it, but no faster than looks fluid.
+
+        Viewers are served at random moments within that period: otherwise an operator's answer would wait for them all.
+        """
+        revision = 0
+        delay = 0.0 if self.role == Role.OPERATOR else random.uniform(0.0, _SEND_PERIOD)
+        with contextlib.suppress(WebSocketClosedError):
+            while self in self.page.browsers:
+                view_changed = self.page.view_changed
+                revision, text = self.page.view.newer_than(revision)
+                if text:
+                    await self.write_message(text)
+                    await asyncio.sleep(_SEND_PERIOD - delay)
+                else:
+                    await view_changed.wait()
+                    await asyncio.sleep(delay)
+
+    def _write_json(self, message: Dict[str, Any]) -> None:
+        self._write(as_message(message))
+
+    def _write(self, text: str) -> None:
+        with contextlib.suppress(WebSocketClosedError):
+            self.write_message(text)
+
+    def on_message(self, message: Any) -> None:
+        request_id = ""  # a refusal names its request too, if that has a usable id
+        try:
+            if not self._message_limiter.allows("", time.monotonic()):
+                raise CodedError("page_too_fast")
+            request_id, fields = action_parser.parse(message)
+            request = action_parser.check(request_id, fields, self.page.find_bounds())
+            if self.role < Role.OPERATOR:
+                raise CodedError("page_viewer_only")
+        except CodedError as error:
+            self._refused += 1
+            self._write_json({"re": request_id, **refusal(error)})
+            if self._refused >= _MAX_REFUSED:
+                self.close(1008)
+            return
+        if self._unanswered >= _MAX_UNANSWERED and request.values.get("command") != "stop":
+            self._write_json({"re": request.id, **refusal(CodedError("page_too_fast"))})
+            return
+        self._unanswered += 1
+        # by callback: each await would cost another turn of the loop, in which all others come first
+        self.page.carry_out(request, self.session).add_done_callback(partial(self._answer, request))
+
+    def _answer(self, request: action_parser.Request, future: asyncio.Future) -> None:
+        self._unanswered -= 1
+        try:
+            answer = future.result()
+        except Exception:
+            self._write_json({"re": request.id, **refusal(CodedError("internal_error"))})
+            raise
+        self._write_json({"re": request.id, **answer})
