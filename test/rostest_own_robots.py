@@ -135,7 +135,7 @@ class OwnRobots(unittest.TestCase):
         cls.wait(lambda: names.BORDERS in cls.heard and names.ROBOTS in cls.heard, "borders_only to start")
         wait_until(lambda: is_listening(port), "the page to listen")
         cls.browser = Browser(f"http://127.0.0.1:{port}/")
-        cls.browser.wait("window.virtualBorders && window.virtualBorders.view.offer", what="what is connected")
+        cls.browser.wait("window.virtualBorders && window.virtualBorders.view.capabilities", what="what is connected")
         cls.browser.run("document.getElementById('health').open = true")
 
     @classmethod

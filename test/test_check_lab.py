@@ -18,7 +18,7 @@ from vb_core.notices import Notice, Severity
 from vb_core.capabilities import derive_capabilities
 from vb_core.ros.robot_status import connections_from_message
 from vb_laser_detect.camera import camera_report
-from vb_laser_detect.camera.camera_source import Shot
+from vb_laser_detect.camera.camera_source import CapturedImage
 from vb_msgs.msg import RobotStatus, RobotStatusArray
 
 
@@ -92,7 +92,7 @@ def camera(address, _params, take, tell):
 
     def start():
         for number in range(3):
-            take(Shot(0.04 * number, b"no JPEG"))
+            take(CapturedImage(0.04 * number, b"no JPEG"))
         tell(CodedError("camera_ended", source=address))
 
     return SimpleNamespace(start=start, close=lambda: None)

@@ -59,7 +59,7 @@ class Finder:
         """Searches an image; returns its spots, and those of earlier images that are confirmed only now."""
         geometry = frame.geometry(self._projection) if frame.geometry else None
         if frame.encoding == "jpeg":
-            picture = self._source.Shot(frame.stamp, frame.image).picture()
+            picture = self._source.CapturedImage(frame.stamp, frame.image).picture()
         else:
             picture = self._reader.read(frame.image, frame.encoding)
         return self._detector.detect(picture, frame.stamp, geometry).spots

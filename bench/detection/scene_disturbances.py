@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from vb_core import geometry
-from vb_core.camera_model import CameraModel, pixels_of
+from vb_core.camera_model import CameraModel, project_to_pixels
 from vb_sim.rendering.camera_view import Body
 from vb_sim.lab_history import Snapshot
 from vb_sim.rendering.bodies import SHIRT, SHOES, BodyParts, person_key, person_pieces
@@ -117,7 +117,7 @@ def relight(image: np.ndarray, around: SceneConditions, camera: CameraModel, T_m
     """Applies lamps, exposure and sun to an image without laser, (H, W) or (H, W, 3) uint8, in place."""
     if around.sun:
         outline = geometry.resample_chain(np.array([*around.sun, around.sun[0]], dtype=float), 0.05)
-        pixels = pixels_of(camera, T_map_optical, np.column_stack([outline, np.zeros(len(outline))]))
+        pixels = project_to_pixels(camera, T_map_optical, np.column_stack([outline, np.zeros(len(outline))]))
         # the lens model is invalid far outside the image
         _brighten(image, np.clip(pixels, -2.0 * camera.width, 3.0 * camera.width), around.sun_gain)
     gain = around.light * around.exposure
@@ -146,7 +146,7 @@ def add_glint(
     image: np.ndarray, glint: Glint, camera: CameraModel, T_map_optical: np.ndarray, encoding: str, exposure: float
 ) -> None:
     """Adds a glint to an image (H, W) or (H, W, 3) uint8, in place, if the camera sees it."""
-    T = geometry.invert(T_map_optical)
+    T = geometry.invert_transform(T_map_optical)
     in_camera = T[:3, :3] @ np.array(glint.position) + T[:3, 3]
     if in_camera[2] < 0.1:
         return

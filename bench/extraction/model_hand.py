@@ -204,7 +204,7 @@ def judge_seed(make: Callable, modules: List[Any], rng: np.random.Generator) -> 
     points, stamps, cameras = look(scene, rng)
     drawn = extraction.DrawnBorder(dwells=extraction.find_dwells(points, stamps=stamps, cameras=cameras))
     error = float(np.hypot(*(scene.truth[0] - drawn.seed)))
-    reported = drawn.other_dwell is not None
+    reported = drawn.competing_dwell is not None
     return Judgement(error > 0.15, error > 0.15 and not reported, reported, error)
 
 
@@ -223,7 +223,7 @@ def judge(make: Callable, modules: List[Any], rng: np.random.Generator) -> Judge
     truth = scene.truth[np.append(True, np.hypot(*np.diff(scene.truth, axis=0).T) > 1e-9)]
     error = hausdorff(chain.points, geometry.resample_chain(truth, 0.01), scene.closed)
     bad = error > BAD_M or chain.closed != scene.closed
-    reported = bool(chain.left_out_spots) or getattr(chain, "unseen", 0.0) > 0.5 * extraction.ExtractionParams().eps
+    reported = bool(chain.unused_spot_count) or getattr(chain, "unseen", 0.0) > 0.5 * extraction.ExtractionParams().eps
     return Judgement(bad, bad and not reported, reported, error)
 
 

@@ -18,7 +18,7 @@ import simplejpeg
 from bench.harness import Table, arguments
 from bench.lab.camera_clip import DRAWN, FRAMES, RATE, clip, scene
 from vb_core.image_format import AnyPicture, Picture
-from vb_laser_detect.camera.camera_source import Shot
+from vb_laser_detect.camera.camera_source import CapturedImage
 from vb_laser_detect.detection.projection import FloorProjection, ImageGeometry
 from vb_laser_detect.detection.spot_detector import SpotDetector
 
@@ -45,7 +45,7 @@ def main() -> None:
     options = arguments(__doc__).parse_args()
     cv2.setNumThreads(1)
     table, jpegs = Table(options.csv), clip()
-    current, baseline = Search(lambda jpeg: Shot(0.0, jpeg).picture()), Search(gray)
+    current, baseline = Search(lambda jpeg: CapturedImage(0.0, jpeg).picture()), Search(gray)
     for number in range(2 * FRAMES):
         for s in (current, baseline) if number % 2 else (baseline, current):
             s.look(jpegs[number % FRAMES], number / RATE)

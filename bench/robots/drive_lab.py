@@ -22,7 +22,7 @@ from vb_core import names
 from vb_core.child_processes import free_port, roslaunch
 from vb_core.errors import CodedError
 from vb_core.geometry import chain_length
-from vb_core.grid_map import distance_to
+from vb_core.grid_map import distance_transform
 from vb_core.ros import messages
 from vb_core.ros.services import call
 from vb_evaluation.navigation_check.move_base_goals import GoalRunner
@@ -159,5 +159,5 @@ class Lab:
         if not len(path) or not restricted.any():
             return -math.inf
         cells = prior.world_to_cell(path)
-        gap = distance_to(restricted)[cells[:, 0], cells[:, 1]] * prior.resolution
+        gap = distance_transform(restricted)[cells[:, 0], cells[:, 1]] * prior.resolution
         return float(self.radius - gap.min() - 1.5 * prior.resolution)

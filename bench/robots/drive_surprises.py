@@ -7,7 +7,7 @@ import numpy as np
 import rospy
 
 from vb_core.errors import CodedError
-from vb_core.grid_map import distance_to
+from vb_core.grid_map import distance_transform
 from vb_core.geometry import look_ahead
 from vb_evaluation.navigation_check.plan_observer import wait_until
 
@@ -77,7 +77,7 @@ def drive_box(lab, number, seed) -> dict:
         lab.drive(ENDS[0])  # if its last goal was refused under way, it may stand in the area of the border
     border = lab.add(scenario.border, scenario.seed, scenario.closed)
     blocked = lab.observer.posterior
-    clearance = distance_to((blocked.data >= 65) | (blocked.data < 0)) * blocked.resolution
+    clearance = distance_transform((blocked.data >= 65) | (blocked.data < 0)) * blocked.resolution
 
     def act():
         ahead = np.array([look_ahead(lab.plan, lab.pose()[:2], distance)[0] for distance in BOX_AHEAD])

@@ -28,7 +28,7 @@ import numpy as np
 from bench.harness import Table, arguments, share
 from bench.robots.drive_surprises import drive_box, drive_nose
 from bench.robots.drive_lab import WORLDS, Lab
-from vb_core.grid_map import distance_to, sample
+from vb_core.grid_map import distance_transform, sample
 from vb_core.navigation_parameters import PATH_MARGIN
 from vb_map_integration.border import VirtualBorder as Border
 from vb_map_integration.border_region import compute_region
@@ -89,7 +89,7 @@ def places(scenario: str, seed: int):
         lines = start + np.linspace(0.0, 1.0, 100)[None, :, None] * (ends - start)[:, None, :]
         crosses = sample(posterior, restricted, lines.reshape(-1, 2)).reshape(len(ends), -1).any(axis=1)
         chain.append((*ends[int(np.argmax(crosses))], int(yaws[len(chain)])))
-    is_deep = distance_to(~restricted) * posterior.resolution > RADIUS
+    is_deep = distance_transform(~restricted) * posterior.resolution > RADIUS
     inside = posterior.cell_to_world(np.argwhere(restricted & is_deep))
     inside = [(*inside[rng.integers(len(inside))], 0) for _ in range(INSIDE)]
     return [tuple(float(round(value, 3)) for value in place) for place in (*chain, *inside)]

@@ -54,12 +54,12 @@ def test_rays_of_wide_lenses_are_exact_up_to_the_models_limit(lens):
     points = np.column_stack([(reach * np.cos(angles)).ravel(), (reach * np.sin(angles)).ravel(), np.ones(angles.size)])
     pixels = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, camera.distortion)[0][:, 0]
     in_image = camera.contains(pixels)
-    rays = camera.rays(pixels[in_image])
+    rays = camera.pixels_to_rays(pixels[in_image])
     assert in_image.sum() > 500 and np.abs(rays - points[in_image]).max() < 1e-6
     if len(falls):
         # no ray for a pixel beyond the model's image, and no pixel for a point beyond its limit
         nowhere = np.array([(319.5 + 1.05 * (rise.max() - 319.5), 239.5), (0.0, 0.0)])
-        assert np.isnan(camera.rays(nowhere)[:, 0]).all()
+        assert np.isnan(camera.pixels_to_rays(nowhere)[:, 0]).all()
         assert np.isnan(camera.project(np.array([[1.1 * end, 0.0, 1.0]]))).all()
 
 
@@ -71,7 +71,7 @@ def test_a_fisheye_follows_its_polynomial_up_to_its_limit(k, end):
     radii = 300.0 * angles * (1.0 + sum(k[i] * angles ** (2 * i + 2) for i in range(4)))
     pixels = camera.project(points)
     assert np.allclose(pixels, np.column_stack([639.5 + 0.6 * radii, 479.5 + 0.8 * radii]), atol=1e-6)
-    assert np.allclose(camera.project(camera.rays(pixels)), pixels, atol=1e-3)
+    assert np.allclose(camera.project(camera.pixels_to_rays(pixels)), pixels, atol=1e-3)
     # the limit is where 1 + 3 k1 a^2 + 5 k2 a^4 + ... is 0, if that is below 90 degrees
     assert np.isnan(camera.project([[np.tan(np.radians(1.01 * end)), 0.0, 1.0 if end < 90.0 else -1.0]])).all()
     assert np.degrees(np.arctan(camera.limit)) == pytest.approx(end, abs=0.01)
@@ -79,7 +79,7 @@ def test_a_fisheye_follows_its_polynomial_up_to_its_limit(k, end):
 
 @pytest.mark.parametrize("camera", [WIDE, CameraModel.ideal(640, 480, 577.0), CameraModel(8, 6, np.eye(3), [], True)])
 def test_empty_arrays_stay_empty(camera):
-    assert camera.project(np.zeros((0, 3))).shape == (0, 2) and camera.rays(np.zeros((0, 2))).shape == (0, 3)
+    assert camera.project(np.zeros((0, 3))).shape == (0, 2) and camera.pixels_to_rays(np.zeros((0, 2))).shape == (0, 3)
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_projection_and_rays_agree_with_opencv(distortion, fisheye):
     project = cv2.fisheye.projectPoints if fisheye else cv2.projectPoints
     expected = project(points[:, None], np.zeros(3), np.zeros(3), matrix, camera.distortion)[0][:, 0]
     assert np.abs(camera.project(points) - expected).max() < 1e-6
-    assert np.abs(camera.rays(expected) - points / points[:, 2:]).max() < 1e-6
+    assert np.abs(camera.pixels_to_rays(expected) - points / points[:, 2:]).max() < 1e-6
     assert camera.focal_px == 1100.0
     # in an image of another shape, a point lies at the same fraction of width and height
     half = camera.scaled_to(350, 600)

@@ -8,7 +8,7 @@ import pytest
 
 from vb_core import sentences
 from vb_core.capabilities import NO_ROBOT, READY, UNREADY, ConnectedRobot, Connections
-from vb_core.capabilities import derive_capabilities, effective_commands, find_unkept
+from vb_core.capabilities import derive_capabilities, effective_commands, describe_ignored_zone
 from vb_core.notices import Severity
 from vb_core.zones import ZONES
 
@@ -37,7 +37,7 @@ def robot(connected, name="ada", localized=True):
 
 def offered_to(*robots, cameras=False):
     """Returns what a lab with these robots offers."""
-    return derive_capabilities(Connections(robots, cameras, interaction=cameras))
+    return derive_capabilities(Connections(robots, cameras, has_interaction=cameras))
 
 
 @for_each_robot
@@ -56,7 +56,7 @@ def test_a_lab_is_ready_if_its_robot_keeps_out_of_borders(case):
 def test_only_a_robot_that_plans_round_borders_is_sent_anywhere(case):
     offered = offered_to(robot(case.connected))
     is_sent = case.plans == "robot_plans_round_borders"
-    assert (offered.goes, "go" in offered.commands) == (("ada",) if is_sent else (), is_sent)
+    assert (offered.sendable_robots, "go" in offered.commands) == (("ada",) if is_sent else (), is_sent)
 
 
 @for_each_robot
@@ -74,7 +74,7 @@ def test_people_are_told_what_a_robot_obeys(case):
 @for_each_robot
 def test_a_lost_robot_keeps_no_zone_and_is_sent_nowhere(case):
     offered = offered_to(robot(case.connected, localized=False))
-    assert (offered.zones, offered.goes, offered.state) == ((), (), UNREADY)
+    assert (offered.zones, offered.sendable_robots, offered.state) == ((), (), UNREADY)
     assert [line.code for line in offered.robot_notices] == [case.plans, "robot_not_localized", case.obeys]
 
 
@@ -93,7 +93,10 @@ def test_two_robots_are_offered_what_each_of_them_is_alone():
         pair = robot(of_ada, "ada", ada_known), robot(of_bob, "bob", bob_known)
         ada, bob, both = (offered_to(*robots, cameras=True) for robots in (pair[:1], pair[1:], pair))
         assert set(both.commands) == {*ada.commands, *bob.commands} and set(both.zones) == {*ada.zones, *bob.zones}
-        assert (both.goes, both.robot_notices) == (ada.goes + bob.goes, ada.robot_notices + bob.robot_notices)
+        assert (both.sendable_robots, both.robot_notices) == (
+            ada.sendable_robots + bob.sendable_robots,
+            ada.robot_notices + bob.robot_notices,
+        )
         assert both.ignored_by == {zone: ada.ignored_by[zone] + bob.ignored_by[zone] for zone in ZONES}
         assert (both.state == READY) == (ada.state == bob.state == READY)
 
@@ -112,7 +115,7 @@ def test_a_lab_without_a_robot_has_no_warnings():
 
 
 def test_commands_without_an_effect_are_not_offered():
-    offered = derive_capabilities(Connections((robot(DRIVER),), interaction=True))
+    offered = derive_capabilities(Connections((robot(DRIVER),), has_interaction=True))
     assert effective_commands(offered, ("define_border", "guide_robot", "stop", "undo")) == ("stop", "undo")
 
 
@@ -126,11 +129,11 @@ def test_commands_without_an_effect_are_not_offered():
     ],
 )
 def test_a_border_names_its_robots_that_do_not_keep_it(zone, border_for, unkept):
-    assert find_unkept(offered_to(robot(PLANS, "ada"), robot({}, "bob")), zone, border_for) == unkept
+    assert describe_ignored_zone(offered_to(robot(PLANS, "ada"), robot({}, "bob")), zone, border_for) == unkept
 
 
 def test_a_border_in_a_lab_without_a_robot_says_so():
-    assert find_unkept(offered_to(ConnectedRobot("")), "keep_out", ()) == ("border_without_robot", {})
+    assert describe_ignored_zone(offered_to(ConnectedRobot("")), "keep_out", ()) == ("border_without_robot", {})
 
 
 @pytest.mark.parametrize(

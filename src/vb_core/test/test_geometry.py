@@ -32,10 +32,12 @@ def test_invalid_quaternions_are_refused(quaternion):
 @given(coordinates, coordinates, angles)
 def test_a_plane_pose_turns_about_z_and_can_be_inverted(x, y, yaw):
     T = geometry.transform_from_pose2d(x, y, yaw)
-    assert np.allclose(geometry.invert(T) @ T, np.eye(4), atol=1e-9)
+    assert np.allclose(geometry.invert_transform(T) @ T, np.eye(4), atol=1e-9)
     rotation = Rotation.from_euler("z", yaw).as_matrix()
-    assert np.allclose(T, geometry.transform(rotation, (x, y, 0.0)), atol=1e-9)
-    assert np.allclose(geometry.apply(T, [1.0, 2.0, 3.0]), rotation @ [1.0, 2.0, 3.0] + [x, y, 0.0], atol=1e-9)
+    assert np.allclose(T, geometry.make_transform(rotation, (x, y, 0.0)), atol=1e-9)
+    assert np.allclose(
+        geometry.transform_points(T, [1.0, 2.0, 3.0]), rotation @ [1.0, 2.0, 3.0] + [x, y, 0.0], atol=1e-9
+    )
     *place, byaw = geometry.pose2d_from_transform(T)
     assert place == [x, y]
     for back in (byaw, geometry.yaw_from_quaternion(geometry.quaternion_from_yaw(yaw))):

@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 from refusals import refused
 from vb_core import geometry
 from vb_core.errors import CodedError
-from vb_core.grid_map import UNKNOWN, GridMap, distance_to, sample
+from vb_core.grid_map import UNKNOWN, GridMap, distance_transform, sample
 
 
 @given(st.floats(-20, 20), st.floats(-20, 20), st.floats(-math.pi, math.pi), st.floats(0.01, 1.0))
@@ -16,7 +16,7 @@ def test_cells_lie_where_the_origin_says_and_points_are_their_inverse(x, y, yaw,
     cells = np.argwhere(np.ones(grid.shape, bool))
     # columns run along the x axis of the origin's frame, rows along its y axis
     in_frame = np.column_stack([resolution * (cells[:, ::-1] + 0.5), np.zeros(len(cells))])
-    places = geometry.apply(geometry.transform_from_pose2d(x, y, yaw), in_frame)[:, :2]
+    places = geometry.transform_points(geometry.transform_from_pose2d(x, y, yaw), in_frame)[:, :2]
     assert np.allclose(grid.cell_to_world(cells), places)
     assert (grid.world_to_cell(grid.cell_to_world(cells)) == cells).all()
     assert grid.contains_cells(cells).all()
@@ -62,11 +62,11 @@ def test_distances_are_exact_and_reproducible():
     ballast = []
     for size in rng.integers(1, 5000, 500):  # shifts the rows to other memory addresses
         ballast = ballast[-20:] + [np.empty(size, np.uint8)]
-        assert (distance_to(marked) == expected).all()
+        assert (distance_transform(marked) == expected).all()
 
 
 def test_distances_are_infinite_if_nothing_is_marked():
-    assert np.isinf(distance_to(np.zeros((3, 4), bool))).all()
+    assert np.isinf(distance_transform(np.zeros((3, 4), bool))).all()
 
 
 def test_geometries_differ_by_resolution_size_and_origin():

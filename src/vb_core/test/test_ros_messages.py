@@ -165,7 +165,7 @@ def test_poses_round_trip():
 
 
 # ------------------------------------------------------------------ transforms
-CAMERA = geometry.transform(geometry.rotation_from_rpy(math.pi, 0, 0.3), (1.0, 2.0, 3.0))
+CAMERA = geometry.make_transform(geometry.rotation_from_rpy(math.pi, 0, 0.3), (1.0, 2.0, 3.0))
 
 
 @pytest.fixture

@@ -7,9 +7,9 @@ import pytest
 from vb_core import sentences
 from vb_core.errors import CodedError
 from vb_core.capabilities import ConnectedRobot
-from vb_core.sentences import spelled_out
-from vb_core.vocabulary import COMMANDS, STATES, normalize, state_of
-from vb_core.zones import KEEP_OUT, ZONES, zone_of
+from vb_core.sentences import words_of_name
+from vb_core.vocabulary import COMMANDS, STATES, normalize, state_by_name
+from vb_core.zones import KEEP_OUT, ZONES, zone_by_number
 from vb_msgs.msg import VirtualBorder
 
 
@@ -77,8 +77,8 @@ def test_an_error_carries_its_values():
 
 # ------------------------------------------------------------------ tables
 def test_nothing_is_done_in_an_unknown_state():
-    assert all(state_of(name) is state for name, state in STATES.items())
-    unknown = state_of("of_a_newer_version")
+    assert all(state_by_name(name) is state for name, state in STATES.items())
+    unknown = state_by_name("of_a_newer_version")
     assert unknown not in STATES.values() and not unknown.robots_act and not unknown.collects
 
 
@@ -89,12 +89,12 @@ def test_rows_can_be_told_apart():
     assert len({*lit, "BLACK"}) == len(lit) + 1, "dark where spots are ignored"
     assert len({command.key for command in COMMANDS.values()}) == len(COMMANDS)
     assert {command.enters for command in COMMANDS.values()} - {""} <= set(STATES)
-    phrases = [phrase for command in COMMANDS.values() for phrase in (spelled_out(command.name), *command.phrases)]
+    phrases = [phrase for command in COMMANDS.values() for phrase in (words_of_name(command.name), *command.phrases)]
     assert len(set(phrases)) == len(phrases)
 
 
 def test_commands_are_read_as_people_write_them():
-    assert all(normalize(spelled_out(name).title()) == name for name in COMMANDS)
+    assert all(normalize(words_of_name(name).title()) == name for name in COMMANDS)
 
 
 def test_the_message_names_the_same_zones():
@@ -104,7 +104,7 @@ def test_the_message_names_the_same_zones():
 
 
 def test_robots_keep_out_of_an_unknown_zone():
-    assert all(zone_of(zone.number) is zone for zone in ZONES.values()) and zone_of(77) is KEEP_OUT
+    assert all(zone_by_number(zone.number) is zone for zone in ZONES.values()) and zone_by_number(77) is KEEP_OUT
 
 
 def test_a_zone_changes_the_map_or_limits_the_speed():
@@ -113,7 +113,7 @@ def test_a_zone_changes_the_map_or_limits_the_speed():
         assert zone.restricts or zone.limits_speed
         # a zone that may be crossed must not look like a wall in the map, every other one must
         assert (zone.occupancy < 1.0) == zone.soft
-        assert not zone.kept_by(ConnectedRobot("idle"))
+        assert not zone.is_respected_by(ConnectedRobot("idle"))
 
 
 @pytest.mark.parametrize("language", sentences.languages())

@@ -172,7 +172,7 @@ def test_many_people_have_the_interval_of_the_normal_distribution():
 def test_a_difference_of_two_shares_has_newcombes_interval():
     # Newcombe (1998), Statistics in Medicine 17, 873-890, Table II, method 10: 56 of 70 and 48 of 80, 98 of 98 and none
     def shares(a, n, b, m, **options):
-        return statistics.difference_of_shares(np.arange(n) < a, np.arange(m) < b, **options)
+        return statistics.difference_of_proportions(np.arange(n) < a, np.arange(m) < b, **options)
 
     difference = shares(56, 70, 48, 80)
     assert difference.estimate == pytest.approx(0.2)
@@ -215,7 +215,7 @@ def test_mcnemar_is_a_sign_test_of_those_who_differ():
 def test_people_needed_reach_the_power_that_was_asked_for():
     """Of simulated studies with this many people, about 80 % find the effect."""
     rng, effect = np.random.default_rng(3), 0.8
-    count = statistics.people_needed(effect)
+    count = statistics.required_sample_size(effect)
     rejections = [stats.wilcoxon(rng.normal(effect, 1.0, count)).pvalue < 0.05 for _ in range(1500)]
     assert 0.77 < np.mean(rejections) < 0.87
-    assert statistics.people_needed(effect, 3) > count > statistics.people_needed(1.2)
+    assert statistics.required_sample_size(effect, 3) > count > statistics.required_sample_size(1.2)

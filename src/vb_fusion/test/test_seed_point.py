@@ -95,8 +95,8 @@ def test_the_last_dwell_is_the_seed_and_a_longer_one_is_reported(scene):
     for random_seed in range(5):
         drawn = DrawnBorder(dwells=find(scene.parts, scene.border, random_seed))
         assert np.linalg.norm(drawn.seed - scene.seed) < 0.02
-        assert (drawn.other_dwell is None) == (scene.other is None)
-        assert scene.other is None or np.linalg.norm(drawn.other_dwell.point - scene.other) < 0.02
+        assert (drawn.competing_dwell is None) == (scene.other is None)
+        assert scene.other is None or np.linalg.norm(drawn.competing_dwell.point - scene.other) < 0.02
 
 
 @pytest.mark.parametrize("apart, count", [(0.04, 1), (0.12, 2), (0.3, 2)])
@@ -110,7 +110,7 @@ def test_a_place_that_the_pointer_comes_to_is_one_dwell(speed):
     parts = seen(((1.0, 0.0), HERE), 0.0, arrival, "red") + seen(HERE, arrival, arrival + 3.0, "red")
     for random_seed in range(20):
         dwells = find(parts, random_seed=random_seed)
-        assert DrawnBorder(dwells=dwells).other_dwell is None
+        assert DrawnBorder(dwells=dwells).competing_dwell is None
         assert len(dwells) == 1 or np.linalg.norm(dwells[-2].point) > 0.075
 
 

@@ -8,7 +8,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from spot_scenes import RED, Scene
 from vb_core import geometry
-from vb_core.camera_model import CameraModel, floor_points
+from vb_core.camera_model import CameraModel, project_to_floor
 from vb_core.ros.images import info_from_camera, message_from_image
 from vb_core.ros import messages
 
@@ -25,7 +25,7 @@ class FixedCamera:
         self.name, self.color, self.compressed = name, color, compressed
         K = [[300.0, 0, 239.5], [0, 300.0, 134.5], [0, 0, 1]]
         self.camera = CameraModel(480, 270, K, [-0.12, 0.02, 0.001, 0, 0])
-        self.T = geometry.transform(geometry.rotation_from_rpy(np.pi, 0, 0), (x, y, 2.95))
+        self.T = geometry.make_transform(geometry.rotation_from_rpy(np.pi, 0, 0), (x, y, 2.95))
         self.scene = Scene(480, 270, seed=3)
         self.frame = name + "_optical_frame"
         kind, topic = (CompressedImage, "/image_raw/compressed") if compressed else (Image, "/image_raw")
@@ -36,7 +36,7 @@ class FixedCamera:
     def play(self, stamp, point):
         """Publishes an image with the spot at a point (x, y) of the floor; None: without a spot."""
         points = np.array([[*point, 0.0]] if point is not None else []).reshape(-1, 3)
-        spots = self.camera.project(geometry.apply(geometry.invert(self.T), points))
+        spots = self.camera.project(geometry.transform_points(geometry.invert_transform(self.T), points))
         image = self.scene.render(spots, sigma=1.3, color=self.color, bayer=not self.compressed)
         if self.compressed:
             jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
@@ -60,7 +60,7 @@ class RobotCamera:
     def __init__(self):
         self.camera, self.frame = CameraModel.ideal(320, 240, 280.0), "camera_optical_frame"
         looking_down = geometry.rotation_from_rpy(0, 0.6, 0) @ geometry.optical_rotation()
-        self.T_base = geometry.transform(looking_down, (0.1, 0.0, 0.6))
+        self.T_base = geometry.make_transform(looking_down, (0.1, 0.0, 0.6))
         self.scene = Scene(320, 240, seed=5)
         self.images = rospy.Publisher("/camera/rgb/image_raw", Image, queue_size=1)
         self.infos = rospy.Publisher("/camera/rgb/camera_info", CameraInfo, queue_size=1)
@@ -75,13 +75,13 @@ class RobotCamera:
         T = base @ self.T_base
         # the spot moves, since one that rests at one position in the image for long counts as a lamp
         self.played += 1
-        point = geometry.apply(base, np.array([1.0, 0.1 + 0.15 * np.sin(0.05 * self.played), 0.0]))
-        uv = self.camera.project(geometry.apply(geometry.invert(T), point)[None])[0]
+        point = geometry.transform_points(base, np.array([1.0, 0.1 + 0.15 * np.sin(0.05 * self.played), 0.0]))
+        uv = self.camera.project(geometry.transform_points(geometry.invert_transform(T), point)[None])[0]
         image = self.scene.render([uv], sigma=2.5, color=RED)[:, :, ::-1]
         small = self.camera.scaled_to(80, 60)
         grid = np.stack(np.meshgrid(np.arange(80), np.arange(60)), axis=-1).reshape(-1, 2)
-        floor = floor_points(small, T, grid)
-        depth = geometry.apply(geometry.invert(T), floor)[:, 2].reshape(60, 80)
+        floor = project_to_floor(small, T, grid)
+        depth = geometry.transform_points(geometry.invert_transform(T), floor)[:, 2].reshape(60, 80)
         depth = np.where(np.isfinite(depth) & (depth < 6), depth * 1000, 0).astype(np.uint16)
         message = self.depth_message(depth)
         message.header.stamp = stamp

@@ -15,7 +15,7 @@ from geometry_msgs.msg import Point, PointStamped
 from std_msgs.msg import Header
 
 from vb_core import geometry, names
-from vb_core.camera_model import floor_points
+from vb_core.camera_model import project_to_floor
 from vb_core.ros import messages
 from vb_laser_detect.calibration import pose_file
 
@@ -69,7 +69,7 @@ class CalibrateCameraTest(unittest.TestCase):
 
     def test_spots_clicked_in_rviz(self):
         camera, rng = FixedCamera("red", 2.0, 3.0, RED, compressed=False), np.random.default_rng(2)
-        camera.T = geometry.transform(geometry.rotation_from_rpy(math.pi + 0.05, -0.03, 1.2), (2.0, 3.0, 2.8))
+        camera.T = geometry.make_transform(geometry.rotation_from_rpy(math.pi + 0.05, -0.03, 1.2), (2.0, 3.0, 2.8))
         red = Player(camera)
         self.addCleanup(red.close)
         # the folder where a running lab looks for calibrations
@@ -86,7 +86,7 @@ class CalibrateCameraTest(unittest.TestCase):
         self.click((0, 0), "odom")
         command.shows("set RViz' fixed frame")
         for i, pixel in enumerate(places):
-            spot = floor_points(camera.camera, camera.T, np.array([pixel]))[0, :2]
+            spot = project_to_floor(camera.camera, camera.T, np.array([pixel]))[0, :2]
             point = spot + rng.normal(0, 0.003, 2)
             if i == 4:
                 point = point + (0.5, 0.2)  # a slip of the mouse
@@ -112,7 +112,7 @@ class CalibrateCameraTest(unittest.TestCase):
         pose = pose_file.load(pose_file.calibration_path(self.folder.name, "red"))
         self.assertEqual((pose.camera, pose.parent, pose.frame), ("red", "map", "red_optical_frame"))
         self.assertLess(np.linalg.norm(pose.T[:3, 3] - camera.T[:3, 3]), 0.05)
-        turn = geometry.invert(pose.T) @ camera.T
+        turn = geometry.invert_transform(pose.T) @ camera.T
         self.assertLess(math.degrees(math.acos(min(1.0, (np.trace(turn[:3, :3]) - 1) / 2))), 1.0)
         self.check_camera_poses(pose.T)
 

@@ -23,7 +23,7 @@ from spot_scenes import GREEN, Scene
 from vb_testing import TIMEOUT, Process, run_command, wait_until
 
 from vb_core import geometry, names
-from vb_core.camera_model import CameraModel, floor_points
+from vb_core.camera_model import CameraModel, project_to_floor
 from vb_core.ros import messages
 from vb_core.ros.images import array_from_image
 from vb_core.ros.notices import NoticeListener
@@ -34,7 +34,7 @@ COMMAND = ("rosrun", "vb_laser_detect", "calibrate_camera")
 LATE_S = 0.4  # [s] delay of the camera
 WIDTH, HEIGHT = 1440, 1080
 PLACE = (675.0, 450.0)
-T = geometry.transform(geometry.rotation_from_rpy(np.pi, 0, 0), (1.0, 2.0, 2.5))
+T = geometry.make_transform(geometry.rotation_from_rpy(np.pi, 0, 0), (1.0, 2.0, 2.5))
 CAMERA = CameraModel(WIDTH, HEIGHT, [[1125.0, 0, 719.5], [0, 1125.0, 539.5], [0, 0, 1]], [-0.1, 0.01, 0, 0, 0])
 
 
@@ -84,7 +84,7 @@ class TestCameraSource(unittest.TestCase):
         self.server.jpegs = self.spot
         wait_until(lambda: len(self.spots) > 12, "spots")
         arrived, message = self.spots[-1]
-        truth = floor_points(CAMERA, T, np.array([PLACE]))[0]
+        truth = project_to_floor(CAMERA, T, np.array([PLACE]))[0]
         self.assertLess(np.hypot(message.position.x - truth[0], message.position.y - truth[1]), 0.025)
         self.assertTrue(PLACE[0] - 1.0 < message.u < PLACE[0] + 9.0 and abs(message.v - PLACE[1]) < 1.0, message)
         age = [came - spot.header.stamp.to_sec() for came, spot in self.spots[5:]]

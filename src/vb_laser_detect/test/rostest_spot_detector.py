@@ -226,7 +226,7 @@ class SpotDetectorTest(unittest.TestCase):
     def nothing_on_a_robot_is_a_spot(self):
         o = self.observer
         self.assertTrue(o.rejections("red", "robot_without_pose"))
-        self.place(geometry.transform(np.eye(3), (*GUARD, 0.0)), "guard/base_link")
+        self.place(geometry.make_transform(np.eye(3), (*GUARD, 0.0)), "guard/base_link")
         self.wait(lambda: o.rejections("red", "on_robot") >= 1, "light on a robot")
         # from now on the robot's position is known; the spot comes round to it again
         known, before = o.status["red"].header.stamp, o.rejections("red", "on_robot")

@@ -18,7 +18,7 @@ import pytest
 from refusals import refused
 from vb_testing import wait_until
 from vb_laser_detect.camera import camera_source as camera_source
-from vb_laser_detect.camera.camera_source import CameraSource, Shot, printable
+from vb_laser_detect.camera.camera_source import CameraSource, CapturedImage, printable
 from vb_laser_detect.camera.v4l2_controls import CaptureParams
 from vb_laser_detect.detection.spot_detector import SpotDetector
 
@@ -226,4 +226,4 @@ def test_half_a_jpeg_is_no_image():
     jpeg = cv2.imencode(".jpg", np.zeros((1080, 1920, 3), np.uint8))[1].tobytes()
     for broken in (jpeg[:100], b"none"):
         with refused("bad_image"):
-            SpotDetector().detect(Shot(0.0, jpeg=broken).picture(), 0.0)
+            SpotDetector().detect(CapturedImage(0.0, jpeg=broken).picture(), 0.0)

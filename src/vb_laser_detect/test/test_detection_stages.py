@@ -13,7 +13,7 @@ from spot_scenes import GREEN, RED, Scene, tinted
 from vb_core.errors import CodedError
 from vb_laser_detect.detection import features
 from vb_laser_detect.detection.spot_detector import DetectorParams
-from vb_laser_detect.detection.background import Background, block_maxima, blocks_around, max_channel, relight
+from vb_laser_detect.detection.background import Background, block_maxima, blocks_around, max_channel, match_lighting
 from vb_laser_detect.detection.proposals import find_regions
 from vb_laser_detect.detection.projection import ProjectionParams
 from vb_laser_detect.detection.detector_counts import DetectorCounts, InputWatch
@@ -53,7 +53,7 @@ def test_relit_background_keeps_its_texture_without_the_spot(bayer):
     before, place = scene.render(bayer=bayer), (120, 60)
     scene.floor[:, 60:] *= (1.8, 1.5, 1.2)  # warmer light
     lit = scene.render(bayer=bayer).astype(int)
-    relit = relight(before, scene.render([place], bayer=bayer), 20.0)
+    relit = match_lighting(before, scene.render([place], bayer=bayer), 20.0)
     # the lowest nearby ratio is used, which rounding makes a little less than the true one
     assert np.abs(relit.astype(int) - lit)[10:-10, 75:-10].max() < 10
     # on the dark side, too
@@ -96,7 +96,7 @@ def tint_of(lit, floor, bayer=False):
     """Returns the tint of the light by which `lit` differs from `floor`."""
     rise = cv2.GaussianBlur(max_channel(cv2.subtract(lit, floor)), (3, 3), 0)
     blob = (rise > 0.35 * rise.max()).astype(np.uint8)
-    return features.Light(blob, rise, lit, floor, bayer).tint
+    return features.BlobLight(blob, rise, lit, floor, bayer).tint
 
 
 @pytest.mark.parametrize("bayer", [False, True])

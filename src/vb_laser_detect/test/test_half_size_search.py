@@ -7,7 +7,7 @@ import pytest
 
 from spot_scenes import GREEN, RED, Scene
 from vb_core.image_format import HalvedPicture
-from vb_laser_detect.camera.camera_source import Shot
+from vb_laser_detect.camera.camera_source import CapturedImage
 from vb_laser_detect.detection.spot_detector import SpotDetector
 
 SIZE = 956, 540  # neither the rows nor the columns of its half are a multiple of 8
@@ -63,16 +63,18 @@ def test_halves_lead_to_the_spots_of_the_whole(light, color, sigma, start, step)
 def test_large_images_are_decoded_to_halves_of_the_same_place(size, scale, jpeg):
     image = Scene(*size, noise=0.0).render([(201.0, 152.0)], sigma=4.0)
     if jpeg:
-        shot = Shot(0.0, jpeg=cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes())
+        shot = CapturedImage(0.0, jpeg=cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes())
     else:
-        shot = Shot(0.0, frame=av.VideoFrame.from_ndarray(image, format="bgr24"))
+        shot = CapturedImage(0.0, frame=av.VideoFrame.from_ndarray(image, format="bgr24"))
     picture, again = shot.picture(), shot.picture()
     assert picture.scale == scale and picture.size == size
-    assert picture.searched.shape == (size[1] // scale, size[0] // scale, 3) and picture.pixels.shape == image.shape
-    assert np.abs(scale * (middle_of_spot(picture.searched) + 0.5) - 0.5 - middle_of_spot(image)).max() < 0.2
+    assert (
+        picture.search_pixels.shape == (size[1] // scale, size[0] // scale, 3) and picture.pixels.shape == image.shape
+    )
+    assert np.abs(scale * (middle_of_spot(picture.search_pixels) + 0.5) - 0.5 - middle_of_spot(image)).max() < 0.2
     if scale > 1:
-        again.decode_whole()
-        assert np.abs(again.searched.astype(int) - picture.searched).mean() < 1.0
+        again.decode_full_size()
+        assert np.abs(again.search_pixels.astype(int) - picture.search_pixels).mean() < 1.0
 
 
 def test_an_image_that_comes_late_is_not_decoded():

@@ -8,7 +8,7 @@ import pytest
 
 from board_scene import CAMERA, POSE, WIDE_CAMERA, corners_on_map, render_board, view_held_board
 from refusals import refused
-from vb_core.camera_model import pixels_of
+from vb_core.camera_model import project_to_pixels
 from vb_core.errors import CodedError
 from vb_laser_detect.calibration.lens import PAPERS_MM, BoardParams, LensCalibration, draw_board, find_board
 from vb_laser_detect.calibration.lens import write_board
@@ -24,7 +24,7 @@ def test_corners_are_found_to_a_fraction_of_a_pixel(place, yaw, color):
     image = render_board(BOARD, place, yaw, np.random.default_rng(0))
     view = find_board(BOARD, cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if color else image)
     assert len(view.ids) == 12
-    truth = pixels_of(CAMERA, POSE, np.column_stack([corners_on_map(view.corners, place, yaw), np.zeros(12)]))
+    truth = project_to_pixels(CAMERA, POSE, np.column_stack([corners_on_map(view.corners, place, yaw), np.zeros(12)]))
     assert np.abs((view.pixels - truth).mean(axis=0)).max() < 0.06  # no bias: pixel centres are whole numbers
     assert np.linalg.norm(view.pixels - truth, axis=1).max() < 0.5
 
@@ -38,7 +38,7 @@ def test_boards_that_cannot_be_used_are_refused():
     with refused("board_too_small"):
         find_board(BOARD, small_board)
     with_foot_on_it = render_board(BOARD, (4.0, 2.5), 0.0, rng)
-    u, v = pixels_of(CAMERA, POSE, np.array([[4.2, 2.4, 0.0]]))[0].astype(int).tolist()
+    u, v = project_to_pixels(CAMERA, POSE, np.array([[4.2, 2.4, 0.0]]))[0].astype(int).tolist()
     cv2.circle(with_foot_on_it, (u, v), 45, 60, -1)
     with pytest.raises(CodedError) as raised:
         find_board(BOARD, with_foot_on_it)
@@ -93,7 +93,10 @@ def test_lens_is_found_from_views(seed):
     assert found.focal_px == pytest.approx(WIDE_CAMERA.focal_px, rel=0.012)
     # 90 % of the rays are within 0.01, which is 3 cm at 3 m, of their median error
     grid = np.stack(np.meshgrid(np.linspace(60, 1220, 9), np.linspace(60, 660, 7)), axis=-1).reshape(-1, 2)
-    directions = [rays / np.linalg.norm(rays, axis=1)[:, None] for rays in (found.rays(grid), WIDE_CAMERA.rays(grid))]
+    directions = [
+        rays / np.linalg.norm(rays, axis=1)[:, None]
+        for rays in (found.pixels_to_rays(grid), WIDE_CAMERA.pixels_to_rays(grid))
+    ]
     errors = np.linalg.norm(directions[0] - directions[1], axis=1)
     assert np.percentile(errors - np.median(errors), 90) < 0.01
 

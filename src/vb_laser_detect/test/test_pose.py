@@ -8,9 +8,14 @@ import pytest
 from board_scene import CAMERA, POSE
 from refusals import refused
 from vb_core import geometry
-from vb_core.camera_model import CameraModel, floor_points
+from vb_core.camera_model import CameraModel, project_to_floor
 from vb_laser_detect.calibration import pose as pose_module
-from vb_laser_detect.calibration.pose import Correspondences, click_uncertainty, estimate_pose, view_rectangle
+from vb_laser_detect.calibration.pose import (
+    Correspondences,
+    click_uncertainty,
+    estimate_pose,
+    estimate_camera_from_rectangle,
+)
 
 GRID = np.array([(u, v) for u in (96, 960, 1824) for v in (54, 540, 1026)], float)
 SPREAD = np.array([(150, 120), (1780, 130), (1750, 960), (170, 950), (960, 150), (960, 930), (200, 540), (1700, 540)])
@@ -19,14 +24,16 @@ SPREAD = np.array([(150, 120), (1780, 130), (1750, 960), (170, 950), (960, 150),
 def observe(rng, count=8, pixel_noise=0.3, point_noise=0.005, pose=POSE, jitter=35.0):
     """Returns measurements of points near the image's edge, as a person would choose them."""
     pixels = SPREAD[:count] + rng.uniform(-jitter, jitter, (count, 2))
-    points = floor_points(CAMERA, pose, pixels)[:, :2]
+    points = project_to_floor(CAMERA, pose, pixels)[:, :2]
     noisy_pixels = pixels + rng.normal(0, pixel_noise, pixels.shape)
     return Correspondences(noisy_pixels, points + rng.normal(0, point_noise, points.shape))
 
 
 def errors_on_floor(estimate, pose=POSE):
     """Returns the errors [m] of spots all over the image."""
-    return np.linalg.norm(floor_points(CAMERA, estimate.T_map_camera, GRID) - floor_points(CAMERA, pose, GRID), axis=1)
+    return np.linalg.norm(
+        project_to_floor(CAMERA, estimate.T_map_camera, GRID) - project_to_floor(CAMERA, pose, GRID), axis=1
+    )
 
 
 @pytest.mark.parametrize("count", [4, 5, 8])
@@ -34,8 +41,8 @@ def errors_on_floor(estimate, pose=POSE):
     "pose",
     [
         POSE,
-        geometry.transform(geometry.rotation_from_rpy(math.pi, 0, 0), (1.0, -2.0, 2.4)),
-        geometry.transform(geometry.rotation_from_rpy(math.pi + 0.3, -0.1, -2.4), (-3.0, 7.0, 3.4)),
+        geometry.make_transform(geometry.rotation_from_rpy(math.pi, 0, 0), (1.0, -2.0, 2.4)),
+        geometry.make_transform(geometry.rotation_from_rpy(math.pi + 0.3, -0.1, -2.4), (-3.0, 7.0, 3.4)),
     ],
 )
 def test_exact_points_give_the_exact_pose(count, pose):
@@ -77,7 +84,7 @@ def test_wrong_points_are_found_and_left_out(wrong):
 def exact_at(pixels):
     """Returns the floor points at these pixels, without noise."""
     pixels = np.asarray(pixels, float)
-    return Correspondences(pixels, floor_points(CAMERA, POSE, pixels)[:, :2])
+    return Correspondences(pixels, project_to_floor(CAMERA, POSE, pixels)[:, :2])
 
 
 EXACT = observe(np.random.default_rng(5), 8, 0.0, 0.0)
@@ -123,9 +130,9 @@ def test_one_place_taken_again_and_again_does_not_count():
 def test_points_that_leave_the_pose_open_are_refused(focal, tilt, part, code, monkeypatch):
     monkeypatch.setattr(pose_module, "_MIN_AREA", 0.0)
     camera = CameraModel.ideal(1920, 1080, focal)
-    pose = geometry.transform(geometry.rotation_from_rpy(math.pi + tilt, 0, 0), (0, 0, 3.0))
+    pose = geometry.make_transform(geometry.rotation_from_rpy(math.pi + tilt, 0, 0), (0, 0, 3.0))
     pixels = (SPREAD[:4] - (960, 540)) * part + (960, 540)
-    observed = Correspondences(pixels, floor_points(camera, pose, pixels)[:, :2])
+    observed = Correspondences(pixels, project_to_floor(camera, pose, pixels)[:, :2])
     with refused(code):
         estimate_pose(camera, observed, 0.02)
 
@@ -142,7 +149,7 @@ def looking(eye, at, roll=0.0):
     x = np.cross(z, [0.0, 0.05, 1.0])
     x /= np.linalg.norm(x)
     R = np.column_stack([x, np.cross(z, x), z]) @ geometry.rotation_from_rpy(0.0, 0.0, roll)
-    return geometry.transform(R, np.array(eye, float))
+    return geometry.make_transform(R, np.array(eye, float))
 
 
 POSES = [
@@ -154,7 +161,7 @@ POSES = [
 
 def pixels_from(T, focal, points):
     """Returns where a camera with this pose and focal length [px] sees points (N, 3)."""
-    return CameraModel.ideal(*IMAGE, focal).project(geometry.apply(geometry.invert(T), points))
+    return CameraModel.ideal(*IMAGE, focal).project(geometry.transform_points(geometry.invert_transform(T), points))
 
 
 @pytest.mark.parametrize("T", POSES)
@@ -163,7 +170,7 @@ def pixels_from(T, focal, points):
 def test_the_floor_is_where_it_is(T, focal, order):
     pixels = pixels_from(T, focal, CORNERS)[order]
     size = SIZE if abs(order[1] - order[0]) == 1 else SIZE[::-1]
-    view = view_rectangle(pixels, size, IMAGE)
+    view = estimate_camera_from_rectangle(pixels, size, IMAGE)
     # the person defines the map: its origin is the first corner, x runs along the first side, z upwards
     first, second = CORNERS[order[0]], CORNERS[order[1]]
     along = (second - first)[:2] / np.linalg.norm(second - first)
@@ -171,11 +178,11 @@ def test_the_floor_is_where_it_is(T, focal, order):
     places = np.array([[0.5, 0.3], [1.5, 1.0], [1.0, -0.2]])
     expected = (places - first[:2]) @ frame
     pixels = pixels_from(T, focal, np.column_stack([places, np.zeros(3)]))
-    assert np.abs(floor_points(view.camera, view.T_map_camera, pixels)[:, :2] - expected).max() < 0.01
+    assert np.abs(project_to_floor(view.camera, view.T_map_camera, pixels)[:, :2] - expected).max() < 0.01
 
 
 def test_a_slanted_view_tells_the_focal_length_and_the_height():
-    view = view_rectangle(pixels_from(POSES[1], 700.0, CORNERS), SIZE, IMAGE)
+    view = estimate_camera_from_rectangle(pixels_from(POSES[1], 700.0, CORNERS), SIZE, IMAGE)
     assert view.camera.focal_px == pytest.approx(700.0, rel=0.03)
     assert view.T_map_camera[2, 3] == pytest.approx(POSES[1][2, 3], rel=0.03)
 
@@ -191,20 +198,20 @@ def test_a_slanted_view_tells_the_focal_length_and_the_height():
 )
 def test_what_is_no_rectangle_is_refused(pixels, size):
     with refused("bad_rectangle"):
-        view_rectangle(np.array(pixels, float), size, IMAGE)
+        estimate_camera_from_rectangle(np.array(pixels, float), size, IMAGE)
 
 
 def test_the_uncertainty_is_that_of_clicks():
     T, focal = POSES[0], 900.0
     places = np.array([[100.0, 100.0], [1200.0, 650.0]])
-    true = floor_points(CameraModel.ideal(*IMAGE, focal), T, places)[:, :2]
+    true = project_to_floor(CameraModel.ideal(*IMAGE, focal), T, places)[:, :2]
     for share, least, most in ((1.0, 0.001, 0.05), (0.15, 0.02, 1.0)):
         pixels, size = pixels_from(T, focal, CORNERS * share), (SIZE[0] * share, SIZE[1] * share)
         uncertainty = click_uncertainty(pixels, size, IMAGE, places)
         assert least < uncertainty < most
         random, errors = np.random.default_rng(7), []
         for _ in range(20):
-            view = view_rectangle(pixels + random.normal(0, 1.0, (4, 2)), size, IMAGE)
-            errors.append(floor_points(view.camera, view.T_map_camera, places)[:, :2] - true)
+            view = estimate_camera_from_rectangle(pixels + random.normal(0, 1.0, (4, 2)), size, IMAGE)
+            errors.append(project_to_floor(view.camera, view.T_map_camera, places)[:, :2] - true)
         rms_errors = np.sqrt(np.mean(np.sum(np.square(errors), axis=2), axis=0))
         assert 0.4 * uncertainty < rms_errors.max() < 2.5 * uncertainty

@@ -5,7 +5,7 @@ import pytest
 
 from board_scene import CAMERA, POSE
 from refusals import refused
-from vb_core.camera_model import floor_points
+from vb_core.camera_model import project_to_floor
 from vb_laser_detect.calibration.pose_session import CalibrationSession, HeldSpot, describe, parse_place
 
 
@@ -34,7 +34,7 @@ def test_a_spot_is_taken_only_while_it_is_still():
 
 def test_session_guides_to_a_result_and_back():
     pixels = np.array([(150, 120), (1780, 130), (1750, 960), (170, 950), (960, 150), (960, 930)], float)
-    points = floor_points(CAMERA, POSE, pixels)[:, :2]
+    points = project_to_floor(CAMERA, POSE, pixels)[:, :2]
     session = CalibrationSession(CAMERA)
     assert not session.undo()
     assert "at least 4" in session.describe_progress()

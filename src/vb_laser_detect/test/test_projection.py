@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from board_scene import CAMERA
 from refusals import refused
 from vb_core import geometry
-from vb_core.camera_model import CameraModel, floor_points, pixels_of
+from vb_core.camera_model import CameraModel, project_to_floor, project_to_pixels
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_laser_detect.detection.projection import DEPTH, GROUND_PLANE, GROUND_PLANE_FALLBACK, FloorProjection
@@ -18,16 +18,16 @@ from vb_laser_detect.detection.projection import ImageGeometry, RobotCylinder
 from vb_laser_detect.detection.stage_results import Spot
 
 ROBOT = CameraModel.ideal(640, 480, 525.0)
-UP = geometry.transform(np.eye(3), (1.0, 1.0, 2.0))  # the line through camera and pixel meets the floor behind it
+UP = geometry.make_transform(np.eye(3), (1.0, 1.0, 2.0))  # the line through camera and pixel meets the floor behind it
 
 
 def down(x=4.0, y=2.5, z=2.95, tilt=0.0):
-    return geometry.transform(geometry.rotation_from_rpy(math.pi + tilt, 0.02, 0.3), (x, y, z))
+    return geometry.make_transform(geometry.rotation_from_rpy(math.pi + tilt, 0.02, 0.3), (x, y, z))
 
 
 def forward(pitch=0.6, height=0.6):
     rotation = geometry.rotation_from_rpy(0, pitch, 0.4) @ geometry.optical_rotation()
-    return geometry.transform(rotation, (1.0, 1.0, height))
+    return geometry.make_transform(rotation, (1.0, 1.0, height))
 
 
 @settings(max_examples=60, deadline=None)
@@ -36,12 +36,12 @@ def test_plane_round_trip(u, v, tilt):
     T = down(tilt=tilt)
     point = FloorProjection().on_plane(CAMERA, T, u, v)
     assert point.source == GROUND_PLANE and point.position[2] == pytest.approx(0.0, abs=1e-9)
-    assert pixels_of(CAMERA, T, point.position)[0] == pytest.approx((u, v), abs=0.02)
+    assert project_to_pixels(CAMERA, T, point.position)[0] == pytest.approx((u, v), abs=0.02)
 
 
 def test_metres_per_pixel_of_a_camera_that_looks_down():
     camera = CameraModel.ideal(1920, 1080, 1000.0)
-    T = geometry.transform(geometry.rotation_from_rpy(math.pi, 0, 0), (0, 0, 2.95))
+    T = geometry.make_transform(geometry.rotation_from_rpy(math.pi, 0, 0), (0, 0, 2.95))
     assert FloorProjection().on_plane(camera, T, 300, 800).meters_per_pixel == pytest.approx(0.00295, rel=1e-3)
 
 
@@ -65,7 +65,7 @@ def test_pixels_without_a_floor_in_reach_are_rejected(T, u, v, code):
 
 def test_points_outside_the_map():
     projection = FloorProjection(floor=GridMap(np.zeros((40, 40), np.int8), 0.05, (3.0, 1.5, 0.0)))
-    inside, outside = pixels_of(CAMERA, down(), np.array([[4.5, 3.0, 0], [5.2, 2.5, 0]]))
+    inside, outside = project_to_pixels(CAMERA, down(), np.array([[4.5, 3.0, 0], [5.2, 2.5, 0]]))
     assert projection.on_plane(CAMERA, down(), *inside).position[:2] == pytest.approx((4.5, 3.0), abs=1e-3)
     with refused("spot_outside_map"):
         projection.on_plane(CAMERA, down(), *outside)
@@ -74,8 +74,8 @@ def test_points_outside_the_map():
 # ------------------------------------------------------------------ depth
 def depth_image(T, small, dtype="mm"):
     grid = np.stack(np.meshgrid(np.arange(small.width), np.arange(small.height)), axis=-1).reshape(-1, 2)
-    floor = floor_points(small, T, grid)
-    depth = geometry.apply(geometry.invert(T), floor)[:, 2].reshape(small.height, small.width)
+    floor = project_to_floor(small, T, grid)
+    depth = geometry.transform_points(geometry.invert_transform(T), floor)[:, 2].reshape(small.height, small.width)
     depth[~(depth < 6)] = np.nan
     return np.where(np.isnan(depth), 0, depth * 1000).round().astype(np.uint16) if dtype == "mm" else depth
 
@@ -123,7 +123,7 @@ def test_outliers_and_a_thing_beside_the_spot_do_not_lift_it():
     wild, leg = FLOOR.copy(), FLOOR.copy()
     wild[::3, ::2] = 5.5
     wild[1::4, 1::5] = 0.0
-    column = int(round(SMALL.project(ROBOT.rays(np.array([[320.0, 300.0]])))[0, 0]))
+    column = int(round(SMALL.project(ROBOT.pixels_to_rays(np.array([[320.0, 300.0]])))[0, 0]))
     leg[:, column + 1 :] *= 0.6  # a table's leg covers two of the five columns of the neighbourhood
     for depth in (wild, leg):
         point = with_depth(depth)
@@ -171,9 +171,11 @@ def test_a_ray_that_passes_through_a_robot_has_a_point_in_it(x, y, u, v, height)
 
 def test_what_a_robot_hides_is_rejected_and_robots_are_asked_for_once():
     camera, robots = CameraModel.ideal(1920, 1080, 1100.0), Mock(return_value=[CYLINDER])
-    pose = geometry.transform(geometry.rotation_from_rpy(math.pi, 0.0, 0.3), (1.5, 1.0, 2.9))
+    pose = geometry.make_transform(geometry.rotation_from_rpy(math.pi, 0.0, 0.3), (1.5, 1.0, 2.9))
     frame = ImageGeometry(camera, FloorProjection(), pose, Mock(robot_cylinders=robots, depth_at=lambda *image: None))
-    on, beside = (Spot(*place, 8.0) for place in pixels_of(camera, pose, np.array([[2.05, 1.0, 0.2], [1.6, 1.3, 0.0]])))
+    on, beside = (
+        Spot(*place, 8.0) for place in project_to_pixels(camera, pose, np.array([[2.05, 1.0, 0.2], [1.6, 1.3, 0.0]]))
+    )
     assert frame.locate([Spot(50, 50, 8.0, rejection="peak")])[0].rejection == "peak" and not robots.called
     beside, hidden = frame.locate([beside, on])
     assert np.allclose(beside.floor_point.position, (1.6, 1.3, 0.0))

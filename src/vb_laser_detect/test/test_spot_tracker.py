@@ -23,7 +23,7 @@ class Film:
 
     def __init__(self, rate=25.0, mosaic=False, confirm_frames=3):
         self.tracker = SpotTracker(confirm_frames, max_dwell_time=25.0)
-        self.image = SimpleNamespace(motion=None, diagonal=800.0, picture=SimpleNamespace(mosaic=mosaic))
+        self.image = SimpleNamespace(motion=None, diagonal=800.0, picture=SimpleNamespace(is_bayer=mosaic))
         self.period, self.now = 1.0 / rate, 0.0
 
     def see(self, *sightings):

@@ -16,12 +16,12 @@ from vb_core.notices import Notice, Severity
 from vb_core.capabilities import ConnectedRobot, Connections, derive_capabilities
 from vb_core.vocabulary import COMMANDS
 from vb_mqtt import entities
-from vb_mqtt.entities import Lab, describe, key_in, key_of, leftovers
+from vb_mqtt.entities import LabEntities, describe, key_in, key_of, leftovers
 from vb_mqtt.incoming_requests import Inbox
 from vb_msgs.msg import InteractionState, VirtualBorder
 
 NOW = 1_700_000_000.25
-LAB = Lab("lab1", "en", ("red", "green"), ("", "ada"), {"b1": "Nursery", "ü/#+": "border 2"})
+LAB = LabEntities("lab1", "en", ("red", "green"), ("", "ada"), {"b1": "Nursery", "ü/#+": "border 2"})
 
 
 def pressed(config, attributes, value="PRESS"):
@@ -64,7 +64,7 @@ def test_every_part_of_the_lab_has_its_entity():
 
 @pytest.mark.parametrize("language", sentences.languages())
 def test_names_are_in_the_households_language(language):
-    lab = Lab("lab1", language, ("red",), ("",), {"b1": "border 2"})
+    lab = LabEntities("lab1", language, ("red",), ("",), {"b1": "border 2"})
     names = {key_in(topic): config["name"] for topic, config in describe(lab).items()}
     assert names["border_b1"] == sentences.border_name("border 2", language)
     assert names["robot"].lower() == sentences.translate("the_robot", {}, language).lower()
@@ -104,12 +104,12 @@ def test_templates_stay_within_the_limits_of_the_hubs_sandbox():
 
 
 def test_leftover_descriptions_are_those_of_known_kinds():
-    fewer = Lab("lab1", "en", ("red",), ("ada",), {})
+    fewer = LabEntities("lab1", "en", ("red",), ("ada",), {})
     topics = list(describe(LAB))
     removed = {key_in(topic) for topic in leftovers(fewer, topics)}
     assert removed == {"camera_green", "robot", "border_b1", key_of("border", "ü/#+")}
     # until the borders and robots are known, their descriptions are left alone
-    unknown = Lab("lab1", "en", ("red",))
+    unknown = LabEntities("lab1", "en", ("red",))
     assert {key_in(topic) for topic in leftovers(unknown, topics)} == {"camera_green"}
     assert leftovers(LAB, topics) == []
 

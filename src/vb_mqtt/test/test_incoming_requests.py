@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from vb_core import sentences
 from vb_core.errors import CodedError
-from vb_mqtt.incoming_requests import BURST, KNOWN, MAX_AGE, MAX_BYTES, RATE, Inbox, Request
+from vb_mqtt.incoming_requests import BURST, KNOWN, MAX_AGE, MAX_BYTES, RATE, Inbox, MqttRequest
 
 NOW = 1_700_000_000.0
 
@@ -30,7 +30,7 @@ def code_of(inbox, payload, retained=False, now=NOW):
 
 def test_a_request_has_its_id_its_age_and_the_stop_that_was_seen(inbox):
     request = inbox.take(packed(command="resume", at=NOW - 1.5, id="a1", seen_stop="12ab"), False, NOW)
-    assert request == Request("mqtt:a1", "a1", "resume", "12ab", age=1.5)
+    assert request == MqttRequest("mqtt:a1", "a1", "resume", "12ab", age=1.5)
     request = inbox.take(packed(border="border_b7", enabled=False, at=NOW), False, NOW)
     assert (request.command, request.border, request.enabled) == ("", "border_b7", False)
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from plain_rooms import VIEW, empty, scan_of
-from vb_core.geometry import to_base
+from vb_core.geometry import map_to_base
 from vb_core.robot_profile import RobotProfile
 from vb_core.stop_latch import StopLatch
 from vb_core.vocabulary import DEFAULT, GUIDE
@@ -62,7 +62,7 @@ class Rig:
             self.arbiter.gate.set_pose(believed, self.now, self.correction)
         if "scan" not in self.silent:
             self.arbiter.gate.set_scan(scan_of(self.ranges), self.now)
-        if self.spot is not None and VIEW.sees(to_base(np.array([self.spot]), self.pose))[0]:
+        if self.spot is not None and VIEW.sees(map_to_base(np.array([self.spot]), self.pose))[0]:
             self.see(self.spot, self.camera)
         for source, velocity in ((NAVIGATION, self.navigation), (TELEOP, self.teleop)):
             if velocity is not None:

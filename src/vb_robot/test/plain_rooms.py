@@ -8,12 +8,14 @@ from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.grid_map import GridMap
 from vb_robot.driving.scan_clearance import Scan
-from vb_robot.dispatching.viewpoint import FloorView
+from vb_robot.dispatching.viewpoint import RobotCameraView
 
 # an ideal camera with a 58 degree field of view, 0.45 m above the floor, pitched 30 degrees down
-VIEW = FloorView(
+VIEW = RobotCameraView(
     CameraModel.ideal(640, 480, 320.0 / math.tan(math.radians(29.0))),
-    geometry.transform(geometry.rotation_from_rpy(0, math.pi / 6, 0) @ geometry.optical_rotation(), (0.1, 0, 0.45)),
+    geometry.make_transform(
+        geometry.rotation_from_rpy(0, math.pi / 6, 0) @ geometry.optical_rotation(), (0.1, 0, 0.45)
+    ),
 )
 
 

@@ -16,7 +16,7 @@ from plain_rooms import VIEW, room, with_border
 from stimulus import Body, Stimulus
 from vb_testing import Newest, process_of, wait_until
 from vb_core import names
-from vb_core.geometry import to_base
+from vb_core.geometry import map_to_base
 from vb_core.ros.messages import NumpyOccupancyGrid, message_from_grid, message_from_pose2d
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE
 from vb_msgs.msg import NoticeArray
@@ -98,7 +98,7 @@ class DispatcherTest(unittest.TestCase):
         self.assertEqual(goals, [[], []], "neither for a robot's own camera alone, nor for a place in another frame")
         self.stimulus.spot_frame = "map"
         pose = self.is_sent("ada")
-        self.assertTrue(VIEW.sees(to_base(np.array([SPOT]), pose), 0.1)[0], f"{pose} and {SPOT}")
+        self.assertTrue(VIEW.sees(map_to_base(np.array([SPOT]), pose), 0.1)[0], f"{pose} and {SPOT}")
         self.hear_spots(30)
         self.assertEqual([len(base.goals) for base in self.bases.values()], [1, 0], "a spot that stays needs one goal")
         self.stimulus.set_state(GUIDE)

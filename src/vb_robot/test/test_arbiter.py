@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from driving_rig import DT, PROFILE, Rig
 from plain_rooms import VIEW, empty, with_border
-from vb_core.geometry import to_base
+from vb_core.geometry import map_to_base
 from vb_core.stop_latch import HeldStops
-from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED, state_of
+from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED, state_by_name
 from vb_robot.driving.arbiter import Arbiter
 from vb_robot.driving.escape import FREE, PINCHED_AFTER
 from vb_robot.driving.command_gate import NAVIGATION, TELEOP
@@ -158,7 +158,7 @@ def test_a_robot_does_not_cross_a_border_drawn_just_ahead_of_it(source, pose_err
 
 
 # ------------------------------------------------------------ one policy for spots
-NEWER = state_of("of_a_newer_version")
+NEWER = state_by_name("of_a_newer_version")
 
 
 @settings(max_examples=200)
@@ -241,7 +241,7 @@ def drag(path, speed, pose, latency=0.12):
     waiting, moments = [], []
     for i in range(int((length[-1] / speed + 4.0) / DT)):
         spot = np.array([np.interp(i * DT * speed, length, path[:, k]) for k in range(2)])
-        visible = bool(VIEW.sees(to_base(spot[None], rig.pose))[0])
+        visible = bool(VIEW.sees(map_to_base(spot[None], rig.pose))[0])
         if visible:
             waiting.append((rig.now, spot + rng.normal(0.0, 0.003, 2)))
         while waiting and waiting[0][0] <= rig.now - latency:

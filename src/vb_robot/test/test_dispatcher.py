@@ -8,7 +8,7 @@ from shapely.geometry import Point, Polygon
 
 from plain_rooms import VIEW, room
 from vb_core.grid_map import GridMap
-from vb_core.geometry import to_base
+from vb_core.geometry import map_to_base
 from vb_core.vocabulary import BORDER, DEFAULT, SEED
 from vb_robot.dispatching.dispatch_policy import SentGoalState
 from vb_robot.dispatching.dispatcher import Dispatcher, DispatchStatus, RobotMap
@@ -54,7 +54,7 @@ class Lab:
             self.step(**options)
 
     def robot_views(self, place):
-        return bool(VIEW.sees(to_base(np.asarray(place)[None], self.robot))[0])
+        return bool(VIEW.sees(map_to_base(np.asarray(place)[None], self.robot))[0])
 
     def draw_until(self, x, speed=0.4, **options):
         while self.spot[0] < x:

@@ -49,8 +49,8 @@ def test_behind_a_mux_every_other_way_to_the_base_is_found():
     commanders = graph.find_other_commanders("/robot_driver", "/mux/input/navi", "/mobile_base/commands/velocity")
     assert commanders == ({"/keyboard", "/reflex"}, {"/mux"})
     assert graph.find_other_commanders("/robot_driver", "/cmd_vel", "") == ({"/elsewhere"}, set())
-    assert graph.is_heard("/robot_driver", "/mux/input/navi")
-    assert not NodeGraph((), {"/cmd_vel": ["/robot_driver"]}.items()).is_heard("/robot_driver", "/cmd_vel")
+    assert graph.has_subscriber("/robot_driver", "/mux/input/navi")
+    assert not NodeGraph((), {"/cmd_vel": ["/robot_driver"]}.items()).has_subscriber("/robot_driver", "/cmd_vel")
 
 
 @pytest.mark.parametrize("kind", [kind for kind, why in KINDS.items() if why])

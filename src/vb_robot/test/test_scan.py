@@ -43,7 +43,7 @@ def test_the_free_distance_ends_where_a_round_robot_meets_a_point(places, direct
 )
 def test_beams_must_reach_along_the_arc_but_for_a_gap(v, w, needed, edge):
     """The robot's half width at 0.98 m is 10.4 deg, a hole may be 4 deg; an arc bends by half its turn within 0.3 m."""
-    mount = geometry.transform(np.diag([math.copysign(1.0, v)] * 2 + [1.0]), (0.0, 0.0, 0.0))
+    mount = geometry.make_transform(np.diag([math.copysign(1.0, v)] * 2 + [1.0]), (0.0, 0.0, 0.0))
     for half, seen in ((edge - 0.7, False), (edge + 0.7, True)):
         number = 2 * int(half * 10) + 1
         scan = scan_of(np.full(number, math.inf), -math.radians(half), math.radians(0.1), mount)
@@ -54,7 +54,7 @@ def test_beams_must_reach_along_the_arc_but_for_a_gap(v, w, needed, edge):
 @pytest.mark.parametrize("w, seen", [(0.4, True), (-0.4, False)])
 def test_beams_to_its_left_show_the_arc_to_the_left(v, w, seen):
     """Relative to the direction of travel: 17 deg off straight on, backwards as forwards."""
-    mount = geometry.transform(np.diag([math.copysign(1.0, v)] * 2 + [1.0]), (0.0, 0.0, 0.0))
+    mount = geometry.make_transform(np.diag([math.copysign(1.0, v)] * 2 + [1.0]), (0.0, 0.0, 0.0))
     scan = scan_of(np.full(36, math.inf), math.radians(5.0), math.radians(1.0), mount)
     assert scan.sees_path(v, w, 0.18, 0.0) is seen
 
@@ -89,7 +89,7 @@ def test_a_hole_of_four_degrees_or_three_beams_hides_nothing(nans, step, covered
 
 def along_y(y):
     """Returns the mount of a scanner that looks along +y from a point [m] on that axis."""
-    return geometry.transform(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), (0.0, y, 0.2))
+    return geometry.make_transform(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), (0.0, y, 0.2))
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from shapely.geometry import LineString, Point, Polygon
 
 from plain_rooms import VIEW, room
 from vb_core.grid_map import clearance_grid
-from vb_core.geometry import to_base
+from vb_core.geometry import map_to_base
 from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap
 from vb_robot.dispatching.viewpoint import IMAGE_MARGIN, LINE_MARGIN, MAX_DISTANCE, MAX_LOOKAHEAD, MIN_DISTANCE
 from vb_robot.dispatching.viewpoint import MIN_LOOKAHEAD, NO_POINTS, REACTION, DrawingState, ViewpointPlanner
@@ -139,9 +139,9 @@ def check_invariants(clearance_map, viewpoints, drawing, robot):
         at_home = math.dist(place[0], robot[:2]) < 1e-6  # where it stands tolerances are wider: it only has to turn
         assert MIN_DISTANCE * (0.8 if at_home else 1.0) - 1e-6 <= distance
         assert distance <= MAX_DISTANCE * (1.3 if at_home else 1.0) + 1e-6
-        assert VIEW.sees(to_base(target[None], viewpoint.pose), IMAGE_MARGIN - 1e-6)[0]
-        assert abs(to_base(target[None], viewpoint.pose)[0, 1]) < 1e-6, "faces it"
-        assert VIEW.sees(to_base(drawing.spot[None], viewpoint.pose), 0.05)[0], "only the robot sees the spot"
+        assert VIEW.sees(map_to_base(target[None], viewpoint.pose), IMAGE_MARGIN - 1e-6)[0]
+        assert abs(map_to_base(target[None], viewpoint.pose)[0, 1]) < 1e-6, "faces it"
+        assert VIEW.sees(map_to_base(drawing.spot[None], viewpoint.pose), 0.05)[0], "only the robot sees the spot"
         for point in drawing.chain:
             assert math.dist(place[0], point) >= clearance_map.radius + LINE_MARGIN
         assert viewpoint.cost >= math.dist(place[0], robot[:2]) - 0.6

@@ -57,7 +57,9 @@ def robot(lab, models=QUIET):
 
 
 def expected_pixel(model, T_map_optical, x, y):
-    return model.project(geometry.apply(geometry.invert(T_map_optical), np.array([[x, y, 0.0]])))[0]
+    return model.project(geometry.transform_points(geometry.invert_transform(T_map_optical), np.array([[x, y, 0.0]])))[
+        0
+    ]
 
 
 def added_light(view, scene):
@@ -174,9 +176,9 @@ def test_depth_of_the_floor_is_analytic(lab):
     depth = view.depth(scene).astype(float) / 1000.0
     pose = view.camera_pose(scene)
     u, v = np.meshgrid(np.arange(160), np.arange(60, 120))
-    rays = view.depth_model.rays(np.column_stack([u.ravel(), v.ravel()]))
+    rays = view.depth_model.pixels_to_rays(np.column_stack([u.ravel(), v.ravel()]))
     points = intersect_floor(pose, rays)
-    expected = geometry.apply(geometry.invert(pose), points)[:, 2].reshape(60, 160)
+    expected = geometry.transform_points(geometry.invert_transform(pose), points)[:, 2].reshape(60, 160)
     measured = depth[60:] > 0
     assert measured.mean() > 0.95
     assert np.abs(depth[60:] - expected)[measured].max() < 0.001
@@ -189,7 +191,7 @@ def test_depth_of_a_box_and_a_ray_caster_agree(lab):
     pose = view.camera_pose(scene)
     # the front face is the plane x = 2.8
     column, row = 80, 6
-    ray = pose[:3, :3] @ view.depth_model.rays(np.array([[column, row]]))[0]
+    ray = pose[:3, :3] @ view.depth_model.pixels_to_rays(np.array([[column, row]]))[0]
     assert depth[row, column] == pytest.approx((2.8 - pose[0, 3]) / ray[0], abs=0.002)
 
 
@@ -207,7 +209,7 @@ def test_rays_of_a_distorted_camera_are_exact(lab):
     camera = lab[0].camera("mono").model()
     grid, pixels = RayGrid(camera), np.array([(0, 0), (959, 539), (13, 500), (480, 270)])
     rays = np.stack([grid.x, grid.y], axis=-1)[pixels[:, 1], pixels[:, 0]]
-    assert np.abs(rays - camera.rays(pixels)[:, :2]).max() * camera.focal_px < 0.02
+    assert np.abs(rays - camera.pixels_to_rays(pixels)[:, :2]).max() * camera.focal_px < 0.02
 
 
 def test_the_nearer_box_hides_the_other_whatever_the_order():
@@ -221,7 +223,9 @@ def test_the_nearer_box_hides_the_other_whatever_the_order():
         view = RobotView(world.robots[0], RADII, render_floor(world, 3, 0.01), world_mesh(world), QUIET, 5)
         pictures.append(view.frame(scene))
     np.testing.assert_array_equal(*pictures)
-    in_camera = geometry.apply(geometry.invert(view.camera_pose(scene)), np.array([[1.85, 1.0, 0.25]]))
+    in_camera = geometry.transform_points(
+        geometry.invert_transform(view.camera_pose(scene)), np.array([[1.85, 1.0, 0.25]])
+    )
     u, v = np.round(view.model.project(in_camera)[0]).astype(int)
     assert pictures[0][v, u, 0] > 80 and pictures[0][v, u, 2] < 20
 
@@ -284,7 +288,7 @@ def floor_errors(camera, pose, far=8.0):
     """Returns (N,) [m], the errors of the image's floor points up to a distance [m]."""
     model, true = camera.model(), camera.pose()
     u, v = np.meshgrid(np.linspace(0, model.width - 1, 15), np.linspace(0, model.height - 1, 9))
-    rays = model.rays(np.column_stack([u.ravel(), v.ravel()]))
+    rays = model.pixels_to_rays(np.column_stack([u.ravel(), v.ravel()]))
     measured, expected = (intersect_floor(T, rays) for T in (pose, true))
     near = np.linalg.norm(expected - true[:3, 3], axis=1) < far
     return np.linalg.norm((measured - expected)[near], axis=1)

@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 
 from vb_core import geometry
 from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap, sample
-from vb_sim.simulated_lab import DistanceField, Lab, Lockstep, cast_disc
+from vb_sim.simulated_lab import DistanceField, SimulatedLab, Lockstep, cast_disc
 from vb_sim.model_params import LocalizationModel, Models, RobotModel, ScanModel
 from vb_sim.robot.robot_body import RobotBody, advance
 from vb_sim.world import world_from_mapping
@@ -154,14 +154,14 @@ def test_beams_agree_with_fine_sampling():
 
 
 def test_clearance_is_the_distance_to_the_wall():
-    field = Lab(small_world(furniture=[])).field
+    field = SimulatedLab(small_world(furniture=[])).field
     for x in (0.3, 0.5, 1.0):
         assert field.clearance(x, 1.5) == pytest.approx(x, abs=0.02)
     assert field.clearance(-5.0, 1.0) == 0.0
 
 
 def test_a_person_is_seen_by_the_scanner():
-    lab = Lab(small_world(), Models(scan=ScanModel(range_sigma=0.0, person_radius=0.15)))
+    lab = SimulatedLab(small_world(), Models(scan=ScanModel(range_sigma=0.0, person_radius=0.15)))
     lab.person = (1.0, 2.5, 0.0)
     angles, ranges = lab.scan(0)
     assert ranges[np.argmin(np.abs(angles - math.pi / 2))] == pytest.approx(0.85, abs=1e-6)

@@ -190,8 +190,8 @@ def test_goal_is_reached_from_any_heading(yaw):
 
 def test_it_stops_before_an_obstacle_and_says_so():
     def person(pose):
-        map_to_robot = geometry.invert(geometry.transform_from_pose2d(*pose))
-        return geometry.apply(map_to_robot, np.array([[2.0, 0.05, 0.0], [2.0, -0.05, 0.0]]))[:, :2]
+        map_to_robot = geometry.invert_transform(geometry.transform_from_pose2d(*pose))
+        return geometry.transform_points(map_to_robot, np.array([[2.0, 0.05, 0.0], [2.0, -0.05, 0.0]]))[:, :2]
 
     poses, motions = follow(STRAIGHT, (3.0, 0.0, 0.0), (0.0, 0.0, 0.0), person, limit=20.0)
     assert not motions[-1].arrived and motions[-1].blocked and motions[-1].speed == 0.0

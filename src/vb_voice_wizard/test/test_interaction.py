@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from interactions import ALL_SITUATIONS, BEGUN, COMPLETE, SITUATIONS, in_all_situations
 from interactions import command_knowing_stops, drawing_of, interaction_after
 from vb_core import sentences
-from vb_core.sentences import spelled_out
+from vb_core.sentences import words_of_name
 from vb_core.vocabulary import BORDER, COMMANDS, DEFAULT, GUIDE, PAUSED, SEED, STATES
 from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, REDO, RESUME, SAVE
 from vb_core.vocabulary import STOP, UNDO
@@ -110,7 +110,7 @@ def test_an_unknown_command_is_answered_with_all_that_are_known(before, state, c
     interaction = interaction_after(before)
     answer = interaction.command(command, "voice", 5.0)
     assert (answer.code, answer.success, interaction.state) == ("unknown_command", False, state)
-    assert all(spelled_out(known) in answer.message for known in COMMANDS)
+    assert all(words_of_name(known) in answer.message for known in COMMANDS)
 
 
 # ------------------------------------------------------------------ suggestions

@@ -4,7 +4,7 @@ import pytest
 
 from interactions import ALL_SITUATIONS, BEGUN, COMPLETE, SITUATIONS, in_all_situations
 from interactions import command_knowing_stops, drawing_of, interaction_after
-from vb_core.sentences import spelled_out
+from vb_core.sentences import words_of_name
 from vb_core.vocabulary import ANSWERS, COMMANDS, DEFAULT, PAUSED
 from vb_core.vocabulary import CANCEL, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, REDO, RESUME, SAVE, STOP, UNDO
 from vb_voice_wizard.command_answers import Answer
@@ -82,7 +82,7 @@ def test_a_question_tells_the_words_that_confirm_it(before, command, question):
     interaction = asked_about(before, command)
     answer = interaction.last_answer
     assert (answer.code, interaction.question.command) == (question, command)
-    assert answer.values["answer"] == spelled_out("yes_" + command) and answer.values["answer"] in answer.message
+    assert answer.values["answer"] == words_of_name("yes_" + command) and answer.values["answer"] in answer.message
 
 
 @for_all_doubtful_commands

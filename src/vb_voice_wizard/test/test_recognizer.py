@@ -10,7 +10,7 @@ import pytest
 
 from refusals import refused
 from speech import RATE, command_in, examine, room_noise, say, tone, utterances
-from vb_core.sentences import spelled_out
+from vb_core.sentences import words_of_name
 from vb_core.sounds import SOUNDS, Note, Tones
 from vb_voice_wizard.voice.audio_sources import PIECE, Microphone, has_sound
 from vb_voice_wizard.voice.endpointing import CHUNK, MAX_UTTERANCE, Endpointer, SpeechDetector
@@ -31,7 +31,7 @@ def recognizer():
 
 def test_commands_are_recognised_most_of_the_time(recognizer):
     """One voice in one noise each: bench/voice/command_recognition.py measures how often they are."""
-    results = {command: examine(recognizer, say(spelled_out(command), voice))[0] for command, voice in SPOKEN.items()}
+    results = {command: examine(recognizer, say(words_of_name(command), voice))[0] for command, voice in SPOKEN.items()}
     assert all(result.command in (None, command) for command, result in results.items()), results
     recognised = [result for result in results.values() if result.command]
     assert len(recognised) >= 6, results

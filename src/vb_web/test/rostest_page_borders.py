@@ -115,7 +115,7 @@ class BordersTest(PageTest):
 
     def test_double_press_asks_once_but_undo_after_a_shown_change_again(self):
         calls = self.browser.run(
-            """return Promise.all([import("/state.js"), import("/ui.js")]).then(([{ page, view }, { ask }]) => {
+            """return Promise.all([import("/state.js"), import("/elements.js")]).then(([{ page, view }, { ask }]) => {
                 const send = page.link.send, sent = [];
                 page.link.send = (action, fields) => (sent.push(fields.command || action), new Promise(() => {}));
                 for (const revision of [1, 1, 2]) {

@@ -34,7 +34,7 @@ class SeenTest(PageTest):
             second_browser.click("#undo", "Rückgängig")
             second_browser.wait_text("#borders", "Noch keine Grenzen")
             notices = NoticePublisher()
-            in_rug = {"who": sentences.robot_value(""), "border": "Rug"}
+            in_rug = {"who": sentences.robot_placeholder(""), "border": "Rug"}
             in_unnamed = {"who": "ada", "border": "$border_without_name"}
             caught = [Notice("robot_caught_in_border", values=values) for values in (in_rug, in_unnamed)]
             notices.set([Notice("interaction_ends_soon", Severity.WARNING), *caught])

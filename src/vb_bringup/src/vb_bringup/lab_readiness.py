@@ -70,7 +70,7 @@ def check_robot(
     """
 
     def line(severity: Severity, code: str, **values: str) -> Notice:
-        return Notice(code, severity, robot=name, values={"robot": sentences.robot_value(name), **values})
+        return Notice(code, severity, robot=name, values={"robot": sentences.robot_placeholder(name), **values})
 
     faults = []
     if lacks_margin:

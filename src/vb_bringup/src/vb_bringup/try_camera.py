@@ -30,7 +30,7 @@ import yaml
 
 from vb_bringup.new_lab import parse_source, write_lab
 from vb_core import names
-from vb_core.camera_model import floor_points
+from vb_core.camera_model import project_to_floor
 from vb_core.child_processes import free_port, roslaunch
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
@@ -40,10 +40,10 @@ from vb_core.ros import commands
 from vb_evaluation.navigation_check.plan_observer import wait_until
 from vb_laser_detect.calibration import pose_file
 from vb_laser_detect.calibration.pose_file import CameraPose
-from vb_laser_detect.calibration.pose import FloorView, project, click_uncertainty, view_rectangle
+from vb_laser_detect.calibration.pose import PosedCamera, project, click_uncertainty, estimate_camera_from_rectangle
 from vb_laser_detect.camera.lens_and_settings_files import save_lens
 from vb_laser_detect.camera.camera_report import describing_command
-from vb_laser_detect.camera.camera_source import CameraSource, Shot, is_file
+from vb_laser_detect.camera.camera_source import CameraSource, CapturedImage, is_file
 from vb_laser_detect.camera.v4l2_controls import CaptureParams
 from vb_map_integration.border import VirtualBorder, borders_to_geojson
 from vb_map_integration.border_messages import border_from_message
@@ -65,11 +65,11 @@ _REPEAT_NOTE = " The film repeats: press each just before its part; what was mis
 
 
 # ------------------------------------------------------------- the floor
-def seen_floor(view: FloorView) -> GridMap:
+def seen_floor(view: PosedCamera) -> GridMap:
     """Returns an empty map of the floor that a camera sees. Raises CodedError "bad_rectangle" if all is far away."""
     camera, T = view.camera, view.T_map_camera
     columns, rows = np.meshgrid(np.linspace(0, camera.width - 1, 60), np.linspace(0, camera.height - 1, 40))
-    places = floor_points(camera, T, np.column_stack([columns.ravel(), rows.ravel()]))[:, :2]
+    places = project_to_floor(camera, T, np.column_stack([columns.ravel(), rows.ravel()]))[:, :2]
     with np.errstate(invalid="ignore"):
         places = places[np.linalg.norm(places - T[:2, 3], axis=1) < _FAR]
     if not len(places):
@@ -81,7 +81,7 @@ def seen_floor(view: FloorView) -> GridMap:
     return floor.with_data(np.where(in_view.reshape(floor.shape), np.int8(0), np.int8(-1)))
 
 
-def grid_lines(view: FloorView, floor: GridMap) -> List[List[List[float]]]:
+def grid_lines(view: PosedCamera, floor: GridMap) -> List[List[List[float]]]:
     """Returns lines on the floor every half metre, as the camera sees them [px], to be drawn over its picture."""
     low, high = floor.corners().min(axis=0), floor.corners().max(axis=0)
     lines = []
@@ -94,7 +94,7 @@ def grid_lines(view: FloorView, floor: GridMap) -> List[List[List[float]]]:
     return [line for line in lines if len(line) > 1]
 
 
-def write_camera_lab(folder: Path, source: str, view: FloorView, profiles: Path) -> None:
+def write_camera_lab(folder: Path, source: str, view: PosedCamera, profiles: Path) -> None:
     """Deletes what is in the lab's folder, and writes camera, lens, pose and an empty map into it.
 
     Raises:
@@ -114,7 +114,7 @@ class CornerPage:
 
     def __init__(self, source: str) -> None:
         self.fault: Optional[CodedError] = None  # why the camera sends no pictures, if it is known
-        self._newest: Deque[Shot] = deque(maxlen=1)
+        self._newest: Deque[CapturedImage] = deque(maxlen=1)
         self._source = CameraSource(source, CaptureParams(), self._newest.append, self._set_fault)
         self._source.start()
 
@@ -125,7 +125,7 @@ class CornerPage:
             print(f"    . scripts/env.sh; {describing_command(self._source.address)}", flush=True)
         self.fault = fault
 
-    async def ask(self, port: int) -> FloorView:
+    async def ask(self, port: int) -> PosedCamera:
         """Serves the page until somebody accepts a floor. Returns the camera's view of it."""
         self._accepted: asyncio.Queue = asyncio.Queue()
         handlers = {r"/": _Page, r"/image\.jpg": _Picture, r"/(floor|start)": _Floor}
@@ -147,7 +147,7 @@ class CornerPage:
             raise CodedError("camera_opening") if self.fault is None else self.fault.without_traceback()
         return self._newest[-1].picture().pixels
 
-    def accept(self, view: FloorView) -> None:
+    def accept(self, view: PosedCamera) -> None:
         """Makes `ask` return this view of the floor."""
         self._accepted.put_nowait(view)
 
@@ -187,7 +187,7 @@ class _Floor(_Handler):
             request = json.loads(self.request.body)
             corners = np.array(request["corners"], float).reshape(4, 2)
             size = float(request["width"]), float(request["depth"])
-            view = view_rectangle(corners, size, (width, height))
+            view = estimate_camera_from_rectangle(corners, size, (width, height))
             floor = seen_floor(view)
             places = floor.cell_to_world(np.argwhere(floor.data == 0)[:: max(1, floor.data.size // 400)])
             pixels = project(view.camera, view.T_map_camera, places)
@@ -281,7 +281,9 @@ def run(arguments: Optional[List[str]] = None) -> int:
     else:
         source = str(package / "example_video/room.mp4")
         truth = yaml.safe_load((package / "example_video/room.yaml").read_text(encoding="utf-8"))
-        view = view_rectangle(np.array(truth["corners"]), (truth["width"], truth["depth"]), tuple(truth["image"]))
+        view = estimate_camera_from_rectangle(
+            np.array(truth["corners"]), (truth["width"], truth["depth"]), tuple(truth["image"])
+        )
     write_camera_lab(folder / "lab", source, view, package / "robots")
     master_port = free_port()
     os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{master_port}", ROS_LOG_DIR=str(folder / "log"))

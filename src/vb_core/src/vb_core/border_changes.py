@@ -7,7 +7,7 @@ from typing import Any, List, Mapping, Tuple
 ADDED, REMOVED, RENAMED, ENABLED, DISABLED, CHANGED = "added", "removed", "renamed", "enabled", "disabled", "changed"
 
 
-def border_changes(old_borders: Mapping[str, Any], new_borders: Mapping[str, Any]) -> List[Tuple[str, Any]]:
+def find_border_changes(old_borders: Mapping[str, Any], new_borders: Mapping[str, Any]) -> List[Tuple[str, Any]]:
     """Compares two sets of borders, vb_msgs/VirtualBorder by id. Returns (change, border), at most one per border."""
     changes = [(REMOVED, border) for key, border in old_borders.items() if key not in new_borders]
     for key, border in new_borders.items():

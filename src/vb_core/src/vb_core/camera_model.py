@@ -1,7 +1,7 @@
 """Cameras with lens distortion, including fisheyes, as sensor_msgs/CameraInfo describes them.
 
 A lens's polynomial is valid up to the angle at which the image radius stops growing. Beyond it, points have no pixel
-and pixels no ray: both are NaN. Within it, `project` and `rays` are exact inverses of each other.
+and pixels no ray: both are NaN. Within it, `project` and `pixels_to_rays` are exact inverses of each other.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class CameraModel:
         matrix = np.array([[focal_px, 0, (width - 1) / 2.0], [0, focal_px, (height - 1) / 2.0], [0, 0, 1.0]])
         return CameraModel(width, height, matrix, np.zeros(5))
 
-    def rays(self, pixels: np.ndarray) -> np.ndarray:
+    def pixels_to_rays(self, pixels: np.ndarray) -> np.ndarray:
         """Returns the viewing rays of pixels. Inverse of `project`.
 
         Args:
@@ -97,7 +97,7 @@ class CameraModel:
         return result
 
     def project(self, points: np.ndarray) -> np.ndarray:
-        """Projects points (N, 3) [m] in the optical frame to pixels (N, 2) [px]. Inverse of `rays`.
+        """Projects points (N, 3) [m] in the optical frame to pixels (N, 2) [px]. Inverse of `pixels_to_rays`.
 
         Points that are not in front of the camera, or beyond the lens model's limit, give rows of NaN.
         """
@@ -215,12 +215,14 @@ def intersect_floor(T_map_camera: np.ndarray, rays: np.ndarray, height: float = 
     return points
 
 
-def floor_points(camera: CameraModel, T_map_camera: np.ndarray, pixels: np.ndarray, height: float = 0.0) -> np.ndarray:
-    """Projects pixels (N, 2) to points (N, 3) [m] on the floor, as `intersect_floor` does. Inverse of `pixels_of`."""
-    return intersect_floor(T_map_camera, camera.rays(pixels), height)
+def project_to_floor(
+    camera: CameraModel, T_map_camera: np.ndarray, pixels: np.ndarray, height: float = 0.0
+) -> np.ndarray:
+    """Projects pixels (N, 2) to points (N, 3) [m] on the floor, as `intersect_floor` does. Inverse of `project_to_pixels`."""
+    return intersect_floor(T_map_camera, camera.pixels_to_rays(pixels), height)
 
 
-def pixels_of(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Projects points (N, 3) [m] in the map frame to pixels (N, 2); inverse of `floor_points`. NaN behind the camera."""
+def project_to_pixels(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Projects points (N, 3) [m] in the map frame to pixels (N, 2); inverse of `project_to_floor`. NaN behind the camera."""
     points = np.asarray(points, dtype=float).reshape(-1, 3)
     return camera.project((points - T_map_camera[:3, 3]) @ T_map_camera[:3, :3])

@@ -47,18 +47,18 @@ class ConnectedRobot:
         return self.navigation or self.driver
 
     @property
-    def plans(self) -> bool:
+    def accepts_goals(self) -> bool:
         """Whether its navigation accepts goals and plans round borders."""
         return self.navigation and self.plans_round_borders and not self.missing_maps
 
     @property
-    def stops(self) -> bool:
+    def can_be_stopped(self) -> bool:
         """Whether it obeys Stop."""
         return self.driver or (self.navigation and self.obeys_stop)
 
-    def keeps(self, zone: str) -> bool:
+    def respects(self, zone: str) -> bool:
         """Returns whether the robot keeps the rule of a zone, given by name. It keeps none while not localised."""
-        return self.localized and ZONES[zone].kept_by(self)
+        return self.localized and ZONES[zone].is_respected_by(self)
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,8 @@ class Connections:
     """What is connected to a lab: its robots, whether cameras report, whether an interaction manager belongs to it."""
 
     robots: Tuple[ConnectedRobot, ...] = ()
-    cameras: bool = False
-    interaction: bool = False
+    has_cameras: bool = False
+    has_interaction: bool = False
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Capabilities:
         commands: those of vb_core.vocabulary with needs that are met; "go" if a robot can be sent to a place.
         zones: the zones that at least one robot keeps.
         ignored_by: names of the connected robots that do not keep a zone, by the name of the zone.
-        goes: the names of the robots that can be sent to a place.
+        sendable_robots: the names of the robots that can be sent to a place.
         robot_notices: what to tell people about each robot while the connections do not change.
     """
 
@@ -87,7 +87,7 @@ class Capabilities:
     commands: Tuple[str, ...]
     zones: Tuple[str, ...]
     ignored_by: Mapping[str, Tuple[str, ...]]
-    goes: Tuple[str, ...]
+    sendable_robots: Tuple[str, ...]
     robot_notices: Tuple[Notice, ...]
 
     def problems(self) -> List[Notice]:
@@ -98,22 +98,22 @@ class Capabilities:
 def derive_capabilities(connections: Connections) -> Capabilities:
     """Derives what a lab can do from what is connected to it."""
     connected = [robot for robot in connections.robots if robot.is_connected]
-    ignored = {zone: tuple(robot.name for robot in connected if not robot.keeps(zone)) for zone in ZONES}
-    goes = tuple(robot.name for robot in connected if robot.plans and robot.keeps(KEEP_OUT.name))
-    pointing = connections.interaction and connections.cameras
+    ignored = {zone: tuple(robot.name for robot in connected if not robot.respects(zone)) for zone in ZONES}
+    sendable_robots = tuple(robot.name for robot in connected if robot.accepts_goals and robot.respects(KEEP_OUT.name))
+    pointing = connections.has_interaction and connections.has_cameras
     has = {
         CAMERA: pointing,
         DRIVER: pointing and any(robot.driver for robot in connected),
-        STOPPABLE: any(robot.stops for robot in connected),
+        STOPPABLE: any(robot.can_be_stopped for robot in connected),
     }
-    commands = [name for name, command in COMMANDS.items() if has.get(command.needs)] + ["go"] * bool(goes)
+    commands = [name for name, command in COMMANDS.items() if has.get(command.needs)] + ["go"] * bool(sendable_robots)
     state = NO_ROBOT if not connected else UNREADY if ignored[KEEP_OUT.name] else READY
     return Capabilities(
         state=state,
         commands=tuple(commands),
         zones=tuple(zone for zone in ZONES if len(ignored[zone]) < len(connected)),
         ignored_by=ignored,
-        goes=goes,
+        sendable_robots=sendable_robots,
         robot_notices=tuple(notice for robot in connections.robots for notice in _notices_about(robot)),
     )
 
@@ -124,7 +124,9 @@ def effective_commands(capabilities: Capabilities, commands: Sequence[str]) -> T
     return tuple(name for name in commands if name in capabilities.commands or name not in judged)
 
 
-def find_unkept(capabilities: Capabilities, zone: str, robots: Sequence[str]) -> Optional[Tuple[str, Dict[str, str]]]:
+def describe_ignored_zone(
+    capabilities: Capabilities, zone: str, robots: Sequence[str]
+) -> Optional[Tuple[str, Dict[str, str]]]:
     """Returns code and values of the sentence that says who does not keep a border, or None if all keep it.
 
     Args:
@@ -136,11 +138,11 @@ def find_unkept(capabilities: Capabilities, zone: str, robots: Sequence[str]) ->
         return "border_without_robot", {}
     if not ignoring:
         return None
-    return f"border_unkept_{zone}", {"who": ", ".join(map(sentences.robot_value, ignoring))}
+    return f"border_unkept_{zone}", {"who": ", ".join(map(sentences.robot_placeholder, ignoring))}
 
 
 def _notices_about(robot: ConnectedRobot) -> List[Notice]:
-    values = {"who": sentences.robot_value(robot.name), "maps": ", ".join(robot.maps) or "-"}
+    values = {"who": sentences.robot_placeholder(robot.name), "maps": ", ".join(robot.maps) or "-"}
     values["map"] = f"/{robot.name}/virtual_borders/map" if robot.name else "/virtual_borders/map"
 
     def notice(severity: Severity, code: str, **more_values: str) -> Notice:
@@ -151,14 +153,14 @@ def _notices_about(robot: ConnectedRobot) -> List[Notice]:
     notices = []
     if robot.missing_maps:
         notices.append(notice(Severity.ERROR, "robot_waits_for_map", missing=", ".join(robot.missing_maps)))
-    elif robot.plans:
+    elif robot.accepts_goals:
         notices.append(notice(Severity.INFO, "robot_plans_round_borders"))
     elif robot.navigation:
         severity = Severity.WARNING if robot.driver else Severity.ERROR
         notices.append(notice(severity, "robot_plans_through_borders" if robot.driver else "robot_ignores_borders"))
     if robot.unheard:
         notices.append(notice(Severity.ERROR, "robot_commands_unheard", topic=", ".join(robot.unheard)))
-    if robot.name and robot.plans and values["map"] not in robot.maps and robot.maps:
+    if robot.name and robot.accepts_goals and values["map"] not in robot.maps and robot.maps:
         notices.append(notice(Severity.INFO, "robot_keeps_all_borders"))
     # a driver that is asked to drive reports an unknown pose itself
     if not robot.localized:
@@ -170,6 +172,6 @@ def _notices_about(robot: ConnectedRobot) -> List[Notice]:
 def _obedience(robot: ConnectedRobot) -> str:
     if robot.driver:
         return "robot_has_driver"
-    if robot.stops and robot.obeys_speed:
+    if robot.can_be_stopped and robot.obeys_speed:
         return "robot_obeys_by_navigation"
-    return "robot_obeys_stop_only" if robot.stops else "robot_obeys_borders_only"
+    return "robot_obeys_stop_only" if robot.can_be_stopped else "robot_obeys_borders_only"

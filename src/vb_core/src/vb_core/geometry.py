@@ -74,7 +74,7 @@ def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
     return rz @ ry @ rx
 
 
-def transform(rotation: np.ndarray, translation) -> np.ndarray:
+def make_transform(rotation: np.ndarray, translation) -> np.ndarray:
     """Makes a 4x4 transform from a rotation (3, 3) and a translation (3,) [m]."""
     result = np.eye(4)
     result[:3, :3] = rotation
@@ -82,7 +82,7 @@ def transform(rotation: np.ndarray, translation) -> np.ndarray:
     return result
 
 
-def invert(T: np.ndarray) -> np.ndarray:
+def invert_transform(T: np.ndarray) -> np.ndarray:
     """Inverts a rigid 4x4 transform."""
     result = np.eye(4)
     rotation = T[:3, :3].T
@@ -91,7 +91,7 @@ def invert(T: np.ndarray) -> np.ndarray:
     return result
 
 
-def apply(T: np.ndarray, points: np.ndarray) -> np.ndarray:
+def transform_points(T: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Applies a 4x4 transform to points (N, 3) or (3,) [m]. Returns them in the same shape."""
     points = np.asarray(points, dtype=float)
     return points @ T[:3, :3].T + T[:3, 3]
@@ -108,15 +108,15 @@ def pose2d_from_transform(T: np.ndarray) -> Pose:
     return float(T[0, 3]), float(T[1, 3]), math.atan2(T[1, 0], T[0, 0])
 
 
-def to_base(points: np.ndarray, pose) -> np.ndarray:
-    """Transforms map points (N, 2) [m] to the base frame of a robot at a pose. Inverse of `to_map`."""
+def map_to_base(points: np.ndarray, pose) -> np.ndarray:
+    """Transforms map points (N, 2) [m] to the base frame of a robot at a pose. Inverse of `base_to_map`."""
     x, y, yaw = pose
     c, s = math.cos(yaw), math.sin(yaw)
     return (np.asarray(points, dtype=float).reshape(-1, 2) - (x, y)) @ np.array([[c, -s], [s, c]])
 
 
-def to_map(points: np.ndarray, pose) -> np.ndarray:
-    """Transforms base-frame points (N, 2) [m] of a robot at a pose to the map frame. Inverse of `to_base`."""
+def base_to_map(points: np.ndarray, pose) -> np.ndarray:
+    """Transforms base-frame points (N, 2) [m] of a robot at a pose to the map frame. Inverse of `map_to_base`."""
     x, y, yaw = pose
     c, s = math.cos(yaw), math.sin(yaw)
     return np.asarray(points, dtype=float).reshape(-1, 2) @ np.array([[c, s], [-s, c]]) + (x, y)

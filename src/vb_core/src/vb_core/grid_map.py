@@ -26,7 +26,7 @@ OCCUPIED_THRESHOLD = 65  # [%] cells of this occupancy or more are obstacles: ma
 Window = Tuple[float, float, float, float]
 
 
-def distance_to(cells: np.ndarray) -> np.ndarray:
+def distance_transform(cells: np.ndarray) -> np.ndarray:
     """Distance transform: computes the distance (H, W) float32 from each cell's centre to the nearest marked cell's, in cells.
 
     The same mask always yields the same bits, for distances up to 1400 cells: depending on where the rows are in
@@ -163,7 +163,7 @@ def clearance_grid(blocked: np.ndarray, resolution: float) -> np.ndarray:
     Half a cell's diagonal is subtracted from the distance between centres, so that the result never exceeds the true
     clearance. The map's edge is not blocked; if no cell is blocked, every clearance is inf.
     """
-    return np.maximum(distance_to(blocked) - np.sqrt(0.5), 0.0) * np.float32(resolution)
+    return np.maximum(distance_transform(blocked) - np.sqrt(0.5), 0.0) * np.float32(resolution)
 
 
 def sample(grid: GridMap, layer: np.ndarray, points: np.ndarray, outside: float = 0.0) -> np.ndarray:

@@ -31,11 +31,11 @@ class Encoding(NamedTuple):
 
     dtype: np.dtype
     channels: int
-    content: str
+    color_format: str
 
     def rows(self, height: int) -> int:
         """Returns the byte rows of an image of this height [px]: some encodings store chrominance below luminance."""
-        return height * 3 // 2 if self.content in ("nv12", "nv21") else height
+        return height * 3 // 2 if self.color_format in ("nv12", "nv21") else height
 
 
 def _table() -> Dict[str, Encoding]:
@@ -51,7 +51,7 @@ def _table() -> Dict[str, Encoding]:
 _ENCODINGS = _table()
 
 
-def encoding_of(name: str) -> Encoding:
+def find_encoding(name: str) -> Encoding:
     """Looks up an encoding.
 
     Raises:
@@ -72,12 +72,12 @@ class Picture(NamedTuple):
 
     Attributes:
         pixels: (H, W) or (H, W, 3) uint8, contiguous.
-        content: the pixels' meaning: "mono", "bgr", "rgb", or a Bayer pattern, "bayer_rggb" ...
+        color_format: the pixels' meaning: "mono", "bgr", "rgb", or a Bayer pattern, "bayer_rggb" ...
     """
 
     pixels: np.ndarray
-    content: str
-    scale, whole = 1, True  # see `HalvedPicture`
+    color_format: str
+    scale, is_fully_decoded = 1, True  # see `HalvedPicture`
 
     @property
     def size(self) -> Tuple[int, int]:
@@ -85,22 +85,23 @@ class Picture(NamedTuple):
         return self.pixels.shape[1], self.pixels.shape[0]
 
     @property
-    def searched(self) -> np.ndarray:
+    def search_pixels(self) -> np.ndarray:
         """The pixels to be searched for spots."""
         return self.pixels
 
     @property
-    def mosaic(self) -> bool:
+    def is_bayer(self) -> bool:
         """Whether each pixel holds one colour only."""
-        return self.content in _BAYER
+        return self.color_format in _BAYER
 
     def bgr(self) -> np.ndarray:
         """Returns a bgr copy (H, W, 3)."""
-        return cv2.cvtColor(self.pixels, _TO_BGR[self.content]) if self.content in _TO_BGR else self.pixels.copy()
+        conversion = _TO_BGR.get(self.color_format)
+        return self.pixels.copy() if conversion is None else cv2.cvtColor(self.pixels, conversion)
 
     def gray(self) -> np.ndarray:
         """Returns grey levels (H, W)."""
-        return self.pixels if self.content == "mono" else cv2.cvtColor(self.bgr(), cv2.COLOR_BGR2GRAY)
+        return self.pixels if self.color_format == "mono" else cv2.cvtColor(self.bgr(), cv2.COLOR_BGR2GRAY)
 
 
 class HalvedPicture:
@@ -111,17 +112,17 @@ class HalvedPicture:
         decode: returns the pixels (H, W, 3) uint8 bgr for a width and a height.
 
     Attributes:
-        content, mosaic: meaning of the pixels, and whether each holds one colour only, as in `Picture`.
+        color_format, is_bayer: meaning of the pixels, and whether each holds one colour only, as in `Picture`.
         scale: number of full-size pixels per searched pixel, in each direction.
     """
 
-    content, mosaic, scale = "bgr", False, 2
+    color_format, is_bayer, scale = "bgr", False, 2
 
     def __init__(self, size: Tuple[int, int], decode: Callable[[int, int], np.ndarray]) -> None:
         self.size, self._decode = size, decode
 
     @property
-    def whole(self) -> bool:
+    def is_fully_decoded(self) -> bool:
         """Whether the full size has been decoded."""
         return "pixels" in vars(self)
 
@@ -131,14 +132,14 @@ class HalvedPicture:
         return self._decode(*self.size)
 
     @cached_property
-    def searched(self) -> np.ndarray:
+    def search_pixels(self) -> np.ndarray:
         """The pixels at half the size, which a codec decodes faster than the full size."""
         return self._decode(self.size[0] // 2, self.size[1] // 2)
 
-    def decode_whole(self) -> None:
+    def decode_full_size(self) -> None:
         """Decodes the full size and halves it: faster than decoding both sizes, with a difference of one grey level."""
         half = self.size[0] // 2, self.size[1] // 2
-        self.searched = cv2.resize(self.pixels, half, interpolation=cv2.INTER_AREA)
+        self.search_pixels = cv2.resize(self.pixels, half, interpolation=cv2.INTER_AREA)
 
     def bgr(self) -> np.ndarray:
         """Returns a bgr copy (H, W, 3)."""
@@ -167,15 +168,15 @@ class PixelReader:
         Raises:
             CodedError: "unknown_encoding" for images in which no spot can be seen, such as depth.
         """
-        content = encoding_of(encoding).content
-        if not content:
+        color_format = find_encoding(encoding).color_format
+        if not color_format:
             raise CodedError("unknown_encoding", encoding=encoding)
-        if content in _YUV:
-            return Picture(cv2.cvtColor(image, _YUV[content][1]), "bgr")
+        if color_format in _YUV:
+            return Picture(cv2.cvtColor(image, _YUV[color_format][1]), "bgr")
         if image.dtype == np.uint16:
             largest = int(image.max()) if image.size else 0
             while largest >> self._bits and self._bits < 16:
                 self._bits += 2
             image = cv2.convertScaleAbs(image, alpha=255.0 / ((1 << self._bits) - 1))
         colors = image[:, :, :3] if image.ndim == 3 else image
-        return Picture(np.ascontiguousarray(colors), {"bgra": "bgr", "rgba": "rgb"}.get(content, content))
+        return Picture(np.ascontiguousarray(colors), {"bgra": "bgr", "rgba": "rgb"}.get(color_format, color_format))

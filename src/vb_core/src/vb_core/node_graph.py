@@ -67,6 +67,6 @@ class NodeGraph:
         beside = commanders(output).union(*map(commanders, mux_inputs))
         return (commanders(topic) | (beside - muxes)) - {driver}, muxes
 
-    def is_heard(self, driver: str, topic: str) -> bool:
+    def has_subscriber(self, driver: str, topic: str) -> bool:
         """Returns whether any other node subscribes to the driver's commands."""
         return bool(set(self.subscribers.get(topic, ())) - {driver})

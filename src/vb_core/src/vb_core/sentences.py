@@ -48,7 +48,7 @@ def catalog(language: str = ENGLISH) -> Dict[str, str]:
     return by_code
 
 
-def spelled_out(name: str) -> str:
+def words_of_name(name: str) -> str:
     """Returns the words of a code or a name: "define_border" is "define border"."""
     return name.replace("_", " ")
 
@@ -60,7 +60,7 @@ class _LenientValues(dict):
         return f"({key})"
 
 
-def robot_value(name: str) -> str:
+def robot_placeholder(name: str) -> str:
     """Returns the value that names a robot in a sentence. An empty name means the only robot."""
     return name or "$the_robot"
 
@@ -80,7 +80,7 @@ def translate(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH
     """
     sentence = catalog(language).get(code) or catalog(ENGLISH).get(code)
     if sentence is None:
-        return default or spelled_out(code)
+        return default or words_of_name(code)
     texts = {}
     for name, value in values.items():
         texts[name] = border_name(str(value), language) if name in ("border", "borders") else str(value)

@@ -5,7 +5,7 @@ buttons, console, and the page, which receives both tables when it connects. Mes
 vb_msgs/InteractionState). The texts for people are in languages/<language>/interaction.yaml: command_<name>,
 state_<name>, page_command_<name>, page_state_<name>.
 
->>> COMMANDS[DEFINE_SEED].enters, STATES["seed"].collects, spelled_out(DEFINE_SEED)
+>>> COMMANDS[DEFINE_SEED].enters, STATES["seed"].collects, words_of_name(DEFINE_SEED)
 ('seed', 'seed', 'define seed')
 """
 
@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any, Dict, List, Tuple
 
-from vb_core.sentences import spelled_out
+from vb_core.sentences import words_of_name
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ STATES: Dict[str, State] = {state.name: state for state in _STATES}
 DEFAULT, BORDER, SEED, GUIDE, PAUSED = _STATES
 
 
-def state_of(name: str) -> State:
+def state_by_name(name: str) -> State:
     """Returns the named state; for an unknown name, a state in which nothing is done."""
     return STATES.get(name, State(name))
 
@@ -84,7 +84,7 @@ class Command:
         needs: what must be connected; "" for nothing.
         consequences: when the command has any: ALWAYS, NEVER or one of WHILE_...
         enters: name of the state that it leads to; "" if the state stays, or depends on the interaction.
-        carried_out_elsewhere: whether another node carries it out; until that node answers, other commands are refused
+        is_delegated: whether another node carries it out; until that node answers, other commands are refused
             as "busy".
         phrases: English phrases that people may say instead of its name.
         button_place: position among the page's laser pointer buttons, 0 for no button. If two commands share a
@@ -96,7 +96,7 @@ class Command:
     needs: str = ""
     consequences: str = WHILE_POINTING
     enters: str = ""
-    carried_out_elsewhere: bool = False
+    is_delegated: bool = False
     phrases: Tuple[str, ...] = ()
     button_place: int = 0
 
@@ -105,12 +105,12 @@ _COMMANDS = (
     Command("define_border", "b", CAMERA, enters="border", button_place=1),
     Command("define_seed", "d", CAMERA, enters="seed", button_place=2),
     Command("guide_robot", "g", DRIVER, enters="guide", button_place=6),
-    Command("save", "s", CAMERA, ALWAYS, carried_out_elsewhere=True, button_place=4),
+    Command("save", "s", CAMERA, ALWAYS, is_delegated=True, button_place=4),
     Command("cancel", "c", CAMERA, WHILE_DRAWN, button_place=3),
     Command("stop", " ", STOPPABLE, NEVER, phrases=("stop robot", "no, stop", "stop, stop")),
     Command("resume", "p", STOPPABLE, WHILE_STOPPED),
-    Command("undo", "u", consequences=ALWAYS, carried_out_elsewhere=True),
-    Command("redo", "r", consequences=ALWAYS, carried_out_elsewhere=True),
+    Command("undo", "u", consequences=ALWAYS, is_delegated=True),
+    Command("redo", "r", consequences=ALWAYS, is_delegated=True),
     Command("pause", "h", CAMERA, NEVER, enters="paused", button_place=5),
     Command("continue", "k", CAMERA, button_place=5),
 )
@@ -131,5 +131,5 @@ def tables() -> Dict[str, List[Dict[str, Any]]]:
     """Returns both tables as plain values, for the page."""
     return {
         "states": [asdict(state) for state in _STATES],
-        "commands": [{**asdict(command), "spoken": spelled_out(command.name)} for command in _COMMANDS],
+        "commands": [{**asdict(command), "spoken": words_of_name(command.name)} for command in _COMMANDS],
     }

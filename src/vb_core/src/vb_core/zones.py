@@ -20,7 +20,7 @@ class Zone:
 
     Attributes:
         number: the zone's number in vb_msgs/VirtualBorder.
-        kept_by: returns whether a robot, a localised vb_core.capabilities.ConnectedRobot, keeps its rule.
+        is_respected_by: returns whether a robot, a localised vb_core.capabilities.ConnectedRobot, keeps its rule.
         restricts: whether its area is marked in the map with borders.
         soft: whether robots may go there if the detour is long: delta is below 1.
         limits_speed: whether it has a speed limit.
@@ -29,7 +29,7 @@ class Zone:
 
     name: str
     number: int
-    kept_by: Callable[[Any], bool]
+    is_respected_by: Callable[[Any], bool]
     restricts: bool = True
     soft: bool = False
     limits_speed: bool = False
@@ -41,9 +41,9 @@ class Zone:
 
 
 KEEP_OUT, AVOID, SLOW = _ZONES = (
-    Zone("keep_out", 0, lambda robot: robot.plans or robot.driver),
+    Zone("keep_out", 0, lambda robot: robot.accepts_goals or robot.driver),
     # robots take a cheap detour, and cross the area if it is the only path
-    Zone("avoid", 1, lambda robot: robot.plans, soft=True, occupancy=0.75),
+    Zone("avoid", 1, lambda robot: robot.accepts_goals, soft=True, occupancy=0.75),
     Zone(
         "slow",
         2,
@@ -55,7 +55,7 @@ KEEP_OUT, AVOID, SLOW = _ZONES = (
 ZONES: Dict[str, Zone] = {zone.name: zone for zone in _ZONES}
 
 
-def zone_of(number: int) -> Zone:
+def zone_by_number(number: int) -> Zone:
     """Returns the zone with a number of vb_msgs/VirtualBorder. Robots keep out of an unknown zone."""
     return next((zone for zone in _ZONES if zone.number == number), KEEP_OUT)
 

@@ -224,7 +224,7 @@ def compare_completed(first: np.ndarray, second: np.ndarray) -> Dict[str, float]
     return {**counts, "p": float(mcnemar(table, exact=True).pvalue)}
 
 
-def people_needed(effect: float, tests: int = 1) -> int:
+def required_sample_size(effect: float, tests: int = 1) -> int:
     """Computes how many pairs a two-sided Wilcoxon test needs for a power of 80 %.
 
     It is the t test's number divided by 3 / pi, the signed-rank test's efficiency for normal differences.
@@ -239,7 +239,7 @@ def people_needed(effect: float, tests: int = 1) -> int:
     return int(math.ceil(float(pairs) * math.pi / 3.0))
 
 
-def difference_of_shares(first: np.ndarray, second: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
+def difference_of_proportions(first: np.ndarray, second: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
     """Computes the first sample's share of ones minus the second's, (N,) and (M,) of 0 and 1, with Newcombe's interval.
 
     All values count as independent: the interval is too wide for pairs, and too narrow for several runs of a person who

@@ -9,7 +9,7 @@ import rospy
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.sounds import SOUNDS
-from vb_core.vocabulary import state_of
+from vb_core.vocabulary import state_by_name
 from vb_msgs.msg import InteractionState, Sound
 
 
@@ -40,7 +40,7 @@ class KobukiFeedbackNode:
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=5)
 
     def _on_state(self, message: InteractionState) -> None:
-        led_colors = (state_of(message.name).led, "RED" if message.stopped else "BLACK")
+        led_colors = (state_by_name(message.name).led, "RED" if message.stopped else "BLACK")
         if led_colors != self._led_colors:
             self._led_colors = led_colors
             for led, color in zip(self._leds, led_colors):

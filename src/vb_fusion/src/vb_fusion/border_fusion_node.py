@@ -18,14 +18,14 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import points_from_array, values_from_mapping
 from vb_core.ros.notices import NoticePublisher
-from vb_core.vocabulary import BORDER, DEFAULT, SEED, STATES, state_of
+from vb_core.vocabulary import BORDER, DEFAULT, SEED, STATES, state_by_name
 from vb_fusion.spot_collector import CollectedSpots, SpotCollector, FloorSpot
 from vb_fusion.extraction import DrawnBorder, ExtractionParams, LiveExtractor
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
 from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderResponse
 
 RATE = 8.0  # [1/s] of progress messages while spots arrive; the display needs 5, and a busy machine is slower
-SIGN_OF_LIFE = 1.0  # [s] between progress messages while no spots arrive
+HEARTBEAT_PERIOD = 1.0  # [s] between progress messages while no spots arrive
 MAX_SHOWN = 300  # points in a message: enough to see the drawing, cheap to display
 
 
@@ -78,7 +78,7 @@ class BorderFusionNode:
 
     # ------------------------------------------------------------- input
     def _on_state(self, message: InteractionState) -> None:
-        state = state_of(message.name)
+        state = state_by_name(message.name)
         if state.name not in STATES:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: ignoring the unknown state {message.name}")
             return
@@ -156,13 +156,13 @@ class BorderFusionNode:
     def _find_doubts(self, drawn: DrawnBorder) -> List[Notice]:
         """Returns the doubts about a drawing."""
         doubts = {}
-        if drawn.chain is not None and drawn.chain.left_out_spots:
-            doubts["strokes_left_out"] = {"spots": str(drawn.chain.left_out_spots)}
+        if drawn.chain is not None and drawn.chain.unused_spot_count:
+            doubts["strokes_left_out"] = {"spots": str(drawn.chain.unused_spot_count)}
         # a right-angled corner that an unseen piece hides is off that piece by at most half its length
         if drawn.chain is not None and drawn.chain.unseen > 0.5 * self._params.extraction.eps:
             doubts["piece_unseen"] = {"length": f"{drawn.chain.unseen:.1f}"}
-        if drawn.other_dwell is not None:
-            doubts["seed_held_elsewhere"] = {"seconds": f"{drawn.other_dwell.seconds:.0f}"}
+        if drawn.competing_dwell is not None:
+            doubts["seed_held_elsewhere"] = {"seconds": f"{drawn.competing_dwell.seconds:.0f}"}
         return [Notice(code, Severity.WARNING, values=values) for code, values in doubts.items()]
 
     def _tick(self, state_changed: bool) -> bool:
@@ -171,7 +171,7 @@ class BorderFusionNode:
             collecting = bool(self._collector.state.collects)
             new_spots, self._new_spots = self._new_spots, False
             now = time.monotonic()
-            due = now - self._published >= SIGN_OF_LIFE
+            due = now - self._published >= HEARTBEAT_PERIOD
             if not self._collector.interaction_id or not (state_changed or (collecting and (new_spots or due))):
                 return False
             collection = self._collector.collection()
@@ -201,7 +201,7 @@ class BorderFusionNode:
         if chain is not None:
             message.chain = points_from_array(chain.points)
             message.closed = chain.closed
-            message.left_out_spots = chain.left_out_spots
+            message.unused_spot_count = chain.unused_spot_count
             message.left_out = points_from_array(subsample_evenly(chain.left_out))
             message.code, message.message = "ok", chain.reason
             message.values = values_from_mapping(chain.closure.values)

@@ -33,7 +33,7 @@ from vb_fusion.camera_offsets import remove_offsets
 from vb_fusion.observations import Observations, is_on_floor, make_observations
 from vb_fusion.paper_algorithms import find_cluster, generate_polygon, thin_points
 from vb_fusion.polygonal_chain import Closure, classify_closure, make_chain
-from vb_fusion.seed_point import Dwell, choose_seed, find_dwells, find_rival
+from vb_fusion.seed_point import Dwell, choose_seed, find_dwells, find_competing_dwell
 from vb_fusion.spot_collector import CollectedSpots
 from vb_fusion.strokes import find_drawn_line
 
@@ -62,14 +62,14 @@ class BorderChain:
         points: (M, 2) float64 [m], M >= 2, in order; a closed chain's first point is not repeated.
         closure: whether it is closed, and why.
         left_out: (L, 2) [m] positions of drawn spots that belong to no part of the chain.
-        left_out_spots: number of spots at these positions.
+        unused_spot_count: number of spots at these positions.
         unseen: [m] length of the longest piece of the chain that no camera saw.
     """
 
     points: np.ndarray
     closure: Closure
     left_out: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)), repr=False, compare=False)
-    left_out_spots: int = 0
+    unused_spot_count: int = 0
     unseen: float = 0.0
 
     @property
@@ -173,9 +173,9 @@ class DrawnBorder:
         return choose_seed(self.dwells).point if self.dwells else None
 
     @property
-    def other_dwell(self) -> Optional[Dwell]:
+    def competing_dwell(self) -> Optional[Dwell]:
         """Another place where the pointer dwelt, longer or later, which may have been meant as the seed."""
-        return find_rival(self.dwells) if self.dwells else None
+        return find_competing_dwell(self.dwells) if self.dwells else None
 
 
 class LiveExtractor:

@@ -59,7 +59,7 @@ def choose_seed(dwells: Sequence[Dwell]) -> Dwell:
     return chosen
 
 
-def find_rival(dwells: Sequence[Dwell]) -> Optional[Dwell]:
+def find_competing_dwell(dwells: Sequence[Dwell]) -> Optional[Dwell]:
     """Finds the last dwell at a new place that was longer or later than the chosen one."""
     seed = choose_seed(dwells)
     chosen = [dwell is seed for dwell in dwells].index(True)

@@ -26,7 +26,7 @@ from vb_core.notices import Notice, Severity
 from vb_core.ros.messages import array_from_points, mapping_from_values, sentence_in
 from vb_core.sentences import border_name, translate
 from vb_core.vocabulary import COMMANDS, QUESTIONS, STATES, STOP
-from vb_core.zones import zone_of
+from vb_core.zones import zone_by_number
 
 PREFIX = "homeassistant"  # topic below which Home Assistant searches for descriptions
 ONLINE, OFFLINE = "online", "offline"
@@ -50,7 +50,7 @@ _LINE, _LINE_OFF = (0, 60, 170), (150, 150, 150)
 
 
 @dataclass(frozen=True)
-class Lab:
+class LabEntities:
     """The lab to be described.
 
     Attributes:
@@ -83,7 +83,7 @@ def key_of(kind: str, name: str) -> str:
     return f"{kind}_{name}" if name else kind
 
 
-def describe(lab: Lab) -> Dict[str, Dict[str, Any]]:
+def describe(lab: LabEntities) -> Dict[str, Dict[str, Any]]:
     """Returns the description of each entity, by its topic."""
 
     def title(code: str, **values: str) -> str:
@@ -118,7 +118,7 @@ def describe(lab: Lab) -> Dict[str, Dict[str, Any]]:
     for camera in lab.cameras:
         entities["binary_sensor", key_of("camera", camera)] = {"name": title("mqtt_camera", camera=camera), **problem}
     for robot in lab.robots or ():
-        name = title("mqtt_robot", who=sentences.robot_value(robot))
+        name = title("mqtt_robot", who=sentences.robot_placeholder(robot))
         entities["binary_sensor", key_of("robot", robot)] = {"name": name, "needs": MONITOR, **problem}
     for identity, name in (lab.borders or {}).items():
         key = key_of("border", identity)
@@ -139,7 +139,7 @@ def describe(lab: Lab) -> Dict[str, Dict[str, Any]]:
     }
 
 
-def leftovers(lab: Lab, described: Iterable[str]) -> List[str]:
+def leftovers(lab: LabEntities, described: Iterable[str]) -> List[str]:
     """Returns the topics of descriptions on the broker whose entities no longer belong to the lab.
 
     Entities of a kind that is not known yet are kept.
@@ -154,7 +154,9 @@ def key_in(topic: str) -> str:
     return topic.split("/")[3]
 
 
-def _complete(lab: Lab, platform: str, key: str, needs: str = "", shows: str = "", **config: Any) -> Dict[str, Any]:
+def _complete(
+    lab: LabEntities, platform: str, key: str, needs: str = "", shows: str = "", **config: Any
+) -> Dict[str, Any]:
     """Adds the fields that all entities have.
 
     Args:
@@ -226,7 +228,7 @@ def border_value(border: Any) -> Dict[str, Any]:
         "area_m2": round(float(border.area_m2), 2) if math.isfinite(border.area_m2) else None,
         "in_force": bool(border.in_force),
         "reason": border.reason,
-        "zone": zone_of(border.zone).name,
+        "zone": zone_by_number(border.zone).name,
         "robots": list(border.robots),
     }
 
@@ -236,7 +238,7 @@ def robot_problems(name: str, lines: Sequence[Notice], notices: Iterable[Notice]
     mine = [line for line in lines if line.robot == name]
     problems = [line for line in mine if line.severity >= Severity.WARNING or line.code == "robot_not_connected"]
     # a notice about no robot has the empty name too, which is also that of the only robot
-    value = sentences.robot_value(name)
+    value = sentences.robot_placeholder(name)
     warnings = [notice for notice in notices if notice.severity >= Severity.WARNING]
     problems += [notice for notice in warnings if value in (notice.robot, notice.values.get("who"))]
     return [notice.sentence(language) for notice in problems]

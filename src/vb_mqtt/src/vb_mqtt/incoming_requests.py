@@ -24,7 +24,7 @@ from typing import Any, Deque, Dict, Optional
 
 from vb_core.errors import CodedError
 from vb_core.rate_limiter import RateLimiter
-from vb_core.sentences import spelled_out
+from vb_core.sentences import words_of_name
 from vb_core.vocabulary import ANSWERS, COMMANDS, STOP
 
 KNOWN = (*COMMANDS, *ANSWERS)
@@ -46,7 +46,7 @@ class Refusal(CodedError):
 
 
 @dataclass(frozen=True)
-class Request:
+class MqttRequest:
     """A valid request.
 
     Attributes:
@@ -80,7 +80,7 @@ class Inbox:
         self._accepted_ids: Deque[str] = deque(maxlen=256)  # more than the rate lets through within MAX_AGE
         self._limiter = RateLimiter(RATE, BURST)
 
-    def take(self, payload: bytes, retained: bool, now: float) -> Optional[Request]:
+    def take(self, payload: bytes, retained: bool, now: float) -> Optional[MqttRequest]:
         """Returns the request in a message, or None if it was accepted before, or the message is empty.
 
         Args:
@@ -100,7 +100,7 @@ class Inbox:
         digest = f"mqtt:{hashlib.blake2b(payload, digest_size=12).hexdigest()}"
         if fields.get("command") == STOP:
             # a sender that gives each of its stops the same id must be obeyed all the same
-            return Request(digest if {"id", "at"} <= set(fields) else f"mqtt:{uuid.uuid4().hex}", sender_id, STOP)
+            return MqttRequest(digest if {"id", "at"} <= set(fields) else f"mqtt:{uuid.uuid4().hex}", sender_id, STOP)
         try:
             # messages without an id are told apart by their contents, which include the time
             request = self._check(fields, f"mqtt:{sender_id}" if sender_id else digest, sender_id, now)
@@ -114,7 +114,7 @@ class Inbox:
         self._accepted_ids.append(request.id)
         return request
 
-    def _check(self, fields: Dict[str, Any], identity: str, sender_id: str, now: float) -> Request:
+    def _check(self, fields: Dict[str, Any], identity: str, sender_id: str, now: float) -> MqttRequest:
         allowed = next((kind for kind in _KINDS if kind & set(fields)), frozenset({"command"}))
         unknown = sorted(set(fields) - allowed - {"at", "id"})
         if unknown:
@@ -125,10 +125,10 @@ class Inbox:
         if "border" in allowed:
             if not border or not isinstance(fields.get("enabled"), bool):
                 raise _bad("enabled" if border else "border")
-            return Request(identity, sender_id, border=border, enabled=fields["enabled"], age=age)
+            return MqttRequest(identity, sender_id, border=border, enabled=fields["enabled"], age=age)
         if command not in KNOWN:
             raise _bad("command")
-        return Request(identity, sender_id, command, _text(fields, "seen_stop"), age=age)
+        return MqttRequest(identity, sender_id, command, _text(fields, "seen_stop"), age=age)
 
     def _age(self, sent_at: Any, now: float, request_name: str) -> float:
         if isinstance(sent_at, bool) or not isinstance(sent_at, (int, float)) or not 0.0 <= sent_at < 1e12:
@@ -136,7 +136,7 @@ class Inbox:
         if sent_at > now + MAX_AGE:
             raise Refusal("mqtt_clock", seconds=round(sent_at - now))
         if sent_at < max(now - MAX_AGE, self._started):
-            raise Refusal("expired", command=spelled_out(request_name))
+            raise Refusal("expired", command=words_of_name(request_name))
         return max(0.0, now - sent_at)
 
 

@@ -29,8 +29,8 @@ from vb_core.ros.robot_status import CapabilitiesListener
 from vb_core.vocabulary import COMMANDS
 from vb_mqtt import entities
 from vb_mqtt.broker_connection import MqttClient, read_connection
-from vb_mqtt.entities import CONFIRM, INTEGRATOR, MANAGER, MONITOR, OFFLINE, ONLINE, Lab, key_of
-from vb_mqtt.incoming_requests import BURST, RATE, Inbox, Request
+from vb_mqtt.entities import CONFIRM, INTEGRATOR, MANAGER, MONITOR, OFFLINE, ONLINE, LabEntities, key_of
+from vb_mqtt.incoming_requests import BURST, RATE, Inbox, MqttRequest
 
 SOURCE = "home_assistant"
 SWITCH = "switch_border"  # its name in the queue of commands, which are carried out in the order given
@@ -75,7 +75,7 @@ class MqttNode:
 
     def __init__(self, params: MqttParams) -> None:
         self._language = params.language
-        self._lab = Lab(params.device, params.language, tuple(params.cameras))
+        self._lab = LabEntities(params.device, params.language, tuple(params.cameras))
         self._lock = threading.Lock()
         self._inbox, self._answer_limiter = Inbox(time.time()), RateLimiter(RATE, BURST)
         self._refusal_counts: Dict[str, int] = {}  # by code
@@ -234,9 +234,9 @@ class MqttNode:
         except CodedError as error:
             if retained:
                 self._broker.put(self._lab.topic(entities.COMMAND), b"")  # or it would arrive again at each connection
-            self._refuse(Request("", getattr(error, "sender_id", "")), error)
+            self._refuse(MqttRequest("", getattr(error, "sender_id", "")), error)
 
-    def _carry_out(self, request: Request) -> None:
+    def _carry_out(self, request: MqttRequest) -> None:
         is_accepted = self._command_sender.put(
             request.command or SWITCH,
             request,
@@ -248,26 +248,26 @@ class MqttNode:
         if not is_accepted:
             self._refuse(request, CodedError("mqtt_too_fast"))
 
-    def _switch_border(self, request: Request) -> Any:
+    def _switch_border(self, request: MqttRequest) -> Any:
         border = (self._borders or {}).get(request.border)
         if border is None:
             raise CodedError("mqtt_no_border", border=request.border)
         order = SetBorderEnabledRequest(id=border.id, enabled=request.enabled, source=SOURCE)
         return services.call(names.SET_BORDER_ENABLED, SetBorderEnabled, order, _INTEGRATOR)
 
-    def _on_answer(self, _order: Any, request: Request, answer: Any, error: Optional[CodedError]) -> None:
+    def _on_answer(self, _order: Any, request: MqttRequest, answer: Any, error: Optional[CodedError]) -> None:
         if error is None:
             self._send_answer(request, answer.success, answer.code, messages.sentence_in(answer, self._language))
         else:
             self._refuse(request, error)
 
-    def _refuse(self, request: Request, error: CodedError) -> None:
+    def _refuse(self, request: MqttRequest, error: CodedError) -> None:
         with self._lock:
             self._refusal_counts[error.code] = self._refusal_counts.get(error.code, 0) + 1
         text = sentences.translate(error.code, error.values, self._language, error.message)
         self._send_answer(request, False, error.code, text)
 
-    def _send_answer(self, request: Request, success: bool, code: str, text: str) -> None:
+    def _send_answer(self, request: MqttRequest, success: bool, code: str, text: str) -> None:
         request_name = request.command or request.border
         rospy.loginfo_throttle_identical(1.0, f"{rospy.get_name()}: {request_name or 'a message'}: {text} [{code}]")
         # the inbox limits requests with an id; a refusal without an answer is counted all the same

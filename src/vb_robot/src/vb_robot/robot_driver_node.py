@@ -34,7 +34,7 @@ from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.services import call
 from vb_core.ros.transforms import TransformLookup
 from vb_core.stop_latch import HeldStops, new_id
-from vb_core.vocabulary import state_of
+from vb_core.vocabulary import state_by_name
 from vb_msgs.msg import BorderProgress, DriverState, InteractionState, Stop
 from vb_robot.driving.arbiter import Arbiter, DriveCommand
 from vb_robot.driving.command_gate import NAVIGATION, RATE, STOP, TELEOP
@@ -187,7 +187,7 @@ class RobotDriverNode:
 
     def _on_state(self, message: InteractionState) -> None:
         entered, stamp = message.entered.to_sec(), message.header.stamp.to_sec()
-        self._arbiter.set_state(state_of(message.name), message.interaction_id, entered, stamp)
+        self._arbiter.set_state(state_by_name(message.name), message.interaction_id, entered, stamp)
         self._stops.update_from_latch(message.stopped, message.stops)
         self._stops.store()  # in the callbacks, so that a slow disk does not delay commands to the wheels
 

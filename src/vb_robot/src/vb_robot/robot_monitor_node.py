@@ -24,7 +24,7 @@ from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.robot_status import connections_from_message
 from vb_core.ros.transforms import TransformLookup
 from vb_core.stop_latch import HeldStops, new_id
-from vb_core.vocabulary import state_of
+from vb_core.vocabulary import state_by_name
 from vb_msgs.msg import BorderProgress, DetectorStatus, DriverState, InteractionState, RobotStatusArray, Stop
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 from vb_msgs.srv import SendRobot, SendRobotResponse
@@ -192,7 +192,7 @@ class RobotMonitorNode:
         self._stops.update_from_latch(message.stopped, message.stops)
         self._cancel_goals_while_stopped()
         with self._dispatch_lock:
-            state = state_of(message.name)
+            state = state_by_name(message.name)
             self._dispatcher.sightings.set_state(state, message.interaction_id, message.entered.to_sec())
         self._dispatch_timer.set()  # because the robots must stop at once when the state ends
 

@@ -14,7 +14,7 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import Contact
 from vb_core.ros.messages import NumpyOccupancyGrid, array_from_points, grid_from_message
-from vb_core.zones import zone_of
+from vb_core.zones import zone_by_number
 from vb_msgs.msg import LaserSpot, VirtualBorder, VirtualBorderArray
 from vb_robot.driving.workspace import LETHAL_THRESHOLD
 from vb_robot.monitoring.goal_checker import KnownBorder
@@ -50,7 +50,7 @@ def keep_out_borders_for(robot: str, message: VirtualBorderArray) -> List[KnownB
         if border.in_force
         and len(border.points)
         and (not border.robots or robot in border.robots)
-        and zone_of(border.zone).value(border.occupancy) >= LETHAL_THRESHOLD
+        and zone_by_number(border.zone).value(border.occupancy) >= LETHAL_THRESHOLD
     ]
 
 

@@ -26,7 +26,7 @@ from vb_core.ros import messages, parameters
 from vb_msgs.msg import LabState, ParticipantState
 from vb_sim.model_params import load_models
 from vb_sim.world import Robot, load_world
-from vb_sim.simulated_lab import Lab, Lockstep
+from vb_sim.simulated_lab import SimulatedLab, Lockstep
 
 MIN_PACE, MAX_PACE = 0.1, 20.0  # simulated seconds per real second
 RATE = 50.0  # [1/s] steps of simulated time; an integral multiple of the cameras' 25 frames/s
@@ -85,7 +85,7 @@ class LabSimulatorNode:
         config/lab_simulator.yaml
     """
 
-    def __init__(self, lab: Lab, params: LabSimulatorParams) -> None:
+    def __init__(self, lab: SimulatedLab, params: LabSimulatorParams) -> None:
         self._lab = lab
         self._params = params
         self._lock = threading.Lock()
@@ -235,7 +235,7 @@ class LabSimulatorNode:
             connection.scan.publish(message)
 
     def _laser_mount(self, connection: RobotConnection) -> TransformStamped:
-        mount = geometry.transform(np.eye(3), (0.0, 0.0, self._lab.models.scan.height))
+        mount = geometry.make_transform(np.eye(3), (0.0, 0.0, self._lab.models.scan.height))
         return messages.message_from_transform(mount, connection.base_frame, connection.laser_frame, rospy.Time(0))
 
 
@@ -256,5 +256,5 @@ def build() -> LabSimulatorNode:
     params = parameters.read(LabSimulatorParams)
     if not rospy.get_param("/use_sim_time", False):
         raise ParameterError("/use_sim_time", "must be true, because the lab's time is simulated")
-    lab = Lab(load_world(params.world), load_models(), params.seed)
+    lab = SimulatedLab(load_world(params.world), load_models(), params.seed)
     return LabSimulatorNode(lab, params)

@@ -123,7 +123,7 @@ class NavigationNode:
         ranges, angles = ranges[valid], angles[valid]
         points = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles), np.zeros(len(ranges))])
         with self._lock:
-            self._obstacles = geometry.apply(self._mount, points)[:, :2]
+            self._obstacles = geometry.transform_points(self._mount, points)[:, :2]
 
     def _pose(self) -> Pose:
         T = self._transforms.lookup(names.MAP_FRAME, self._base_frame, rospy.Time(0), 0.5)

@@ -8,7 +8,7 @@ from typing import List, Optional, Set, Tuple
 
 import numpy as np
 
-from vb_core.grid_map import OCCUPIED, GridMap, distance_to
+from vb_core.grid_map import OCCUPIED, GridMap, distance_transform
 from vb_sim.model_params import Models
 from vb_sim.robot.robot_body import RobotBody
 from vb_sim.floor_plan import physical_map
@@ -27,7 +27,7 @@ class DistanceField:
         self._resolution = grid.resolution
         self._origin = np.array(grid.origin[:2])
         free = np.pad((grid.data >= 0) & (grid.data < OCCUPIED), 1)  # the rim of obstacles ends every beam
-        cells = distance_to(~free)
+        cells = distance_transform(~free)
         # from the cell's centre to the obstacle's edge, half a cell before the obstacle's centre
         self._distance = np.maximum(cells.astype(float) - 0.5, 0.0) * grid.resolution
         self._rows, self._columns = free.shape
@@ -86,7 +86,7 @@ def cast_disc(
     return np.where((half_chord > 0) & (ranges > 0), ranges, np.inf)
 
 
-class Lab:
+class SimulatedLab:
     """Steps the robots and simulates their scanners. It is not thread-safe: the caller must hold a lock.
 
     Attributes:

@@ -18,7 +18,7 @@ from shapely.geometry import Polygon
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import ParameterError
-from vb_core.geometry import to_map
+from vb_core.geometry import base_to_map
 from vb_core.parameters import Parameters, param
 from vb_sim.model_params import read_document
 
@@ -157,7 +157,7 @@ class CeilingCamera(Parameters):
         # the body faces +x; with the additional quarter turn, the map is upright in the image at yaw 0
         yaw = math.radians(self.yaw) + math.pi / 2.0
         body = geometry.rotation_from_rpy(0.0, math.radians(self.pitch), yaw)
-        return geometry.transform(body @ geometry.optical_rotation(), (self.x, self.y, self.height))
+        return geometry.make_transform(body @ geometry.optical_rotation(), (self.x, self.y, self.height))
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ class Robot(Parameters):
     def camera_mount(self) -> np.ndarray:
         """Returns T_base_optical, 4x4."""
         body = geometry.rotation_from_rpy(0.0, math.radians(self.camera_pitch), 0.0)
-        return geometry.transform(body @ geometry.optical_rotation(), (self.camera_x, 0.0, self.camera_height))
+        return geometry.make_transform(body @ geometry.optical_rotation(), (self.camera_x, 0.0, self.camera_height))
 
 
 @dataclass(frozen=True)
@@ -291,7 +291,7 @@ class World(Parameters):
 def _rectangle(x: float, y: float, size: Tuple[float, float], yaw_deg: float) -> np.ndarray:
     hx, hy = size[0] / 2.0, size[1] / 2.0
     corners = np.array([[-hx, -hy], [hx, -hy], [hx, hy], [-hx, hy]])
-    return to_map(corners, (x, y, math.radians(yaw_deg)))
+    return base_to_map(corners, (x, y, math.radians(yaw_deg)))
 
 
 def load_world(path: str) -> World:

@@ -28,7 +28,7 @@ from dataclasses import asdict, dataclass
 from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 from vb_core.parameters import Parameters, param
-from vb_core.sentences import spelled_out
+from vb_core.sentences import words_of_name
 from vb_core.stop_latch import StopLatch, new_id
 from vb_core.vocabulary import ALWAYS, NEVER, WHILE_DRAWN, WHILE_POINTING, WHILE_STOPPED
 from vb_core.vocabulary import COMMANDS, QUESTIONS, STATES, State
@@ -203,7 +203,7 @@ class Interaction:
 
     @staticmethod
     def _stopped_since(name: str) -> Answer:
-        return Answer(False, "stopped_since", {"command": spelled_out(name)})
+        return Answer(False, "stopped_since", {"command": words_of_name(name)})
 
     def _ask_if_meant(
         self, name: str, source: str, uncertain: bool, doubtful_border: bool, confirms: bool
@@ -212,7 +212,7 @@ class Interaction:
         if self.question[:2] == (name, source) and (confirms or not uncertain):
             return None
         if confirms:
-            return Answer(False, "nothing_asked", {"command": spelled_out(name)})
+            return Answer(False, "nothing_asked", {"command": words_of_name(name)})
         is_pointing = abs(self._now - self._laser_seen_at) <= LASER_ON
         has_consequences = {
             ALWAYS: True,
@@ -225,12 +225,12 @@ class Interaction:
         if not may_be_misheard and not (name == SAVE and doubtful_border):
             return None
         self.question = Question(name, source, self._now)
-        phrase = spelled_out("yes_" + name if uncertain else name)
+        phrase = words_of_name("yes_" + name if uncertain else name)
         code = "confirm_save" if name == SAVE else "confirm_command"
-        return Answer(False, code, {"command": spelled_out(name), "answer": phrase})
+        return Answer(False, code, {"command": words_of_name(name), "answer": phrase})
 
     def _apply(self, name: str, source: str, seen_stop: str) -> Answer:
-        if COMMANDS[name].carried_out_elsewhere:
+        if COMMANDS[name].is_delegated:
             self.pending = name
             self._pending_source = source
             self._save_sent = False
@@ -272,14 +272,14 @@ class Interaction:
     def _refuse_unknown(self, name: str) -> Optional[Answer]:
         """Returns the answer to a command that does not exist here, or None."""
         if name not in COMMANDS:
-            return Answer(False, "unknown_command", {"commands": ", ".join(map(spelled_out, COMMANDS))})
+            return Answer(False, "unknown_command", {"commands": ", ".join(map(words_of_name, COMMANDS))})
         return Answer(False, "no_robot_to_guide") if name == GUIDE_ROBOT and not self._params.robot else None
 
     def _refuse_now(self, name: str, seen_stop: str) -> Optional[Answer]:
         """Returns the answer that refuses a command now, or None."""
         if name in (UNDO, REDO) and self.state != DEFAULT:
             # the newest change of the map is not what the person is drawing
-            return Answer(False, "not_while_drawing", {"command": spelled_out(name)})
+            return Answer(False, "not_while_drawing", {"command": words_of_name(name)})
         if name == RESUME and self.latch.stopped and not seen_stop:
             return Answer(False, "resume_which_stop", {"stop": self.latch.number})
         if name == PAUSE and self.state == DEFAULT:

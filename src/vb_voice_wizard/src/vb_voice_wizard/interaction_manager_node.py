@@ -10,7 +10,7 @@ from typing import Dict, List, Mapping
 
 import rospy
 from vb_core import names
-from vb_core.border_changes import ADDED, DISABLED, ENABLED, REMOVED, border_changes
+from vb_core.border_changes import ADDED, DISABLED, ENABLED, REMOVED, find_border_changes
 from vb_core.errors import CodedError
 from vb_core.files import append_line
 from vb_core.notices import Notice, Severity
@@ -19,7 +19,7 @@ from vb_core.ros import node, parameters, services
 from vb_core.ros.messages import values_from_mapping
 from vb_core.ros.notices import NoticeListener, NoticePublisher
 from vb_core.stop_latch import StopLatch, new_id
-from vb_core.sentences import spelled_out
+from vb_core.sentences import words_of_name
 from vb_core.vocabulary import ANSWERS, BORDER, COMMANDS, GUIDE, RESUME, SAVE, SEED, STOP, UNDO, normalize
 from vb_msgs.msg import BorderProgress, DriverState, InteractionState, LaserSpot, Stop, VirtualBorder
 from vb_msgs.msg import VirtualBorderArray
@@ -188,12 +188,12 @@ class InteractionManagerNode:
             interaction, now = self._interaction, rospy.get_time()
             if not request.expires.is_zero() and now > request.expires.to_sec():
                 # only the person who gave it is told
-                answer = Answer(False, "expired", {"command": spelled_out(phrase)})
+                answer = Answer(False, "expired", {"command": words_of_name(phrase)})
             else:
                 is_doubtful = self._previewer.is_doubtful(interaction.interaction_id)
                 doubts = {"uncertain": request.uncertain, "doubtful_border": is_doubtful, "confirms": phrase in ANSWERS}
                 answer = interaction.command(command, request.source, now, seen_stop=request.seen_stop, **doubts)
-            pending = interaction.pending if answer.success and COMMANDS[command].carried_out_elsewhere else ""
+            pending = interaction.pending if answer.success and COMMANDS[command].is_delegated else ""
             interaction_id = interaction.interaction_id
             if pending == SAVE:
                 self._previewer.on_interaction(interaction_id, saving=True)
@@ -304,7 +304,7 @@ def _describe_change(command: str, before: Mapping[str, VirtualBorder], after: M
     It names the borders if all of them changed in the same way.
     """
     other = "change_undone" if command == UNDO else "change_redone"
-    changes = border_changes(before, after)
+    changes = find_border_changes(before, after)
     codes = {_CODES.get(kind, other) for kind, _ in changes}
     if len(codes) != 1:
         return Answer(True, "borders_changed")

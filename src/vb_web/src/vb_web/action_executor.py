@@ -21,7 +21,7 @@ from vb_core.ros.commands import CommandSender, send
 from vb_core.ros.messages import mapping_from_values
 from vb_core.ros.preview_service import PreviewBorderArray
 from vb_core.vocabulary import REDO, UNDO
-from vb_web.action_parser import Request
+from vb_web.action_parser import ActionRequest
 from vb_web.page_messages import apply_draft, issues_section, region_uri
 from vb_web.page_view import answer, refusal, rounded
 
@@ -58,7 +58,7 @@ class ActionHandler:
         self._command_sender = CommandSender("page", self._on_answer)
         self._command_sender.connect()
 
-    def carry_out(self, request: Request, source: str) -> Dict[str, Any]:
+    def carry_out(self, request: ActionRequest, source: str) -> Dict[str, Any]:
         """Carries out a request and returns its answer.
 
         Raises:
@@ -67,7 +67,7 @@ class ActionHandler:
         return getattr(self, f"_{request.action}")(request, source)
 
     # ------------------------------------------------------------- commands
-    def command(self, request: Request, source: str) -> "asyncio.Future[Dict[str, Any]]":
+    def command(self, request: ActionRequest, source: str) -> "asyncio.Future[Dict[str, Any]]":
         """Starts to carry out a command. Returns a future of its answer in the calling thread's event loop."""
         command = request.values["command"]
         future = asyncio.get_event_loop().create_future()
@@ -96,7 +96,7 @@ class ActionHandler:
             raise CodedError("page_no_border")
         return copy.deepcopy(border)
 
-    def _preview(self, request: Request, _source: str) -> Dict[str, Any]:
+    def _preview(self, request: ActionRequest, _source: str) -> Dict[str, Any]:
         border_id = request.values["border"]
         stored = self._copy_stored(border_id) if border_id else VirtualBorder(enabled=True)
         border = apply_draft(request.values["draft"], stored)
@@ -108,13 +108,13 @@ class ActionHandler:
             "region": region_uri(response.region) if response.success else "",
         }
 
-    def _add(self, request: Request, source: str) -> Dict[str, Any]:
+    def _add(self, request: ActionRequest, source: str) -> Dict[str, Any]:
         border = apply_draft(request.values["draft"], VirtualBorder(enabled=True, occupancy=1.0))
         fields = {"border": border, "frame_id": names.MAP_FRAME, "source": source, "request_id": request.id}
         response = _call(names.ADD_BORDER, AddBorder, **fields)
         return {**_answer(response), "border": response.id}
 
-    def _change(self, request: Request, source: str) -> Dict[str, Any]:
+    def _change(self, request: ActionRequest, source: str) -> Dict[str, Any]:
         fields = dict(request.values)
         stored = self._copy_stored(fields.pop("border"))  # only ids of stored borders get through
         if "draft" in fields:
@@ -126,20 +126,20 @@ class ActionHandler:
 
     _update = _rename = _enable = _remove = _change
 
-    def _confirm_map(self, request: Request, source: str) -> Dict[str, Any]:
+    def _confirm_map(self, request: ActionRequest, source: str) -> Dict[str, Any]:
         same, other = ConfirmMap._request_class.SAME_PLACE, ConfirmMap._request_class.OTHER_PLACE
         fields = {"answer": same if request.values["same"] else other, "map_id": request.values["map_id"]}
         return _answer(_call(names.CONFIRM_MAP, ConfirmMap, source=source, **fields))
 
     # ------------------------------------------------------------- robots
-    def _send(self, request: Request, _source: str) -> Dict[str, Any]:
+    def _send(self, request: ActionRequest, _source: str) -> Dict[str, Any]:
         goal = Point(*request.values["goal"], 0.0)
         return _answer(_call(names.SEND_ROBOT, SendRobot, _MONITOR, robot=request.values["robot"], goal=goal))
 
-    def _halt(self, request: Request, _source: str) -> Dict[str, Any]:
+    def _halt(self, request: ActionRequest, _source: str) -> Dict[str, Any]:
         return _answer(_call(names.SEND_ROBOT, SendRobot, _MONITOR, robot=request.values["robot"], halt=True))
 
-    def _invite(self, _request: Request, _source: str) -> Dict[str, Any]:
+    def _invite(self, _request: ActionRequest, _source: str) -> Dict[str, Any]:
         return {**answer("ok"), **self._make_invitation()}
 
 

@@ -33,7 +33,7 @@ Check = Callable[[Any, str, Optional[Bounds]], Any]  # returns the converted val
 
 
 @dataclass(frozen=True)
-class Request:
+class ActionRequest:
     """A checked request.
 
     Attributes:
@@ -157,7 +157,7 @@ def parse(text: Any) -> Tuple[str, Dict[str, Any]]:
     return _matching(_ID)(fields.pop("id", None), "id", None), fields
 
 
-def check(request_id: str, fields: Dict[str, Any], bounds: Optional[Bounds]) -> Request:
+def check(request_id: str, fields: Dict[str, Any], bounds: Optional[Bounds]) -> ActionRequest:
     """Checks the fields that `parse` returned. `bounds` are the map's, None until there is a map.
 
     Raises:
@@ -170,4 +170,4 @@ def check(request_id: str, fields: Dict[str, Any], bounds: Optional[Bounds]) -> 
     if set(fields) != set(checks):
         raise _bad_field(sorted(set(fields) ^ set(checks))[0][:40])
     values = {field: check_value(fields[field], field, bounds) for field, check_value in checks.items()}
-    return Request(request_id, action, values)
+    return ActionRequest(request_id, action, values)

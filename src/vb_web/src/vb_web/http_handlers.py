@@ -248,7 +248,7 @@ class _LinkHandler(_GuardedHandler, WebSocketHandler):
         # by callback: each await would cost another turn of the loop, in which all others come first
         self.page.carry_out(request, self.session).add_done_callback(partial(self._answer, request))
 
-    def _answer(self, request: action_parser.Request, future: asyncio.Future) -> None:
+    def _answer(self, request: action_parser.ActionRequest, future: asyncio.Future) -> None:
         self._unanswered -= 1
         try:
             answer = future.result()

@@ -15,9 +15,9 @@ from vb_msgs.msg import LaserSpot, RobotStatusArray, VirtualBorder, VirtualBorde
 
 from vb_core import sentences
 from vb_core.notices import Notice
-from vb_core.capabilities import Capabilities, find_unkept
+from vb_core.capabilities import Capabilities, describe_ignored_zone
 from vb_core.ros.messages import mapping_from_values
-from vb_core.zones import ZONES, zone_of
+from vb_core.zones import ZONES, zone_by_number
 from vb_web import page_images
 from vb_web.page_view import rounded
 
@@ -113,7 +113,7 @@ def border_section(border: VirtualBorder) -> Dict[str, Any]:
         "points": centimeters(border.points),
         "kind": _KIND_NAMES.get(border.kind, "curve"),
         "seed": centimeters([border.seed]),
-        "zone": zone_of(border.zone).name,
+        "zone": zone_by_number(border.zone).name,
         "max_speed": rounded(border.max_speed, 2),
         "area": rounded(border.area_m2, 2),
         "before": centimeters(border.before),
@@ -125,7 +125,7 @@ def _with_unkept(section: Dict[str, Any], capabilities: Optional[Capabilities]) 
     """Adds to a border's section, in `unkept`, which robots do not keep it, if that is known."""
     unkept = None
     if capabilities is not None and section["in_force"]:
-        unkept = find_unkept(capabilities, section["zone"], section["robots"])
+        unkept = describe_ignored_zone(capabilities, section["zone"], section["robots"])
     return {**section, "unkept": {"code": unkept[0], "values": unkept[1]} if unkept else None}
 
 
@@ -139,12 +139,12 @@ def borders_section(message: VirtualBorderArray, capabilities: Optional[Capabili
     }
 
 
-def offer_section(
+def capabilities_section(
     capabilities: Capabilities, message: RobotStatusArray, more_commands: Iterable[str] = ()
 ) -> Dict[str, Any]:
-    """Converts what is offered, and what is said about the robots. `more_commands`: further commands to offer."""
+    """Converts what the lab can do, and what is said about its robots. `more_commands`: further commands to offer."""
     return {
-        **copy_fields(capabilities, "state zones goes"),
+        **copy_fields(capabilities, "state zones sendable_robots"),
         "interaction": message.interaction,
         "commands": [*capabilities.commands, *more_commands],
         "robots": [robot.robot for robot in message.robots],
@@ -183,7 +183,7 @@ def detector_entry(message: DetectorStatus) -> Dict[str, Any]:
 def driver_entry(message: DriverState) -> Dict[str, Any]:
     """Converts who drives a robot, and the sentence that says why it stands or drives."""
     code = "robot_stopped_inside_border" if message.code == "inside_border" else f"robot_{message.code}"
-    values = {"who": sentences.robot_value(message.robot), "others": "$page_other_program"}
+    values = {"who": sentences.robot_placeholder(message.robot), "others": "$page_other_program"}
     return {"source": message.source, "code": code, "values": values, "message": message.message}
 
 

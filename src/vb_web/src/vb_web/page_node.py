@@ -15,7 +15,7 @@ from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, DriverSta
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 
 from vb_core import names
-from vb_core.border_changes import border_changes
+from vb_core.border_changes import find_border_changes
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.capabilities import Capabilities
@@ -89,7 +89,7 @@ class PageNode:
         self._grid: Optional[GridMap] = None
         self._borders: Optional[VirtualBorderArray] = None  # None until they are known
         self._border_marks: Dict[str, str] = {}  # by border's id
-        self._offer: Optional[Capabilities] = None  # None while it is not known what is connected
+        self._capabilities: Optional[Capabilities] = None  # None while it is not known what is connected
         self._stoppable = False  # whether a robot has obeyed Stop since this node was started
         self._base_frames: Dict[str, str] = {}  # by robot
         self._last_answer: Any = None
@@ -187,19 +187,19 @@ class PageNode:
             self._images.put("restricted", restricted)
         self._view.put("map", page_images.map_section(prior, base, restricted, bool(self._params.cameras)))
 
-    def _show_offer(self) -> None:
-        """Shows what is connected. When that is no longer known, browsers get a null offer."""
-        message, offer = self._robots.current() or (None, None)
-        changed, self._offer = offer != self._offer, offer
-        if message is not None and offer is not None:
+    def _show_capabilities(self) -> None:
+        """Shows what is connected. When that is no longer known, browsers get a null section."""
+        message, capabilities = self._robots.current() or (None, None)
+        changed, self._capabilities = capabilities != self._capabilities, capabilities
+        if message is not None and capabilities is not None:
             self._base_frames = {robot.robot: robot.frame for robot in message.robots}
             # Stop does not vanish from under a finger while a driver is being restarted
-            self._stoppable = self._stoppable or "stop" in offer.commands
-            stop = ("stop", "resume") if self._stoppable and "stop" not in offer.commands else ()
-            self._view.put("offer", page_messages.offer_section(offer, message, stop))
+            self._stoppable = self._stoppable or "stop" in capabilities.commands
+            stop = ("stop", "resume") if self._stoppable and "stop" not in capabilities.commands else ()
+            self._view.put("capabilities", page_messages.capabilities_section(capabilities, message, stop))
             self._view.put("drives", page_messages.drives_section(message))
         elif changed:
-            self._view.put("offer", None)
+            self._view.put("capabilities", None)
             self._view.put("drives", {})
         if changed:
             self._show_borders()
@@ -207,7 +207,7 @@ class PageNode:
     def _on_borders(self, message: VirtualBorderArray) -> None:
         previous, self._borders = self._borders, message
         self._show_borders()
-        for kind, border in border_changes(_by_id(previous), _by_id(message)) if previous is not None else ():
+        for kind, border in find_border_changes(_by_id(previous), _by_id(message)) if previous is not None else ():
             self._log_event(f"page_event_{kind}", {"border": border.name or border.id})
 
     def _show_borders(self) -> None:
@@ -215,7 +215,7 @@ class PageNode:
         with self._borders_lock:
             if self._borders is None:
                 return
-            section = page_messages.borders_section(self._borders, self._offer)
+            section = page_messages.borders_section(self._borders, self._capabilities)
             self._border_marks = mark_borders(self._border_marks, [border["id"] for border in section["list"]])
             for border in section["list"]:
                 border["mark"] = self._border_marks[border["id"]]
@@ -279,7 +279,7 @@ class PageNode:
         self._view.put("robots", poses)
 
     def _show_health(self) -> None:
-        self._show_offer()
+        self._show_capabilities()
         now = time.monotonic()
         with self._lock:
             cameras = [heard.entry_with_presence(now) for heard in self._cameras.values()]

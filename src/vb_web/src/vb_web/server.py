@@ -228,7 +228,7 @@ class PageServer:
         async with turn:
             return await asyncio.get_event_loop().run_in_executor(self.slow_pool, work, *args)
 
-    def carry_out(self, request: action_parser.Request, person: str) -> "asyncio.Future[Dict[str, Any]]":
+    def carry_out(self, request: action_parser.ActionRequest, person: str) -> "asyncio.Future[Dict[str, Any]]":
         """Carries out a request and returns its answer. A repeated request gets the same answer."""
         key, source = (person, request.id), f"page {person[:4]}".strip()
         if key not in self._answers:
@@ -240,7 +240,7 @@ class PageServer:
                 self._answers.popitem(last=False)
         return self._answers[key]
 
-    async def _carry_out(self, request: action_parser.Request, person: str, source: str) -> Dict[str, Any]:
+    async def _carry_out(self, request: action_parser.ActionRequest, person: str, source: str) -> Dict[str, Any]:
         try:
             if request.action == "preview":
                 return await self.in_turn(person, self.actions.carry_out, request, source)

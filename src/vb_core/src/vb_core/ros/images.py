@@ -14,7 +14,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_core.image_format import encoding_of
+from vb_core.image_format import find_encoding
 
 
 def array_from_image(message: Image) -> np.ndarray:
@@ -27,7 +27,7 @@ def array_from_image(message: Image) -> np.ndarray:
     """
     if message.height == 0 or message.width == 0:
         raise CodedError("bad_image", "the image is empty")
-    encoding = encoding_of(message.encoding)
+    encoding = find_encoding(message.encoding)
     channels, height = encoding.channels, encoding.rows(message.height)
     dtype = encoding.dtype.newbyteorder(">" if message.is_bigendian else "<")
     row_bytes = message.width * channels * dtype.itemsize

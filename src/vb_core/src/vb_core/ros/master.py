@@ -10,7 +10,7 @@ import rospy
 
 from vb_core.node_graph import NodeGraph
 from vb_core.robot_profile import Base
-from vb_core.ros.node import is_gone
+from vb_core.ros.node import has_exited
 
 
 def read_graph(master: Optional[rosgraph.Master] = None) -> NodeGraph:
@@ -49,5 +49,5 @@ def find_commanders(driver: str, base: Base, master: rosgraph.Master) -> Command
     topic, output, *trusted = (name and rosgraph.names.ns_join(namespace, name) for name in relative_names)
     graph = read_graph(master)
     other_commanders, muxes = graph.find_other_commanders(driver, topic, output)
-    other_commanders = {name for name in other_commanders - set(trusted) if not is_gone(master, name)}
-    return Commanders(other_commanders, {driver, *muxes, *trusted}, graph.is_heard(driver, topic))
+    other_commanders = {name for name in other_commanders - set(trusted) if not has_exited(master, name)}
+    return Commanders(other_commanders, {driver, *muxes, *trusted}, graph.has_subscriber(driver, topic))

@@ -112,7 +112,7 @@ def transform_from_message(message: Transform) -> np.ndarray:
         rotation = geometry.rotation_from_quaternion((q.x, q.y, q.z, q.w))
     except ValueError:
         raise CodedError("bad_transform") from None
-    return geometry.transform(rotation, (t.x, t.y, t.z))
+    return geometry.make_transform(rotation, (t.x, t.y, t.z))
 
 
 def message_from_transform(T: np.ndarray, parent: str, child: str, stamp: rospy.Time) -> TransformStamped:

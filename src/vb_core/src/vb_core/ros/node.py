@@ -102,7 +102,7 @@ def wait_for_publishers(subscribers: Iterable[rospy.Subscriber], timeout: float)
         rospy.rostime.wallsleep(0.05)
 
 
-def is_gone(master: rosgraph.Master, name: str) -> bool:
+def has_exited(master: rosgraph.Master, name: str) -> bool:
     """Returns whether a registered node no longer answers at its address: the master lists killed nodes too.
 
     A node that hangs is not gone: it may go on at any time.

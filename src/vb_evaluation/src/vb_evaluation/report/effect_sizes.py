@@ -38,7 +38,7 @@ def completed_more(
 ) -> Interval:
     """Computes by how much the first method's share of completed runs is larger [percentage points]."""
     flags = (known_values(select(table, method=method), "completed") for method in methods)
-    return statistics.difference_of_shares(*flags, confidence).scaled(100.0)
+    return statistics.difference_of_proportions(*flags, confidence).scaled(100.0)
 
 
 def wilcoxon_blocks(study: StudyResults, column: str, unit: str, completed: bool) -> List[Block]:

@@ -43,7 +43,7 @@ def summary_section(study: StudyResults) -> List[Block]:
         "(accuracy: who completed both). Speed-up: ratio of the mean times, bootstrap interval. Completed: of all runs, "
         "Newcombe's interval. [?]: too few pairs."
     )
-    blocks = [_summary("summary", study, study.runs, words), *not_worse_blocks(study)]
+    blocks = [_summary("summary", study, study.runs, words), *noninferiority_blocks(study)]
     unaided = study.runs[~((study.runs.helped > 0) | (study.runs.problems > 0))]
     if len(unaided) < len(study.runs):
         words = f"The same without the {len(study.runs) - len(unaided)} runs with help or a problem of the system."
@@ -78,7 +78,7 @@ def _summary(name: str, study: StudyResults, runs: pandas.DataFrame, words: str)
     return Table(name, heads, rows, {"error": 1, "time": 1, "jaccard": 3, "completed": 0}, words=words)
 
 
-def not_worse_blocks(study: StudyResults) -> List[Block]:
+def noninferiority_blocks(study: StudyResults) -> List[Block]:
     """Reports whether the method is worse than the baseline by a margin or more (the paper's hypotheses 3 and 4)."""
     rows: List[Dict[str, Any]] = []
     for title, runs in study.by_scenario():

@@ -37,7 +37,7 @@ from vb_sim.person.walking import distance_to_chain
 from vb_sim.robot.path_planner import Costmap, Planner
 from vb_sim import floor_plan
 from vb_sim.world import Scenario, World
-from vb_sim.simulated_lab import Lab
+from vb_sim.simulated_lab import SimulatedLab
 
 LAUNCH = repository_top() / "launch" / "simulation.launch"
 # no other node depends on what these publish or store
@@ -74,7 +74,7 @@ class LiveRun:
         self.prior = self.posterior = floor_plan.physical_map(world)
         self.scenario = personal_scenario(world, scenario, traits, self.prior, marks)
         self.truth = floor_plan.ground_truth(world, self.scenario)
-        self.lab = Lab(world, study.models, self._random_seed)
+        self.lab = SimulatedLab(world, study.models, self._random_seed)
         self.script = make_script(world, self.scenario, traits.model, job.method, self._random_seed)
         self.too_bright = False
         self.saved_seed: Optional[Tuple[float, float]] = None

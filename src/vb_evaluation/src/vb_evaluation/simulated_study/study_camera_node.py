@@ -149,7 +149,7 @@ def _shows(camera: SimulatedCamera, snapshot: Snapshot, points: np.ndarray, marg
         margin: [px] around the image that counts too.
         behind: the answer if some of the points are behind the camera.
     """
-    in_camera = geometry.apply(geometry.invert(camera.view.camera_pose(snapshot)), points)
+    in_camera = geometry.transform_points(geometry.invert_transform(camera.view.camera_pose(snapshot)), points)
     if (in_camera[:, 2] < 0.05).any():
         return behind
     model = camera.view.model

@@ -84,7 +84,7 @@ def _power(options: argparse.Namespace) -> Iterator[Any]:
         f"{options.tests}, by the effect d_z (mean difference over the differences' standard deviation):"
     )
     for effect in (0.4, 0.5, 0.6, 0.8, 1.0, 1.2, 1.5):
-        yield f"  {effect:.1f}: {statistics.people_needed(effect, options.tests)}"
+        yield f"  {effect:.1f}: {statistics.required_sample_size(effect, options.tests)}"
 
 
 def _report(options: argparse.Namespace) -> Iterator[Any]:

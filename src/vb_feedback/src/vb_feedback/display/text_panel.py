@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import List, Tuple
 
 from vb_core import sentences
-from vb_core.sentences import spelled_out
+from vb_core.sentences import words_of_name
 from vb_core.vocabulary import DEFAULT, STATES
 from vb_feedback.display import colors
 from vb_feedback.display.colors import Color
@@ -80,7 +80,7 @@ def _panel_shapes(layout: Layout, content: PanelContent) -> List[Shape]:
         line("elapsed", f"{content.elapsed_s // 60}:{content.elapsed_s % 60:02d}", 0.185, CLOCK, colors.PALE)
     if content.commands:
         line("say", content.translate("display_say"), 0.253, LABEL, colors.PALE)
-        rows = [spelled_out(command) for command in content.commands]
+        rows = [words_of_name(command) for command in content.commands]
         rows[MAX_COMMANDS - 1 :] = [", ".join(rows[MAX_COMMANDS - 1 :])]  # the last one is "stop": never left out
         for number, text in enumerate(filter(None, rows)):
             line(f"say/{number}", text, 0.333 + 0.089 * number, COMMAND, colors.WHITE)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import List, Optional
 
 from vb_core.sounds import ERROR, QUESTION, STOPPED, SUCCESS, TICK
-from vb_core.vocabulary import DEFAULT, QUESTIONS, state_of
+from vb_core.vocabulary import DEFAULT, QUESTIONS, state_by_name
 from vb_msgs.msg import InteractionState
 
 TICK_PERIOD = 0.5  # [s] minimum between ticks; one per spot, at 25 spots a second, would sound like a buzz
@@ -45,7 +45,7 @@ class SoundEvents:
 
     def on_spot(self, now: float) -> List[str]:
         """Returns a tick for a spot at time `now` [s] if the state collects spots and the last tick is old enough."""
-        if self._state is None or not state_of(self._state.name).collects:
+        if self._state is None or not state_by_name(self._state.name).collects:
             return []
         if self._last_tick is not None and 0.0 <= now - self._last_tick < TICK_PERIOD:
             return []

@@ -6,7 +6,7 @@ far off a spot on the floor can be. Input that does not determine a pose is refu
 
 >>> camera = CameraModel.ideal(1280, 720, 900.0)
 >>> points = np.array([(-1.5, -0.8), (1.5, -0.8), (1.5, 0.8), (-1.5, 0.8), (0.3, 0.1)])  # [m] on the floor
->>> looking_down = geometry.transform(geometry.rotation_from_rpy(math.pi, 0, 0), (0, 0, 2.5))
+>>> looking_down = geometry.make_transform(geometry.rotation_from_rpy(math.pi, 0, 0), (0, 0, 2.5))
 >>> estimate = estimate_pose(camera, Correspondences(project(camera, looking_down, points), points))
 >>> float(estimate.T_map_camera[2, 3].round(3))  # [m] the camera's height
 2.5
@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 
 from vb_core import geometry
-from vb_core.camera_model import CameraModel, floor_points, intersect_floor, pixels_of
+from vb_core.camera_model import CameraModel, project_to_floor, intersect_floor, project_to_pixels
 from vb_core.errors import CodedError
 
 MIN_POINTS = 4
@@ -112,7 +112,7 @@ def estimate_pose(camera: CameraModel, observed: Correspondences, point_sigma: f
             "uncertain" if the pose is known too poorly.
     """
     check_points(camera, observed)
-    rays = camera.rays(observed.pixels)
+    rays = camera.pixels_to_rays(observed.pixels)
     start = _consensus(rays, observed.points)
     used = errors_on_floor(start, rays, observed.points) < _OUTLIER
     used_count = int(used.sum())
@@ -188,7 +188,7 @@ def floor_uncertainty(camera: CameraModel, T_map_camera: np.ndarray, covariance:
     pixels = np.array([(u, v) for v in rows for u in columns])
     step = 1e-5
     deltas = step * np.vstack([np.eye(6), -np.eye(6)])
-    positions = [floor_points(camera, _move(T_map_camera, delta), pixels)[:, :2] for delta in deltas]
+    positions = [project_to_floor(camera, _move(T_map_camera, delta), pixels)[:, :2] for delta in deltas]
     derivatives = (np.stack(positions[:6], axis=2) - np.stack(positions[6:], axis=2)) / (2 * step)
     on_floor = np.isfinite(derivatives).all(axis=(1, 2))
     if not on_floor.any():
@@ -201,12 +201,12 @@ def floor_uncertainty(camera: CameraModel, T_map_camera: np.ndarray, covariance:
 
 def _move(T_map_camera: np.ndarray, delta: np.ndarray) -> np.ndarray:
     """Turns a pose by a rotation vector and shifts it, (6,) [rad, m], both in the camera's own frame."""
-    return T_map_camera @ geometry.transform(cv2.Rodrigues(np.asarray(delta[:3], float))[0], delta[3:])
+    return T_map_camera @ geometry.make_transform(cv2.Rodrigues(np.asarray(delta[:3], float))[0], delta[3:])
 
 
 def project(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Returns the pixels (N, 2) of points (N, 2) [m] on the floor; NaN where the camera does not see them."""
-    return pixels_of(camera, T_map_camera, np.column_stack([points, np.zeros(len(points))]))
+    return project_to_pixels(camera, T_map_camera, np.column_stack([points, np.zeros(len(points))]))
 
 
 def planar_poses(rays: np.ndarray, points: np.ndarray) -> List[np.ndarray]:
@@ -226,7 +226,7 @@ def planar_poses(rays: np.ndarray, points: np.ndarray) -> List[np.ndarray]:
     for rotation, shift in zip(rotations, shifts) if solution_count else ():
         rotation, shift = cv2.solvePnPRefineLM(*problem, rotation, shift)
         if np.isfinite(rotation).all() and np.isfinite(shift).all():
-            pose = geometry.invert(geometry.transform(cv2.Rodrigues(rotation)[0], shift.ravel()))
+            pose = geometry.invert_transform(geometry.make_transform(cv2.Rodrigues(rotation)[0], shift.ravel()))
             pose[:3, 3] += center
             poses.append(pose)
     return poses
@@ -290,7 +290,7 @@ def _fit(camera: CameraModel, observed: Correspondences, point_sigma: float, sta
 
 def _refuse_if_ambiguous(camera: CameraModel, observed: Correspondences, point_sigma: float, fit: _Fit) -> None:
     """Refuses a pose if another one is almost as likely: a small or distant plane looks alike in two orientations."""
-    for pose in planar_poses(camera.rays(observed.pixels), observed.points):
+    for pose in planar_poses(camera.pixels_to_rays(observed.pixels), observed.points):
         if _angle_between(pose, fit.T_map_camera) < _SAME_ORIENTATION:
             continue
         other = _fit(camera, observed, point_sigma, pose)
@@ -304,14 +304,16 @@ def _angle_between(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.linalg.norm(cv2.Rodrigues(a[:3, :3].T @ b[:3, :3])[0]))
 
 
-class FloorView(NamedTuple):
+class PosedCamera(NamedTuple):
     """A camera, and its pose (4, 4): the map's origin is the first corner, its x axis points to the second one."""
 
     camera: CameraModel
     T_map_camera: np.ndarray
 
 
-def view_rectangle(pixels: np.ndarray, size: Tuple[float, float], image: Tuple[int, int]) -> FloorView:
+def estimate_camera_from_rectangle(
+    pixels: np.ndarray, size: Tuple[float, float], image: Tuple[int, int]
+) -> PosedCamera:
     """Estimates pose and focal length of the camera that sees the corners of a rectangle on the floor at these pixels.
 
     This is for a first try without a calibrated lens. The lens is assumed to be free of distortion, with its axis through
@@ -343,13 +345,13 @@ def view_rectangle(pixels: np.ndarray, size: Tuple[float, float], image: Tuple[i
     return view
 
 
-def _view_from_above(camera: CameraModel, pixels: np.ndarray, points: np.ndarray) -> Tuple[FloorView, float]:
+def _view_from_above(camera: CameraModel, pixels: np.ndarray, points: np.ndarray) -> Tuple[PosedCamera, float]:
     """Returns the best view of points (4, 2) on the floor from above it, and their rms error in the image [px]."""
-    best_view, least_error = FloorView(camera, np.eye(4)), math.inf
-    for T in planar_poses(camera.rays(pixels), points):
+    best_view, least_error = PosedCamera(camera, np.eye(4)), math.inf
+    for T in planar_poses(camera.pixels_to_rays(pixels), points):
         error = float(np.sqrt(np.mean(np.sum((project(camera, T, points) - pixels) ** 2, axis=1))))
         if T[2, 3] > 0.0 and error < least_error:
-            best_view, least_error = FloorView(camera, T), error
+            best_view, least_error = PosedCamera(camera, T), error
     return best_view, least_error
 
 
@@ -362,10 +364,10 @@ def click_uncertainty(
     for _ in range(_CLICK_DRAWS):
         clicks = np.asarray(pixels, float) + random.normal(0.0, _CLICK_SIGMA, (4, 2))
         try:
-            view = view_rectangle(clicks, size, image)
+            view = estimate_camera_from_rectangle(clicks, size, image)
         except CodedError:
             return math.inf
-        draws.append(floor_points(view.camera, view.T_map_camera, places)[:, :2])
+        draws.append(project_to_floor(view.camera, view.T_map_camera, places)[:, :2])
     positions = np.array(draws)
     with np.errstate(invalid="ignore"):
         squared_errors = np.sum((positions - np.nanmean(positions, axis=0)) ** 2, axis=2)

@@ -89,7 +89,7 @@ def load(path: Path) -> CameraPose:
         focal = float(content.get("focal_px", 0.0))
     except (KeyError, TypeError, ValueError) as error:
         raise CodedError("bad_calibration", f"'{path}' is not a calibration: {error}") from None
-    return CameraPose(path.stem, parent, frame, geometry.transform(rotation, translation), focal)
+    return CameraPose(path.stem, parent, frame, geometry.make_transform(rotation, translation), focal)
 
 
 def require_own_frame(camera: str, frame: str, frames: Mapping[str, str]) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from vb_core.errors import CodedError
 from vb_laser_detect.camera.v4l2_controls import CaptureParams, run_v4l2
-from vb_laser_detect.camera.camera_source import CameraSource, Shot, is_device, printable
+from vb_laser_detect.camera.camera_source import CameraSource, CapturedImage, is_device, printable
 
 # codes of notices that the lines help to explain: a camera cannot be read, is slow, or refuses a setting
 REPORTED = frozenset(
@@ -44,11 +44,11 @@ def describe(source: str, params: CaptureParams) -> List[str]:
 
 def _watch(source: str, params: CaptureParams) -> List[str]:
     """Reads a camera for some seconds, and describes its images and faults in lines."""
-    shots: List[Shot] = []
+    shots: List[CapturedImage] = []
     arrival_times: List[float] = []
     faults: List[str] = []
 
-    def add_shot(shot: Shot) -> None:
+    def add_shot(shot: CapturedImage) -> None:
         arrival_times.append(time.time())
         shots.append(shot._replace(jpeg=None, frame=None) if len(shots) > 1 else shot)
 

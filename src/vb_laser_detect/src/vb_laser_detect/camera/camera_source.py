@@ -49,7 +49,7 @@ _REASONS = {
 }
 
 
-class Shot(NamedTuple):
+class CapturedImage(NamedTuple):
     """One image of a camera, not decoded to pixels yet.
 
     Attributes:
@@ -153,7 +153,7 @@ class CameraSource:
         self,
         address: str,
         params: CaptureParams,
-        handle: Callable[[Shot], None],
+        handle: Callable[[CapturedImage], None],
         report: Callable[[Optional[CodedError]], None],
     ) -> None:
         self.address, self.params = address, params
@@ -224,7 +224,7 @@ class CameraSource:
             options["framerate"] = f"{self.params.rate:g}"
         return options
 
-    def _shots(self, container: Any) -> Iterator[Shot]:
+    def _shots(self, container: Any) -> Iterator[CapturedImage]:
         if not container.streams.video:
             raise CodedError("camera_no_stream", source=printable(self.address))
         stream = container.streams.video[0]
@@ -236,9 +236,9 @@ class CameraSource:
             return
         for packet, offset in packets:
             if packet.size:
-                yield Shot(self._taken(packet, offset), jpeg=bytes(packet))
+                yield CapturedImage(self._taken(packet, offset), jpeg=bytes(packet))
 
-    def _decoded(self, packets: Iterator[Tuple[Any, Optional[float]]]) -> Iterator[Shot]:
+    def _decoded(self, packets: Iterator[Tuple[Any, Optional[float]]]) -> Iterator[CapturedImage]:
         """Decodes images that build on each other."""
         missing, newest, decoded = "", 0.0, time.monotonic()
         for packet, offset in packets:
@@ -261,7 +261,7 @@ class CameraSource:
                 continue
             newest = at
             for frame in frames:
-                yield Shot(self._taken(frame, offset), frame=frame, left_out=tuple(self._left_out))
+                yield CapturedImage(self._taken(frame, offset), frame=frame, left_out=tuple(self._left_out))
                 self._left_out.clear()
             decoded = time.monotonic()
 

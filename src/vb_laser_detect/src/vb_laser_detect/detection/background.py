@@ -222,7 +222,7 @@ class Background:
         self._noise_s, self._limit = 0.0, None
 
 
-def relight(background: np.ndarray, image: np.ndarray, max_width: float) -> np.ndarray:
+def match_lighting(background: np.ndarray, image: np.ndarray, max_width: float) -> np.ndarray:
     """Returns a background relit as in an image, whose light narrower than `max_width` [px] does not count."""
     half = 2 * math.ceil(max_width / 4)
     kernel = np.zeros((2 * half + 1,) * 2, np.uint8)

@@ -18,7 +18,7 @@ from typing import Callable, Dict, List, NamedTuple, Optional, Tuple
 import cv2
 import numpy as np
 
-from vb_laser_detect.detection.background import BLOCK, blocks_around, brightest, max_channel, relight
+from vb_laser_detect.detection.background import BLOCK, blocks_around, brightest, max_channel, match_lighting
 from vb_laser_detect.detection.stage_results import Box, Part, SearchedImage, Spot, shrink_box
 
 _EDGE = 0.35  # a blob consists of the pixels whose rise exceeds this share of the peak
@@ -53,7 +53,7 @@ class Blob:
     diameter: float
     problem: str = ""
     features: Dict[str, float] = field(default_factory=dict)
-    light: Optional[Light] = None
+    light: Optional[BlobLight] = None
 
 
 def examine_regions(
@@ -110,7 +110,7 @@ def measure_blob(searched: SearchedImage, box: Box, max_diameter: float, max_wid
     if picture.scale > 1:
         small_box = shrink_box(box, picture.scale)
         limits = max_diameter / picture.scale, max_width / picture.scale
-        cutout = _cut_out(picture.searched, lambda part: searched.reference[part], small_box, *limits)
+        cutout = _cut_out(picture.search_pixels, lambda part: searched.reference[part], small_box, *limits)
         if cutout.problem == "too_large":
             return _unmeasured(box, "too_large")
     if brightest(picture.pixels, box) < searched.min_level:  # now that it is decoded whole
@@ -118,7 +118,7 @@ def measure_blob(searched: SearchedImage, box: Box, max_diameter: float, max_wid
     cutout = _cut_out(picture.pixels, searched.floor, box, max_diameter, max_width)
     if cutout.problem:
         return _unmeasured(box, cutout.problem)
-    light = Light(*cutout.images, picture.mosaic)
+    light = BlobLight(*cutout.images, picture.is_bayer)
     moments = cv2.moments(cv2.copyTo(light.rise, light.mask))
     u, v = moments["m10"] / moments["m00"] + cutout.left, moments["m01"] / moments["m00"] + cutout.top
     features = {"elongation": cutout.elongation, **_features_of(light, u, v, cutout.diameter, searched)}
@@ -131,7 +131,7 @@ class _Cutout(NamedTuple):
     Attributes:
         problem: as in `Blob`; if it is set, nothing else is.
         left, top: [px] where the images begin, even.
-        images: the blob's mask, rise, image and floor, as in `Light`.
+        images: the blob's mask, rise, image and floor, as in `BlobLight`.
         diameter, elongation: the blob's shape.
     """
 
@@ -155,7 +155,7 @@ def _cut_out(
         window = slice(y0, min(bottom + margin, image.shape[0])), slice(x0, min(right + margin, image.shape[1]))
         now, floor = image[window], floor_of(window)
         if max_width < math.inf:
-            floor = cv2.max(floor, relight(floor, now, max_width))
+            floor = cv2.max(floor, match_lighting(floor, now, max_width))
         # the kernel [1 2 1] averages out noise and a Bayer image's mosaic
         smooth = cv2.GaussianBlur(max_channel(cv2.subtract(now, floor)), (3, 3), 0, borderType=cv2.BORDER_REFLECT_101)
         _, peak, _, peak_pixel = cv2.minMaxLoc(smooth[top - y0 : bottom - y0, left - x0 : right - x0])
@@ -185,7 +185,7 @@ def _cut_out(
     return _Cutout("", x0 + sx, y0 + sy, images, diameter, elongation)
 
 
-def _features_of(light: Light, u: float, v: float, diameter: float, searched: SearchedImage) -> Dict[str, float]:
+def _features_of(light: BlobLight, u: float, v: float, diameter: float, searched: SearchedImage) -> Dict[str, float]:
     """Computes the features that say how a blob's light differs from the floor and from other changes."""
     busy, may_be_ghost = _surroundings_of(u, v, diameter, searched)
     return {
@@ -197,7 +197,7 @@ def _features_of(light: Light, u: float, v: float, diameter: float, searched: Se
         "fall": max(0.0, float((light.floor_levels - light.levels).max())) / searched.bright,
         "diameter": math.log(diameter / searched.diagonal),
         # many webcams show a spot as white, mosaics show its colour: only there is a single blob's colour informative
-        "chroma_mosaic": min(1.0, chroma(light.tint) / _ONE_MOSAIC) if searched.picture.mosaic else math.nan,
+        "chroma_mosaic": min(1.0, chroma(light.tint) / _ONE_MOSAIC) if searched.picture.is_bayer else math.nan,
         "busy": busy,
     }
 
@@ -217,7 +217,7 @@ def _surroundings_of(u: float, v: float, diameter: float, searched: SearchedImag
 
 
 # ------------------------------------------------------------------ light
-class Light:
+class BlobLight:
     """The light of a blob: a part of an image that starts on an even row and column, and the same part of the floor.
 
     Args:

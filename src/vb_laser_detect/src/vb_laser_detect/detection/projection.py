@@ -12,7 +12,7 @@ from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from vb_core.camera_model import CameraModel, floor_points
+from vb_core.camera_model import CameraModel, project_to_floor
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
@@ -72,7 +72,7 @@ class FloorProjection:
         p = self.params
         if not (math.isfinite(u) and math.isfinite(v)) or not camera.contains(np.array([[u, v]]))[0]:
             raise CodedError("outside_image", size=f"{camera.width} x {camera.height}")
-        corner = floor_points(camera, T_map_camera, (u, v) + _CORNER, p.floor_height)
+        corner = project_to_floor(camera, T_map_camera, (u, v) + _CORNER, p.floor_height)
         point, origin = corner[0], T_map_camera[:3, 3]
         if origin[2] <= p.floor_height or not np.isfinite(point).all():
             raise CodedError("no_floor_intersection", "the ray does not meet the floor in front of the camera")
@@ -108,7 +108,7 @@ class FloorProjection:
         plane, origin, ratio = self.on_plane(camera, T_map_camera, u, v), T_map_camera[:3, 3], None
         if depth is not None and depth.ndim == 2 and depth.size:
             model = depth_camera or camera.scaled_to(depth.shape[1], depth.shape[0])
-            pixel = model.project(camera.rays(np.array([[u, v]])))[0]
+            pixel = model.project(camera.pixels_to_rays(np.array([[u, v]])))[0]
             ratio = depth_over_plane(depth, pixel, model, T_map_camera, self.params.floor_height)
         if ratio is None:
             return FloorPoint(plane.position, plane.meters_per_pixel, GROUND_PLANE_FALLBACK, plane.range)
@@ -141,7 +141,7 @@ def depth_over_plane(
     right, bottom = np.round(pixel).astype(int) + _DEPTH_RADIUS + 1
     part = np.nan_to_num(depth[top:bottom, left:right].astype(float)) / (1000.0 if depth.dtype.kind in "ui" else 1.0)
     rows, columns = np.nonzero((part >= _MIN_DEPTH) & (part <= _MAX_DEPTH))
-    floor = floor_points(camera, T_map_camera, np.column_stack([columns + left, rows + top]), height)
+    floor = project_to_floor(camera, T_map_camera, np.column_stack([columns + left, rows + top]), height)
     ratios = part[rows, columns] / ((floor - T_map_camera[:3, 3]) @ T_map_camera[:3, 2])
     ratios = ratios[np.isfinite(ratios)]
     return float(np.median(ratios)) if len(ratios) >= max(1.0, _DEPTH_SHARE * part.size) else None
@@ -217,7 +217,7 @@ class ImageGeometry:
                 self.pose_error = error.without_traceback()
                 return np.full(len(pixels), np.nan)
         corners = (pixels[:, None] + _CORNER).reshape(-1, 2)
-        floor = floor_points(self._camera, self._pose, corners, self._floor_projection.params.floor_height)
+        floor = project_to_floor(self._camera, self._pose, corners, self._floor_projection.params.floor_height)
         return _scales(floor.reshape(-1, 3, 3))
 
     def locate(self, spots: Sequence[Spot]) -> List[Spot]:

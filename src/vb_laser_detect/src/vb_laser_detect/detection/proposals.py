@@ -18,8 +18,8 @@ import cv2
 import numpy as np
 
 from vb_core.image_format import AnyPicture
-from vb_laser_detect.detection.background import BLOCK, GHOST_TIME, Background, blocks_around, brightest, relight
-from vb_laser_detect.detection.stage_results import Box, ExpectedSpot, Region, SearchedImage, Spot, shrink_box
+from vb_laser_detect.detection.background import BLOCK, GHOST_TIME, Background, blocks_around, brightest, match_lighting
+from vb_laser_detect.detection.stage_results import Box, ExpectedSpot, ChangedRegion, SearchedImage, Spot, shrink_box
 
 # lowest level of a spot, as a share of what is bright in the room; only 3 of 464 known spots are darker, in darkened clips
 _MIN_LEVEL = 0.86
@@ -123,7 +123,7 @@ class RegionProposer:
         Args:
             expected: spots expected if the camera has not moved.
         """
-        image, motion, shift = picture.searched, None, None
+        image, motion, shift = picture.search_pixels, None, None
         if self._registration is not None:
             motion, shift = self._registration.follow(image), self._registration.motion
         if motion is not None:
@@ -152,14 +152,14 @@ class RegionProposer:
 
     def _start(self, picture: AnyPicture, expected: Sequence[ExpectedSpot]) -> None:
         """Begins a new background. Where a spot is expected, the old background is used, relit."""
-        keyframe, scene = picture.searched.copy(), self._background
+        keyframe, scene = picture.search_pixels.copy(), self._background
         for spot in expected:
             reach = spot.reach + spot.max_width
             sides = blocks_around(scene.blocks, *spot.position, reach, BLOCK * picture.scale)
             part = tuple(slice(BLOCK * side.start, BLOCK * side.stop) for side in sides)
             if keyframe[part].size:
                 floor = scene.moved_part(part, keyframe)
-                keyframe[part] = relight(floor, keyframe[part], spot.max_width / picture.scale)
+                keyframe[part] = match_lighting(floor, keyframe[part], spot.max_width / picture.scale)
         self._background = Background(keyframe)
         self._ghost_s = np.zeros(self._background.blocks, np.float32)  # [s] time for which each block may show a ghost
         if self._registration is not None:
@@ -177,12 +177,12 @@ class RegionProposer:
         # nothing is known of what happened between images far apart
         moved = (searched.changed & ~spot_blocks) | (elapsed >= _UNSEEN)
         self._ghost_s = np.where(moved, GHOST_TIME, self._ghost_s - elapsed)
-        is_keyframe = self._background.update(searched.picture.searched, searched.changed, spot_blocks, elapsed)
+        is_keyframe = self._background.update(searched.picture.search_pixels, searched.changed, spot_blocks, elapsed)
         if is_keyframe and self._registration is not None:
             self._registration.set_keyframe()
 
 
-def _region(picture: AnyPicture, box: Box, min_level: float, expected: Sequence[ExpectedSpot]) -> Region:
+def _region(picture: AnyPicture, box: Box, min_level: float, expected: Sequence[ExpectedSpot]) -> ChangedRegion:
     """Makes a region from a box of the searched pixels. The last blocks include the pixels left over at the edges."""
     left, top, right, bottom = (picture.scale * side for side in box)
     width, height = picture.size
@@ -192,11 +192,11 @@ def _region(picture: AnyPicture, box: Box, min_level: float, expected: Sequence[
     if height - bottom < block:
         bottom = height
     box = left, top, right, bottom
-    if picture.whole:
+    if picture.is_fully_decoded:
         level = brightest(picture.pixels, box)
     else:  # the highest level that is possible
-        level = brightest(picture.searched, shrink_box(box, picture.scale)) / _HALF_LEVEL
-    return Region(box, level >= min_level, next((spot for spot in expected if spot.overlaps(box)), None))
+        level = brightest(picture.search_pixels, shrink_box(box, picture.scale)) / _HALF_LEVEL
+    return ChangedRegion(box, level >= min_level, next((spot for spot in expected if spot.overlaps(box)), None))
 
 
 def find_regions(maxima: np.ndarray, hot: np.ndarray) -> List[Box]:

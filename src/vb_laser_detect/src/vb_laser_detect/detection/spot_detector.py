@@ -119,7 +119,7 @@ class SpotDetector:
         if 0.0 < behind <= _MAX_LATENESS:
             return Detection(is_late=True)
         picture = self._prepare(picture)
-        shape = picture.scale, *picture.searched.shape
+        shape = picture.scale, *picture.search_pixels.shape
         if behind > _MAX_LATENESS or self._shape not in (None, shape):
             self.reset()
         elapsed = 0.0 if self._stamp is None else stamp - self._stamp
@@ -144,11 +144,11 @@ class SpotDetector:
 
     def _prepare(self, picture: AnyPicture) -> AnyPicture:
         """Decodes as much of a picture as will be needed."""
-        if self.params.moving_camera and (picture.mosaic or picture.scale > 1):
+        if self.params.moving_camera and (picture.is_bayer or picture.scale > 1):
             # a mosaic cannot be warped by fractions of a pixel, and warping two sizes would take twice the time
             return Picture(picture.bgr(), "bgr")
         if picture.scale > 1 and self._measured:
-            picture.decode_whole()  # what was measured in the last image is likely to be there still
+            picture.decode_full_size()  # what was measured in the last image is likely to be there still
         return picture
 
     def _max_diameters(self, searched: SearchedImage, geometry: Optional[ImageGeometry]) -> Dict[Box, float]:
@@ -183,4 +183,4 @@ def _checked(image: Union[np.ndarray, AnyPicture]) -> AnyPicture:
         raise CodedError("bad_image", f"expected 8 bit mono, Bayer or colour pixels, got {pixels.dtype} {pixels.shape}")
     if min(pixels.shape[:2]) < 4 * BLOCK:
         raise CodedError("bad_image", f"the image is too small: {pixels.shape[1]} x {pixels.shape[0]}")
-    return Picture(np.ascontiguousarray(pixels), picture.content)
+    return Picture(np.ascontiguousarray(pixels), picture.color_format)

@@ -107,7 +107,7 @@ class SpotTracker:
 
     def update(self, candidates: Sequence[Spot], searched: SearchedImage) -> Detection:
         """Adds the candidates of the image for which `predict` was called, except rejected ones."""
-        self._diagonal, self._mosaic = searched.diagonal, searched.picture.mosaic
+        self._diagonal, self._mosaic = searched.diagonal, searched.picture.is_bayer
         if searched.motion is not None:
             for place in [track.pixel for track in self._tracks] + list(self._lit_places):
                 place[:2] = cv2.perspectiveTransform(place[None, None, :2], searched.motion)[0, 0]

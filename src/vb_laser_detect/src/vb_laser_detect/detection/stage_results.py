@@ -65,7 +65,7 @@ class ExpectedSpot(NamedTuple):
         return left < right and top < bottom
 
 
-class Region(NamedTuple):
+class ChangedRegion(NamedTuple):
     """A part of an image that became brighter, to be examined.
 
     Attributes:
@@ -102,7 +102,7 @@ class SearchedImage(NamedTuple):
     diagonal: float
     bright: float
     min_level: float
-    regions: Sequence[Region]
+    regions: Sequence[ChangedRegion]
     reference: np.ndarray
     motion: Optional[np.ndarray]
     shifted: bool
@@ -146,7 +146,7 @@ class Spot:
         confidence: 0 ... 1
         track: number of the spot in this camera's images; it stays while the spot is followed.
         rejection: code of the reason why it is not published, or "".
-        tint: see `features.Light.tint`; None: without colour, or rejected.
+        tint: see `features.BlobLight.tint`; None: without colour, or rejected.
         stamp: [s] time of the image; 0 until the spot is tracked.
         floor_point: its position on the floor; None if camera or pose are unknown.
     """

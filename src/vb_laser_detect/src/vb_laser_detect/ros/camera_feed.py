@@ -19,7 +19,7 @@ from vb_core.ros.images import camera_from_info, decode, info_from_camera, messa
 from vb_core.ros.node import Mailbox
 from vb_laser_detect.camera import v4l2_controls
 from vb_laser_detect.camera.lens_and_settings_files import load_lens, save_lens
-from vb_laser_detect.camera.camera_source import CameraSource, Shot, is_device, is_file, printable
+from vb_laser_detect.camera.camera_source import CameraSource, CapturedImage, is_device, is_file, printable
 from vb_laser_detect.ros.camera_geometry import require_size, sibling_topic
 from vb_laser_detect.ros.detector_diagnostics import DetectorDiagnostics
 from vb_laser_detect.camera.v4l2_controls import CaptureParams
@@ -40,7 +40,7 @@ class ReceivedImage(NamedTuple):
     stamp: rospy.Time
     frame_id: str
     decode: Callable[[], AnyPicture]
-    shot: Optional[Shot] = None
+    shot: Optional[CapturedImage] = None
 
 
 def lens_path(settings: str, camera: str) -> Path:
@@ -149,7 +149,7 @@ class CameraFeed:
                 return  # the detector reports why
             self._info.publish(info_from_camera(model, image.stamp, image.frame_id))
 
-    def _on_shot(self, shot: Shot) -> None:
+    def _on_shot(self, shot: CapturedImage) -> None:
         for code in shot.left_out:
             self._report.count_dropped(code)
         # the camera's clock does not follow simulated time

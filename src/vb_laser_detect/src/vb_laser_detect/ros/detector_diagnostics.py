@@ -120,9 +120,9 @@ class DetectorDiagnostics:
             rejected: codes that say why candidates, or the image, were rejected.
         """
         now = rospy.get_time()
-        self._frame_id, self._color = frame_id, picture.content != "mono"
+        self._frame_id, self._color = frame_id, picture.color_format != "mono"
         if abs(now - self._measured_at) > 1.0:
-            self._saturated_share = saturated_share(picture.searched)
+            self._saturated_share = saturated_share(picture.search_pixels)
             self._measured_at = now
         with self._lock:
             self._watch.record_image(now, missing)

@@ -13,7 +13,7 @@ from vb_core.robot_profile import RobotProfile
 from vb_core.ros.images import camera_from_info
 from vb_core.ros.transforms import TransformLookup
 from vb_robot.dispatching.dispatch_policy import DispatchStatus, SentGoalState
-from vb_robot.dispatching.viewpoint import FloorView, Viewpoint
+from vb_robot.dispatching.viewpoint import RobotCameraView, Viewpoint
 from vb_robot.monitoring.watched_robot import WatchedRobot
 from vb_robot.monitoring.navigation_connections import within
 
@@ -48,7 +48,7 @@ class DispatchedRobot:
     def __init__(self, robot: WatchedRobot, profile: RobotProfile, transforms: TransformLookup) -> None:
         self._robot, self._transforms = robot, transforms
         self._max_range = profile.camera.max_range
-        self.view: Optional[FloorView] = None
+        self.view: Optional[RobotCameraView] = None
         self._lens: Optional[Tuple[Tuple[float, ...], str]] = None  # K and frame of the view's camera
         self._goal: Optional[Viewpoint] = None
         self._state = SentGoalState.NONE
@@ -63,7 +63,7 @@ class DispatchedRobot:
             return
         try:
             T = self._transforms.lookup(self._robot.frame, message.header.frame_id, rospy.Time(0), timeout=0.0)
-            self.view, self._lens = FloorView(camera_from_info(message), T, self._max_range), lens
+            self.view, self._lens = RobotCameraView(camera_from_info(message), T, self._max_range), lens
         except CodedError as error:
             camera = f"the camera of {self._robot.frame}"
             rospy.logwarn_throttle(30.0, f"{rospy.get_name()}: what {camera} sees is not known: {error}")

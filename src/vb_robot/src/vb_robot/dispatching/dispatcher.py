@@ -11,7 +11,7 @@ from vb_core.notices import Notice, Severity
 from vb_core.vocabulary import SEED
 from vb_robot.clearance_map import ClearanceMap, bounding_window
 from vb_robot.dispatching.dispatch_policy import DispatchPolicy, DispatchStatus
-from vb_robot.dispatching.viewpoint import DrawingState, FloorView, Viewpoint, ViewpointPlanner
+from vb_robot.dispatching.viewpoint import DrawingState, RobotCameraView, Viewpoint, ViewpointPlanner
 from vb_robot.spot_sightings import LOST_TIMEOUT, Sightings
 
 # [s] after which a notice says so: a stroke's first spots are confirmed late, and choosing a robot takes 1 s
@@ -23,11 +23,11 @@ class RobotMap:
 
     def __init__(self, radius: float) -> None:
         self._radius = radius
-        self._view: Optional[FloorView] = None
+        self._view: Optional[RobotCameraView] = None
         self._maps: Tuple[Optional[GridMap], Optional[GridMap]] = (None, None)
         self._clearance_map: Optional[Tuple[Window, ClearanceMap]] = None
 
-    def update(self, view: Optional[FloorView], borders: Optional[GridMap], physical: Optional[GridMap]) -> None:
+    def update(self, view: Optional[RobotCameraView], borders: Optional[GridMap], physical: Optional[GridMap]) -> None:
         """Stores the camera's view, the map with the borders that are for this robot, and the map without borders."""
         self._view = view
         if borders is not self._maps[0] or physical is not self._maps[1]:

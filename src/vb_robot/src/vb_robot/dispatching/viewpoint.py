@@ -101,7 +101,7 @@ class DrawingState:
         return canvas.astype(bool)
 
 
-class FloorView:
+class RobotCameraView:
     """Projects floor points, given in the frame of a robot's base, into the image of its camera.
 
     Args:
@@ -114,17 +114,17 @@ class FloorView:
         self.camera = camera
         self.T_base_camera = T_base_camera
         self.max_range = max_range
-        self._T_camera_base = geometry.invert(T_base_camera)
+        self._T_camera_base = geometry.invert_transform(T_base_camera)
         right, bottom = camera.width - 1.0, camera.height - 1.0
         corners = np.array([[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]])
-        tangents = np.linalg.norm(camera.rays(corners)[:, :2], axis=1)
+        tangents = np.linalg.norm(camera.pixels_to_rays(corners)[:, :2], axis=1)
         # far outside the image the distortion polynomials may map points back into it
         self._widest = 1.05 * float(min(camera.limit, tangents.max()))
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
         """Projects floor points (N, 2) [m], base frame, to pixels (N, 2) [px]; NaN far outside the image."""
         points = np.asarray(points, dtype=float).reshape(-1, 2)
-        points = geometry.apply(self._T_camera_base, np.column_stack([points, np.zeros(len(points))]))
+        points = geometry.transform_points(self._T_camera_base, np.column_stack([points, np.zeros(len(points))]))
         ahead = (points[:, 2] > 1e-6) & (np.hypot(points[:, 0], points[:, 1]) <= self._widest * points[:, 2])
         pixels = np.full((len(points), 2), np.nan)
         pixels[ahead] = self.camera.project(points[ahead])
@@ -163,7 +163,7 @@ class ViewpointPlanner:
     """
 
     def __init__(
-        self, clearance_map: ClearanceMap, view: FloorView, drawing: DrawingState, others: Iterable = ()
+        self, clearance_map: ClearanceMap, view: RobotCameraView, drawing: DrawingState, others: Iterable = ()
     ) -> None:
         self.clearance_map, self.view, self.drawing = clearance_map, view, drawing
         self._others = np.asarray(list(others), dtype=float).reshape(-1, 2)

@@ -14,7 +14,7 @@ import numpy as np
 
 from vb_core import geometry
 from vb_core.grid_map import GridMap, crop
-from vb_core.geometry import Pose, to_base, to_map
+from vb_core.geometry import Pose, map_to_base, base_to_map
 from vb_core.robot_profile import Limits
 
 HORIZON = 0.8  # [m] checked length of the arc: from 1 m/s a robot stops within that at 1.5 m/s^2
@@ -75,8 +75,8 @@ class Scan:
         with np.errstate(invalid="ignore"):
             too_near = ranges < range_min
             valid = (ranges >= range_min) & (ranges <= range_max)
-        origin = geometry.apply(mount, np.zeros(3))
-        beams = (geometry.apply(mount, directions) - origin)[:, :2]
+        origin = geometry.transform_points(mount, np.zeros(3))
+        beams = (geometry.transform_points(mount, directions) - origin)[:, :2]
         points = origin[:2] + ranges[valid, None] * beams[valid]
         points = points[np.hypot(*points.T) > radius - OWN_MARGIN]
         # an obstacle too near to be measured may touch the robot
@@ -147,7 +147,7 @@ def pose_jump(earlier: Fix, later: Fix) -> float:
     """
     expected, elapsed = earlier.pose, later.stamp - earlier.stamp
     if earlier.odometry is not None and later.odometry is not None:
-        position = to_map(to_base(later.odometry[:2], earlier.odometry), earlier.pose)[0]
+        position = base_to_map(map_to_base(later.odometry[:2], earlier.odometry), earlier.pose)[0]
         expected, elapsed = (*position, earlier.pose[2] + later.odometry[2] - earlier.odometry[2]), 0.0
     distance = max(0.0, math.dist(expected[:2], later.pose[:2]) - elapsed)
     rotation = abs(math.remainder(later.pose[2] - expected[2], 2.0 * math.pi))
@@ -162,4 +162,4 @@ def arc(pose: Pose, lengths: np.ndarray, curvature: float) -> np.ndarray:
     else:
         angle = lengths * curvature
         local_points = np.column_stack([np.sin(angle), 1.0 - np.cos(angle)]) / curvature
-    return to_map(local_points, pose)
+    return base_to_map(local_points, pose)

@@ -13,7 +13,7 @@ from typing import Optional, Tuple
 
 import numpy as np
 
-from vb_core.geometry import Pose, to_base
+from vb_core.geometry import Pose, map_to_base
 from vb_robot.driving.velocity import MAX_SPEED, VelocityRequest, steer
 
 # [m] from the base to the spot. With a usual mount, the image ends at 0.45 m, so a spot that is drawn towards the robot
@@ -41,7 +41,7 @@ class SpotFollower:
         if pose is None or self.spot is None:
             self._turning, self._driving = False, 0
             return VelocityRequest(code="spot_lost")
-        v, w = self._servo(to_base(np.array(self.spot), pose).ravel())
+        v, w = self._servo(map_to_base(np.array(self.spot), pose).ravel())
         return VelocityRequest(min(max(v, -MAX_SPEED), MAX_SPEED), w, "driving" if v or w else "spot_in_view")
 
     def _servo(self, spot: np.ndarray) -> Tuple[float, float]:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from vb_core import geometry
-from vb_core.camera_model import CameraModel, floor_points, intersect_floor
+from vb_core.camera_model import CameraModel, project_to_floor, intersect_floor
 from vb_core.errors import CodedError
 from vb_sim.model_params import Optics, make_generator
 from vb_sim.world import CeilingCamera
@@ -25,10 +25,10 @@ def calibrated_pose(camera: CeilingCamera, optics: Optics, seed: int) -> np.ndar
     """
     rng = make_generator(seed, f"calibration of {camera.name}")
     true = camera.pose()
-    rays = camera.model().rays(_choose_marks(camera.model(), true, optics.calibration_points, rng))
+    rays = camera.model().pixels_to_rays(_choose_marks(camera.model(), true, optics.calibration_points, rng))
 
     def displace(x: np.ndarray) -> np.ndarray:
-        return true @ geometry.transform(geometry.rotation_from_rpy(*x[:3]), x[3:])
+        return true @ geometry.make_transform(geometry.rotation_from_rpy(*x[:3]), x[3:])
 
     def locate(pose: np.ndarray) -> np.ndarray:
         points = intersect_floor(pose, rays)[:, :2]
@@ -60,5 +60,5 @@ def _choose_marks(model: CameraModel, pose: np.ndarray, count: int, rng: np.rand
 
 def _on_near_floor(model: CameraModel, pose: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """Returns (N,) bool: whether each pixel (N, 2) [px] shows floor near the camera."""
-    points = floor_points(model, pose, pixels)
+    points = project_to_floor(model, pose, pixels)
     return np.linalg.norm(np.nan_to_num(points, nan=1e6) - pose[:3, 3], axis=1) < _MAX_DISTANCE

@@ -358,7 +358,7 @@ def master_stand_ins(topics: Mapping[str, Any], services: Mapping[str, Any]) -> 
     def topic_types(_master: Any) -> List[Tuple[str, str]]:
         return [(name, topic.publishers[0].type) for name, topic in topics.items() if topic.publishers]
 
-    def no_address(*_: Any) -> str:  # is_gone takes this for "there"; tf2_ros looks up a debugging service
+    def no_address(*_: Any) -> str:  # has_exited takes this for "there"; tf2_ros looks up a debugging service
         return ""
 
     return {

@@ -16,7 +16,7 @@ from typing import Callable, List, Optional, Tuple
 
 import numpy as np
 
-from vb_core.geometry import bounding_diagonal, to_map
+from vb_core.geometry import bounding_diagonal, base_to_map
 from vb_sim.model_params import MODELS, ParticipantModel
 
 IsFloor = Callable[[np.ndarray], np.ndarray]
@@ -178,7 +178,7 @@ def perceive_border(
         margin: [m] between a closed border's marks and the chain outside of them; negative if it is inside.
     """
     center = border.mean(axis=0)
-    moved = to_map(border - center, (*center, turn)) + np.asarray(offset)
+    moved = base_to_map(border - center, (*center, turn)) + np.asarray(offset)
     if not closed:
         return moved
     side_before, side_after = moved - np.roll(moved, 1, axis=0), np.roll(moved, -1, axis=0) - moved

@@ -9,7 +9,7 @@ from typing import Optional, Sequence, Tuple
 import numpy as np
 
 from vb_core.camera_model import CameraModel
-from vb_core.geometry import invert
+from vb_core.geometry import invert_transform
 from vb_sim.model_params import BodyProportions
 
 _NEAR = 0.15  # [m] along the optical axis; nearer pieces are not drawn
@@ -225,7 +225,7 @@ class Outlines:
 
 def project_pieces(pieces: BodyParts, camera: CameraModel, T_map_optical: np.ndarray) -> Outlines:
     """Projects the pieces that are entirely before the camera and not far outside its image."""
-    T = invert(T_map_optical)
+    T = invert_transform(T_map_optical)
     points = piece_outlines(pieces).reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
     pixels = camera.project(points).reshape(len(pieces), -1, 2)
     depths = points[:, 2].reshape(len(pieces), -1)

@@ -9,7 +9,7 @@ from typing import Tuple
 import cv2
 import numpy as np
 
-from vb_core.geometry import to_map
+from vb_core.geometry import base_to_map
 from vb_sim.model_params import make_generator
 from vb_sim.floor_plan import wall_outline
 from vb_sim.world import Floor, FloorPatch, World
@@ -151,7 +151,7 @@ def _draw_snippets(image: np.ndarray, texture: FloorTexture, patch: FloorPatch, 
         axes = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]]) * half[:, None]
         # torn paper: a rectangle with each corner displaced
         corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * rng.uniform(0.7, 1.1, (4, 2)) @ axes + center
-        outline = texture.pixels(to_map(corners, (patch.x, patch.y, math.radians(patch.yaw))))
+        outline = texture.pixels(base_to_map(corners, (patch.x, patch.y, math.radians(patch.yaw))))
         shade = float(rng.uniform(1.0 - patch.contrast, 1.0))
         color = tuple(shade * value for value in patch.color)
         cv2.fillConvexPoly(image, np.round(outline * 16 + 12).astype(np.int32), (0.0, 0.0, 0.0), cv2.LINE_8, 4)

@@ -15,7 +15,7 @@ from typing import Optional, Tuple
 import numpy as np
 
 from vb_core.camera_model import CameraModel
-from vb_core.geometry import invert
+from vb_core.geometry import invert_transform
 from vb_sim.model_params import Optics
 
 _MAX_PX = 56
@@ -142,7 +142,7 @@ def _project(
     x, y = point
     dx, dy = velocity[0] * half_exposure, velocity[1] * half_exposure
     probes = np.array([(x, y, 0), (x + step, y, 0), (x, y + step, 0), (x - dx, y - dy, 0), (x + dx, y + dy, 0)])
-    T = invert(T_map_optical)
+    T = invert_transform(T_map_optical)
     in_camera = probes @ T[:3, :3].T + T[:3, 3]
     if (in_camera[:, 2] < 0.05).any():
         return None

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from vb_core.camera_model import CameraModel
-from vb_core.geometry import invert
+from vb_core.geometry import invert_transform
 from vb_sim.floor_plan import wall_outline
 from vb_sim.world import Furniture, World
 
@@ -118,7 +118,7 @@ class RayGrid:
         columns, rows = (int(np.ceil(size / step)) + 2 for size in (camera.width, camera.height))
         centers = [(np.arange(count) - 1) * step + (step - 1) / 2 for count in (columns, rows)]
         u, v = np.meshgrid(*centers)
-        rays = camera.rays(np.column_stack([u.ravel(), v.ravel()]))
+        rays = camera.pixels_to_rays(np.column_stack([u.ravel(), v.ravel()]))
         grids = []
         for axis in range(2):
             coarse = rays[:, axis].reshape(rows, columns).astype(np.float32)
@@ -162,7 +162,7 @@ class DepthBuffer:
         """Draws the faces of a mesh that the camera sees, with their colours multiplied by a gain."""
         if not len(mesh.corners):
             return
-        T = invert(T_map_optical)
+        T = invert_transform(T_map_optical)
         corners = mesh.corners @ T[:3, :3].T + T[:3, 3]
         normals = mesh.normals @ T[:3, :3].T
         starts = mesh.starts[:-1]

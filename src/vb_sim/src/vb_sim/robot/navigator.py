@@ -10,7 +10,7 @@ import numpy as np
 
 from vb_core import geometry
 from vb_core.errors import CodedError
-from vb_core.geometry import Pose, look_ahead, to_map
+from vb_core.geometry import Pose, look_ahead, base_to_map
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
 from vb_sim.robot.path_planner import Costmap, Planner
@@ -177,7 +177,7 @@ class Navigator:
         """Creates a planner on map and scan. Returns that on the map alone if the scan shows no new obstacle."""
         grid, distance = static.costmap.grid, static.costmap.distance
         points = points[np.hypot(points[:, 0], points[:, 1]) < _OBSTACLE_RANGE]
-        cells = grid.world_to_cell(to_map(points, pose))
+        cells = grid.world_to_cell(base_to_map(points, pose))
         cells = cells[grid.contains_cells(cells)]
         # a wall seen slightly off its position is not a new obstacle
         cells = cells[distance[tuple(cells.T)] > _MAP_TOLERANCE]

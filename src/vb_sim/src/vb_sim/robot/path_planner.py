@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from vb_core import geometry
 from vb_core.errors import CodedError
-from vb_core.grid_map import OCCUPIED, GridMap, distance_to, nearest_cell, sample
+from vb_core.grid_map import OCCUPIED, GridMap, distance_transform, nearest_cell, sample
 
 Cell = Tuple[int, int]  # row, column
 NEUTRAL_COST = 50.0  # cost of a free cell; with the factor for a cell's own cost, as in navfn
@@ -50,7 +50,7 @@ class Costmap:
         static = static_costs(grid.data)
         if obstacles is not None:
             static[obstacles] = LETHAL
-        self.distance = distance_to(static == LETHAL) * np.float32(grid.resolution)
+        self.distance = distance_transform(static == LETHAL) * np.float32(grid.resolution)
         self.costs = inflate(static, self.distance, radius, inflation)
 
     def traversable(self) -> np.ndarray:

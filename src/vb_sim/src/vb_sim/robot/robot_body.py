@@ -123,4 +123,4 @@ class RobotBody:
     def map_to_odom(self) -> np.ndarray:
         """Returns T_map_odom, 4x4, which transforms odometry into the estimate."""
         odometry = geometry.transform_from_pose2d(*self.odometry)
-        return geometry.transform_from_pose2d(*self.estimate()) @ geometry.invert(odometry)
+        return geometry.transform_from_pose2d(*self.estimate()) @ geometry.invert_transform(odometry)

@@ -25,7 +25,7 @@ from typing import Deque, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
-from vb_core.sentences import spelled_out
+from vb_core.sentences import words_of_name
 from vb_core.sounds import SOUNDS, TICK
 from vb_core.vocabulary import ANSWERS, COMMANDS, STOP
 from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
@@ -33,8 +33,8 @@ from vb_voice_wizard.voice.endpointing import PADDING, Endpointer, Utterance
 from vb_voice_wizard.voice.speech_model import SpeechModel
 
 # what people say for each command, and to confirm it when asked
-PHRASES = {name: [spelled_out(name), *command.phrases] for name, command in COMMANDS.items()}
-PHRASES.update({answer: ["yes, " + spelled_out(command)] for answer, command in ANSWERS.items()})
+PHRASES = {name: [words_of_name(name), *command.phrases] for name, command in COMMANDS.items()}
+PHRASES.update({answer: ["yes, " + words_of_name(command)] for answer, command in ANSWERS.items()})
 # Evidence at which an utterance is as probably a command as something that sounds like it. In the development group,
 # about as many single words are then missed as wrongly accepted; nothing comes near two words (docs/results/voice).
 _EVEN_ONE_WORD = -3.5

@@ -3,7 +3,7 @@
 import { closeButton, leave, show, whenAnswered } from "./dialog.js";
 import { draft, edit, map } from "./editor.js";
 import { hello, isOperator, row, say, view, words } from "./state.js";
-import { $, ask, button, element, fill, nameField, toast } from "./ui.js";
+import { $, ask, button, element, fill, nameField, toast } from "./elements.js";
 
 // Says why a border is not in force; "" if it is.
 function idleReason(border) {

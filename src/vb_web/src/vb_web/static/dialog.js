@@ -1,7 +1,7 @@
 // Dialogs, and what Escape and a phone's Back do. Dialogs are not modal, because stop must be in reach all the time.
 "use strict";
 import { page, say } from "./state.js";
-import { $, button, element, lock } from "./ui.js";
+import { $, button, element, lock } from "./elements.js";
 
 // The part of the page below a dialog: whether it has unsaved changes, and how it is left. The editor fills this in.
 export const below = { isChanged: () => false, leave: () => {} };

@@ -7,7 +7,7 @@ import { below, catchBack } from "./dialog.js";
 import { MapView } from "./map.js";
 import { distance, inside, middle, pairs, simplify } from "./shapes.js";
 import { hello, isOperator, kindWord, page, promptCode, row, say, shownNotices, view, words } from "./state.js";
-import { $, areaLine, ask, button, element, fill, issueLines, lock, nameField, select, toast } from "./ui.js";
+import { $, areaLine, ask, button, element, fill, issueLines, lock, nameField, select, toast } from "./elements.js";
 
 export let draft = null;
 let modeChanges = 0, // so far
@@ -113,7 +113,7 @@ async function sendRobot(goal) {
 }
 
 function robotPanel(cancel) {
-  const robots = view.offer ? view.offer.goes : [];
+  const robots = view.capabilities ? view.capabilities.sendable_robots : [];
   if (!robots.includes(chosenRobot)) chosenRobot = robots.length ? robots[0] : "";
   const choices = robots.map((name) =>
     element(
@@ -278,11 +278,11 @@ async function save() {
 const zonesFor = ({ zone }) =>
   hello.zones
     .map(({ name }) => name)
-    .filter((name, index) => index === 0 || name === zone || !view.offer || view.offer.zones.includes(name));
+    .filter((name, index) => index === 0 || name === zone || !view.capabilities || view.capabilities.zones.includes(name));
 
 // Makes the choice of the robots that a border is for: all, unless some are chosen.
 function robotChoice() {
-  const allRobots = [...new Set([...((view.offer && view.offer.robots) || []), ...draft.robots])].filter(Boolean);
+  const allRobots = [...new Set([...((view.capabilities && view.capabilities.robots) || []), ...draft.robots])].filter(Boolean);
   if (allRobots.length < 2) return null;
   const choose = (robots) => () => {
     draft.robots = robots.length === allRobots.length ? [] : robots;

@@ -7,7 +7,7 @@ import {
   hello,
   isOperator,
   kindWord,
-  offers,
+  isAvailable,
   page,
   promptCode,
   row,
@@ -16,7 +16,7 @@ import {
   view,
   words,
 } from "./state.js";
-import { $, areaLine, ask, button, clock, dropRepeatedToast, element, fill, issueLines } from "./ui.js";
+import { $, areaLine, ask, button, clock, dropRepeatedToast, element, fill, issueLines } from "./elements.js";
 
 // Whether a command is what most people do next: save, or else draw what is missing.
 const isNextStep = (command, available) =>
@@ -58,8 +58,8 @@ export function drawState() {
   const state = view.state,
     hasManager = page.online && view.health && view.health.manager;
   // where no manager belongs to the lab, nothing waits for one: the state is that of the robots
-  const needsNoManager = view.offer && !view.offer.interaction && !hasManager;
-  const robotsState = needsNoManager && view.offer.state === "ready" ? "default" : needsNoManager && view.offer.state;
+  const needsNoManager = view.capabilities && !view.capabilities.interaction && !hasManager;
+  const robotsState = needsNoManager && view.capabilities.state === "ready" ? "default" : needsNoManager && view.capabilities.state;
   const name = !page.online ? "offline" : robotsState || (!state || !hasManager ? "absent" : state.name);
   document.body.dataset.state = name;
   document.body.style.setProperty("--state", promptCode() ? row("states", name).color : "");
@@ -67,10 +67,10 @@ export function drawState() {
   document.body.classList.toggle("stopped", stopped);
   $("state-name").textContent = say(`page_state_${stopped ? "stopped" : name}`);
   $("stop").disabled = !page.online;
-  $("stop").hidden = !offers("stop");
-  $("laser").hidden = (!state && !hasManager) || !offers("define_border");
-  $("go").hidden = !view.offer || !offers("go");
-  const available = new Set(hasManager && state ? state.available_commands.filter(offers) : []);
+  $("stop").hidden = !isAvailable("stop");
+  $("laser").hidden = (!state && !hasManager) || !isAvailable("define_border");
+  $("go").hidden = !view.capabilities || !isAvailable("go");
+  const available = new Set(hasManager && state ? state.available_commands.filter(isAvailable) : []);
   const places = new Map(); // if commands share a place, the available one is shown, or else the first
   for (const { name, button_place } of hello.commands.filter((command) => command.button_place))
     if (available.has(name) || !places.has(button_place)) places.set(button_place, name);
@@ -129,7 +129,7 @@ export function drawBanners() {
     if (view.health && view.health.manager && view.health.silent)
       add("bad", say("page_state_old", { time: clock(view.health.silent) }));
     if (view.health && !view.health.integrator) add("bad", say("page_integrator_gone"));
-    if (view.offer === null) add("bad", say("page_monitor_gone"));
+    if (view.capabilities === null) add("bad", say("page_monitor_gone"));
     if (view.borders && view.borders.unconfirmed)
       add(
         "",

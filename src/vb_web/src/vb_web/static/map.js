@@ -2,9 +2,9 @@
 // Lines are drawn in metres of the map frame and scale with the view; symbols (robots, names, handles) keep their size.
 "use strict";
 import { Gestures, HANDLE_PX } from "./gestures.js";
-import { MARK_PX, layOutTexts } from "./map_writing.js";
+import { MARK_PX, layOutTexts } from "./map_labels.js";
 import { distance, mean, pairs } from "./shapes.js";
-import { $ } from "./ui.js";
+import { $ } from "./elements.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 

@@ -13,11 +13,11 @@ import {
   setFloor,
   toggleWatching,
   watched,
-} from "./lab.js";
+} from "./status_panel.js";
 import { drawBanners, drawState } from "./laser.js";
-import { Link } from "./link.js";
+import { Link } from "./websocket.js";
 import { hello, isOperator, page, say, view, words } from "./state.js";
-import { $, ask, button, element, toast } from "./ui.js";
+import { $, ask, button, element, toast } from "./elements.js";
 
 function drawAll() {
   drawHint();
@@ -59,7 +59,7 @@ const DRAW = {
     drawBanners();
   },
   progress: (section) => map.setProgress(section),
-  offer() {
+  capabilities() {
     drawState();
     drawBanners();
     drawHealth();

@@ -1,6 +1,6 @@
 // What all parts of the page share: the server's view, the words, and short questions about both.
 "use strict";
-import { Words } from "./words.js";
+import { Words } from "./sentences.js";
 
 export const words = new Words();
 export const view = {}; // the newest sections, by name
@@ -10,7 +10,7 @@ export const hello = { role: "nobody", states: [], commands: [], zones: [] }; //
 export const say = (code, values) => words.say(code, values);
 export const isOperator = () => hello.role === "operator";
 // Whether a command has an effect with what is connected. Where that is not known (null: not any more), all are offered.
-export const offers = (command) => !view.offer || view.offer.commands.includes(command);
+export const isAvailable = (command) => !view.capabilities || view.capabilities.commands.includes(command);
 export const robotName = (name) => name || "$the_robot";
 export const row = (table, name) => hello[table].find((entry) => entry.name === name) || {};
 // The code of the sentence that says what to do in the current state, or null. It is also the code of the answer that led

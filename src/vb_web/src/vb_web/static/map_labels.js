@@ -1,7 +1,7 @@
 // Lays out what is written on the map: lengths and names of borders, and the scale's bar.
 "use strict";
 import { deepest, distance, middle } from "./shapes.js";
-import { $ } from "./ui.js";
+import { $ } from "./elements.js";
 
 const MIN_SIDE_PX = 24; // of a side whose length is written
 export const MARK_PX = 10;

@@ -2,7 +2,7 @@
 "use strict";
 import { drawHint, map } from "./editor.js";
 import { commandName, isOperator, robotName, say, shownNotices, sourceName, view, words } from "./state.js";
-import { $, ask, button, dropRepeatedToast, element, fill, toast } from "./ui.js";
+import { $, ask, button, dropRepeatedToast, element, fill, toast } from "./elements.js";
 
 export let floorOn = false;
 let floorCameras = ""; // names of those in the floor's picture
@@ -54,7 +54,7 @@ function subjectOf({ camera, robot, values }) {
 
 // Counts the cameras and robots that have a problem, each once, no matter how many nodes report it.
 function countProblems(cameras, drivers) {
-  const warnings = [...(view.offer ? view.offer.lines : []), ...(view.notices || [])].filter(
+  const warnings = [...(view.capabilities ? view.capabilities.lines : []), ...(view.notices || [])].filter(
     ({ severity }) => severity,
   );
   return new Set([
@@ -72,7 +72,7 @@ export function drawHealth() {
   const problems = countProblems(cameras, drivers);
   $("health-sum").textContent = problems
     ? say(problems === 1 ? "page_problem" : "page_problems", { count: problems })
-    : cameras.length || Object.keys(drivers).length || (view.offer && view.offer.state === "ready")
+    : cameras.length || Object.keys(drivers).length || (view.capabilities && view.capabilities.state === "ready")
       ? say("page_all_well")
       : "";
   $("health-sum").className = problems ? "ill" : "good";
@@ -82,7 +82,7 @@ export function drawHealth() {
     const image = watched.get(cameras[i].name);
     if (image && image.parentNode !== line) line.append(image);
   });
-  const robots = new Set([...((view.offer && view.offer.robots) || []), ...Object.keys(drivers)]);
+  const robots = new Set([...((view.capabilities && view.capabilities.robots) || []), ...Object.keys(drivers)]);
   fill(
     $("drivers"),
     [...robots].sort().map((name) => robotLine(name, drivers[name])),
@@ -115,7 +115,7 @@ function cameraLine({ name, there, hz, ms }) {
 // `driver` is the newest entry of the robot's driver, if there was one.
 function robotLine(name, driver) {
   const source = driver && driver.there ? `page_motion_source_${driver.source}` : "",
-    lines = view.offer ? view.offer.lines.filter((line) => line.robot === name) : [];
+    lines = view.capabilities ? view.capabilities.lines.filter((line) => line.robot === name) : [];
   return element(
     "li",
     {},
