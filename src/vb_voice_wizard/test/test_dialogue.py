@@ -13,8 +13,8 @@ from hypothesis import given, strategies as st
 from vb_core.notices import Notice, Severity
 from vb_msgs.msg import VirtualBorder
 from vb_voice_wizard.command_answers import Answer, AnswerCache
-from vb_voice_wizard.preview.preview_scheduler import MAX_TIME_SHARE, PERIOD, DrawingWarnings, PreviewInputs
-from vb_voice_wizard.preview.preview_scheduler import PreviewScheduler, to_key
+from vb_voice_wizard.preview.preview_scheduler import MAX_TIME_SHARE, PREVIEW_PERIOD, DrawingWarnings, PreviewInputs
+from vb_voice_wizard.preview.preview_scheduler import PreviewScheduler, comparison_key
 from vb_voice_wizard.interaction_manager_node import _describe_change
 
 
@@ -106,7 +106,7 @@ def test_only_notices_about_left_out_spots_are_doubts(notice, doubtful):
 
 # ------------------------------------------------------------------ when a preview is made again
 CHAIN, SEED = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), np.array([[0.5, 0.5]])
-DRAWN = PreviewInputs("i1", to_key(CHAIN), to_key(SEED), (7.0, 3))
+DRAWN = PreviewInputs("i1", comparison_key(CHAIN), comparison_key(SEED), (7.0, 3))
 
 
 def changed(**changes) -> PreviewInputs:
@@ -126,7 +126,7 @@ def shown(took=0.0, answered=True) -> PreviewScheduler:
         (PreviewScheduler(), PreviewInputs(), 0.0, 0.0),  # the first preview is due at once
         (PreviewScheduler(), DRAWN, 0.0, 0.0),
         (shown(), DRAWN, 1e9, None),  # no preview while nothing visible changes
-        (shown(), changed(chain=to_key(CHAIN + 0.009), seed=to_key(SEED - 0.009)), 1e9, None),
+        (shown(), changed(chain=comparison_key(CHAIN + 0.009), seed=comparison_key(SEED - 0.009)), 1e9, None),
         (shown(), PreviewInputs(), 100.0, 0.0),  # another interaction is shown at once
         (shown(), changed(interaction_id="i2"), 100.0, 0.0),
         (shown(answered=False), DRAWN, 101.5, 0.5),  # a missing neighbour is asked again
@@ -140,10 +140,10 @@ def test_a_preview_is_due_at_first_for_another_interaction_and_for_a_retry(sched
 @pytest.mark.parametrize(
     "inputs",
     [
-        changed(chain=to_key(CHAIN + 0.03)),
-        changed(chain=to_key(CHAIN[:2])),
-        changed(seed=to_key(SEED + 0.03)),
-        changed(seed=to_key(np.zeros((0, 2)))),
+        changed(chain=comparison_key(CHAIN + 0.03)),
+        changed(chain=comparison_key(CHAIN[:2])),
+        changed(seed=comparison_key(SEED + 0.03)),
+        changed(seed=comparison_key(np.zeros((0, 2)))),
         changed(borders=(7.0, 4)),
         changed(borders=(7.1, 3)),
         changed(warnings=(Notice("cameras_disagree"),)),
@@ -155,20 +155,22 @@ def test_a_visible_change_is_previewed_after_the_period(inputs):
 
 
 def test_slow_changes_add_up():
-    scheduler, drifting = shown(), [changed(seed=to_key(SEED + step * 0.008)) for step in (1, 2)]
+    scheduler, drifting = shown(), [changed(seed=comparison_key(SEED + step * 0.008)) for step in (1, 2)]
     assert [scheduler.delay(inputs, 200.0) for inputs in drifting] == [None, 0.0]
 
 
 @given(st.floats(0.0, 100.0))
 def test_previews_take_no_more_than_their_share(took):
-    moved = changed(seed=to_key(SEED + 1.0))
+    moved = changed(seed=comparison_key(SEED + 1.0))
     pause = shown(took=took).delay(moved, 100.0 + took)
-    assert took + pause == pytest.approx(max(PERIOD, took / MAX_TIME_SHARE))
+    assert took + pause == pytest.approx(max(PREVIEW_PERIOD, took / MAX_TIME_SHARE))
 
 
 @pytest.mark.parametrize("missing", ["interaction_id", "chain", "seed"])
 def test_nothing_is_previewed_before_there_are_border_and_seed(missing):
-    assert DRAWN.complete and not changed(**{missing: PreviewInputs.__dataclass_fields__[missing].default}).complete
+    assert (
+        DRAWN.is_complete and not changed(**{missing: PreviewInputs.__dataclass_fields__[missing].default}).is_complete
+    )
 
 
 # ------------------------------------------------------------------ what was undone

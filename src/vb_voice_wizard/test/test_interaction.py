@@ -14,7 +14,7 @@ from vb_core.vocabulary import BORDER, COMMANDS, DEFAULT, GUIDE, PAUSED, SEED, S
 from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, REDO, RESUME, SAVE
 from vb_core.vocabulary import STOP, UNDO
 from vb_voice_wizard.command_answers import Answer
-from vb_voice_wizard.interaction import UNSEEN_AFTER, Interaction, InteractionParams
+from vb_voice_wizard.interaction import MISSING_SPOT_DELAY, Interaction, InteractionParams
 
 # the other commands: the answer and the next state in Default, and once something was begun; None: the state stays
 OTHER_COMMANDS = [
@@ -174,13 +174,13 @@ def test_a_save_under_way_does_not_end_by_silence(saving):
 
 def test_a_stop_is_obeyed_during_a_save_and_holds_after_it(saving):
     assert saving.command(STOP, "page", 8.5).success
-    assert saving.finish(Answer(True, "saved"), 9.0, "b1").success
+    assert saving.finish_pending(Answer(True, "saved"), 9.0, "b1").success
     assert saving.latch.stopped
 
 
 def test_a_refused_save_is_told_to_its_source_and_keeps_the_drawing(saving):
     kept = drawing_of(saving)
-    answer = saving.finish(NO_INTEGRATOR, 7.0)
+    answer = saving.finish_pending(NO_INTEGRATOR, 7.0)
     assert answer.message == "The map integrator is not running."
     assert (saving.last_source, saving.last_answer, drawing_of(saving)) == ("voice", answer, kept)
     assert saving.command(SAVE, "wizard", 8.0).success and saving.take_record() is None
@@ -188,7 +188,7 @@ def test_a_refused_save_is_told_to_its_source_and_keeps_the_drawing(saving):
 
 def test_a_save_ends_the_interaction_and_is_recorded_once(saving):
     identity = saving.interaction_id
-    saving.finish(Answer(True, "saved"), 9.0, "b1")
+    saving.finish_pending(Answer(True, "saved"), 9.0, "b1")
     assert (saving.state, saving.last_outcome, saving.last_border_id) == (DEFAULT, "saved", "b1")
     record = saving.take_record()
     assert (record.border_id, record.outcome, record.ended, record.interaction_id) == ("b1", "saved", 9.0, identity)
@@ -212,14 +212,14 @@ def test_a_failed_save_says_if_it_may_have_arrived(saving, sent, unanswered_befo
     saving.unanswered_save = unanswered_before
     if sent:
         saving.mark_save_sent()
-    answer = saving.finish(Answer(False, code, {"who": "$map_integrator"}), 6.0)
+    answer = saving.finish_pending(Answer(False, code, {"who": "$map_integrator"}), 6.0)
     assert (answer.code, answer.success, saving.unanswered_save) == (answer_code, False, unanswered)
     assert (saving.state, saving.pending) == (SEED, "")
 
 
 def test_cancel_after_an_unanswered_save_promises_no_unchanged_map(saving):
     saving.unanswered_save = True
-    saving.finish(Answer(False, "save_unanswered", {"who": "$map_integrator"}), 6.0)
+    saving.finish_pending(Answer(False, "save_unanswered", {"who": "$map_integrator"}), 6.0)
     answer = saving.command(CANCEL, "a", 7.0)
     assert answer.code == "cancelled_unanswered" and "stays" not in answer.message
     assert saving.take_record().outcome == saving.last_outcome == "unanswered"
@@ -241,7 +241,7 @@ def test_durations_add_up_to_the_time_passed_in_each_state(steps):
             began, spent = now, dict.fromkeys(spent, 0.0)
         if interaction.pending:
             now, spent[before] = now + 1.5, spent[before] + 1.5
-            interaction.finish(Answer(accepted, "saved" if accepted else "busy"), now, "b" if accepted else "")
+            interaction.finish_pending(Answer(accepted, "saved" if accepted else "busy"), now, "b" if accepted else "")
         wanted = {state: pytest.approx(spent[state]) for state in (GUIDE, BORDER, SEED)}
         assert interaction.durations(now) == wanted
         record = interaction.take_record()
@@ -250,7 +250,7 @@ def test_durations_add_up_to_the_time_passed_in_each_state(steps):
             assert [record.guide_s, record.border_s, record.seed_s] == list(wanted.values())
             assert record.total_s == pytest.approx(record.guide_s + record.border_s + record.seed_s)
             assert (record.started, record.ended) == (began, now)
-        assert interaction.state == DEFAULT or began == interaction.started <= interaction.entered <= now
+        assert interaction.state == DEFAULT or began == interaction.started_at <= interaction.state_entered_at <= now
 
 
 def test_a_record_names_who_gave_commands_but_not_who_only_stopped():
@@ -267,7 +267,7 @@ def test_time_that_jumps_back_takes_nothing_off():
     interaction.advance(5.0)
     interaction.command(DEFINE_SEED, "a", 8.0)
     assert interaction.durations(9.0) == {GUIDE: 0.0, BORDER: 13.0, SEED: 1.0}
-    assert interaction.started <= 5.0 and interaction.entered == 8.0
+    assert interaction.started_at <= 5.0 and interaction.state_entered_at == 8.0
     interaction.advance(2.0)
     assert interaction.last_answered == 2.0 and not interaction.end_if_idle(301.0) and interaction.end_if_idle(303.0)
 
@@ -345,10 +345,10 @@ def test_silence_ends_nothing_that_was_not_begun():
 @pytest.mark.parametrize(
     "spots, next_command, waited, missing",
     [
-        ((0, 0, 0), "", UNSEEN_AFTER - 0.1, False),
-        ((0, 0, 0), "", UNSEEN_AFTER, True),
-        ((7, 0, 0), "", UNSEEN_AFTER, False),
-        ((7, 0, 0), DEFINE_SEED, UNSEEN_AFTER, True),  # those of the border do not count
+        ((0, 0, 0), "", MISSING_SPOT_DELAY - 0.1, False),
+        ((0, 0, 0), "", MISSING_SPOT_DELAY, True),
+        ((7, 0, 0), "", MISSING_SPOT_DELAY, False),
+        ((7, 0, 0), DEFINE_SEED, MISSING_SPOT_DELAY, True),  # those of the border do not count
         ((7, 0, 0), GUIDE_ROBOT, 60.0, False),  # nothing is drawn
     ],
 )

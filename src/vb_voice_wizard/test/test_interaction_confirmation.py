@@ -8,7 +8,7 @@ from vb_core.sentences import words_of_name
 from vb_core.vocabulary import ANSWERS, COMMANDS, DEFAULT, PAUSED
 from vb_core.vocabulary import CANCEL, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, REDO, RESUME, SAVE, STOP, UNDO
 from vb_voice_wizard.command_answers import Answer
-from vb_voice_wizard.interaction import CONFIRM_WITHIN, Interaction
+from vb_voice_wizard.interaction import CONFIRM_TIMEOUT, Interaction
 
 
 # ------------------------------------------------------------------ stop
@@ -19,7 +19,7 @@ def test_a_stop_holds_whatever_else_is_said(before):
     for command in sorted(set(COMMANDS) - {RESUME}):
         interaction.command(command, "wizard", 11.0)
         if interaction.pending:
-            interaction.finish(Answer(True, "borders_changed"), 11.0)
+            interaction.finish_pending(Answer(True, "borders_changed"), 11.0)
         assert (interaction.latch.stopped, interaction.latch.by) == (True, "voice")
         assert interaction.suggested_commands()[0] == RESUME
 
@@ -97,8 +97,8 @@ def test_a_question_changes_nothing(before, command, question):
     "meanwhile, source, waited, is_done",
     [
         ("", "a", 0.0, True),
-        ("", "a", CONFIRM_WITHIN, True),
-        ("", "a", CONFIRM_WITHIN + 0.1, False),
+        ("", "a", CONFIRM_TIMEOUT, True),
+        ("", "a", CONFIRM_TIMEOUT + 0.1, False),
         ("", "somebody else", 1.0, False),
         ("nonsense", "a", 1.0, True),
         ("yes_guide_robot", "a", 1.0, False),
@@ -145,7 +145,7 @@ for_all_words = pytest.mark.parametrize("command", [*COMMANDS, *ANSWERS])
 def interaction_after_mishearing(before, command, laser_on) -> Interaction:
     interaction = interaction_after(before)
     if laser_on:
-        interaction.see_laser(9.9)
+        interaction.record_laser(9.9)
     command_knowing_stops(interaction, command, "voice", 10.0, uncertain=True)
     return interaction
 
@@ -186,12 +186,12 @@ def test_one_misheard_word_never_turns_a_line_into_something_else(before, state,
 )
 def test_another_state_is_asked_about_while_somebody_points(command, at, uncertain, code):
     interaction = interaction_after("define_border")
-    interaction.see_laser(10.0)
+    interaction.record_laser(10.0)
     assert interaction.command(command, "voice", at, uncertain).code == code
 
 
 def test_a_yes_leads_to_the_other_state():
     interaction = interaction_after("define_border")
-    interaction.see_laser(10.0)
+    interaction.record_laser(10.0)
     assert interaction.command(GUIDE_ROBOT, "voice", 10.5, uncertain=True).values["answer"] == "yes guide robot"
     assert command_knowing_stops(interaction, "yes_guide_robot", "voice", 20.0, uncertain=True).code == "guide"

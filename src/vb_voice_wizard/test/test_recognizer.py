@@ -12,11 +12,11 @@ from refusals import refused
 from speech import RATE, command_in, examine, room_noise, say, tone, utterances
 from vb_core.sentences import words_of_name
 from vb_core.sounds import SOUNDS, Note, Tones
-from vb_voice_wizard.voice.audio_sources import PIECE, Microphone, has_sound
+from vb_voice_wizard.voice.audio_sources import CHUNK_SAMPLES, Microphone, has_sound
 from vb_voice_wizard.voice.endpointing import CHUNK, MAX_UTTERANCE, Endpointer, SpeechDetector
 from vb_voice_wizard.voice.recognizer import THRESHOLD, CommandListener, CommandRecognizer
 from vb_voice_wizard.voice.recognizer import RecognitionResult, RecognizedUtterance
-from vb_voice_wizard.voice.speech_model import FOLDER, SpeechModel
+from vb_voice_wizard.voice.speech_model import MODEL_FOLDER, SpeechModel
 from vb_voice_wizard.voice_commands_node import VoiceCommandsNode
 
 
@@ -80,7 +80,7 @@ def test_a_missing_or_damaged_file_of_the_model_is_named(tmp_path):
         assert name in str(caught.value.values["file"])
     for name in ("encoder_model.ort", "decoder_model_merged.ort"):
         (tmp_path / name).unlink() if (tmp_path / name).exists() else None
-        (tmp_path / name).symlink_to(FOLDER / name)
+        (tmp_path / name).symlink_to(MODEL_FOLDER / name)
     with refused("no_speech_model") as caught:
         SpeechModel(["save"], tmp_path)
     assert "tokenizer.bin" in str(caught.value.values["file"])
@@ -252,11 +252,11 @@ def test_a_microphone_that_is_on_is_known_by_its_noise_however_loud():
 def test_a_recording_program_is_read_and_started_again():
     troubles = []
     # it writes more to its standard error than a pipe holds
-    script = f"import sys; sys.stderr.write('overrun!\\n' * 20000); sys.stdout.buffer.write(bytes(range(200)) * {PIECE // 50})"
+    script = f"import sys; sys.stderr.write('overrun!\\n' * 20000); sys.stdout.buffer.write(bytes(range(200)) * {CHUNK_SAMPLES // 50})"
     microphone = Microphone([sys.executable, "-c", script], troubles.append, retry=0.0)
     pieces = [microphone.get() for _ in range(4)]
     microphone.close()
-    assert np.array_equal(np.concatenate(pieces[2:]), np.frombuffer(bytes(range(200)) * (PIECE // 50), "<i2"))
+    assert np.array_equal(np.concatenate(pieces[2:]), np.frombuffer(bytes(range(200)) * (CHUNK_SAMPLES // 50), "<i2"))
     assert troubles == [f"{sys.executable} ended with status 0: overrun!"]
     while microphone.get() is not None:
         pass

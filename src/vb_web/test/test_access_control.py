@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from refusals import refused
 from vb_web import access_control
 from vb_core.rate_limiter import RateLimiter
-from vb_web.access_control import COOKIE_DAYS, ConnectionSlots, Role, Sessions, is_loopback, load_codes, same_origin
+from vb_web.access_control import COOKIE_DAYS, ConnectionSlots, Role, Sessions, is_loopback, load_codes, is_same_origin
 
 CODES = {"viewer": "view-er22", "operator": "oper-at33"}
 
@@ -111,7 +111,7 @@ def filled(slots, *holders):
     """Returns a connection for each holder, or for several of one connection's, which took a slot one after another."""
     connections = [Connection() for _ in holders]
     for connection, names in zip(connections, holders):
-        displaced = slots.take(connection, *names.split())
+        displaced = slots.assign_slot(connection, *names.split())
         if displaced is not None:
             displaced.ended = True
     return connections
@@ -139,10 +139,10 @@ def test_a_slot_that_was_left_or_whose_connection_closed_is_free():
     first, second = filled(slots, "a", "b")
     first.ended = True
     third = Connection()
-    assert slots.take(third, "c") is None
-    slots.leave(second)
-    assert slots.take(Connection(), "d") is None
-    assert slots.take(third, "c") is None  # taking it again keeps it
+    assert slots.assign_slot(third, "c") is None
+    slots.release(second)
+    assert slots.assign_slot(Connection(), "d") is None
+    assert slots.assign_slot(third, "c") is None  # taking it again keeps it
 
 
 OWN_HOSTS = ["localhost", "LOCALHOST.", "127.0.0.1", "127.9.9.9", "::1", "[::1]"]
@@ -161,9 +161,9 @@ STRANGE_ORIGINS += ["http://lab:8420@evil", "http://["]
 
 @pytest.mark.parametrize("origin", STRANGE_ORIGINS)
 def test_only_the_pages_own_origin_counts(origin):
-    assert not same_origin(origin, "http", "lab:8420")
-    assert same_origin("http://lab:8420", "http", "lab:8420")
-    assert same_origin("http://LAB:8420", "http", "lab:8420")
+    assert not is_same_origin(origin, "http", "lab:8420")
+    assert is_same_origin("http://lab:8420", "http", "lab:8420")
+    assert is_same_origin("http://LAB:8420", "http", "lab:8420")
 
 
 def test_a_limiter_gives_the_burst_and_then_its_rate():

@@ -11,7 +11,7 @@ from vb_web.page_images import CeilingImage, ImageCache
 
 
 def decode(image):
-    return cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_UNCHANGED)
+    return cv2.imdecode(np.frombuffer(image.encoded, np.uint8), cv2.IMREAD_UNCHANGED)
 
 
 def test_a_map_is_drawn_with_its_highest_y_on_top():
@@ -30,7 +30,7 @@ def test_large_maps_are_reduced_and_no_wall_vanishes(shape):
     image = page_images.draw_map(GridMap(data, 0.05))
     pixels = decode(image)
     assert max(pixels.shape) <= page_images.MAX_SIDE
-    assert pixels.shape[1] * image.cells >= shape[1] and pixels.shape[0] * image.cells >= shape[0]
+    assert pixels.shape[1] * image.cells_per_pixel >= shape[1] and pixels.shape[0] * image.cells_per_pixel >= shape[0]
     assert (pixels[..., 3] == 255).sum() >= 1
 
 
@@ -73,7 +73,7 @@ def test_the_floor_is_where_the_cameras_see_it():
     views = [CeilingImage(image, camera, looking_down(2.0, 4.0, 2.5))]
     image = page_images.draw_floor(grid, views)
     pixels = decode(image)[::-1]
-    meter = 1.0 / (grid.resolution * image.cells)
+    meter = 1.0 / (grid.resolution * image.cells_per_pixel)
 
     def at(x, y):
         return pixels[int((y - 2.0) * meter), int((x + 1.0) * meter)]

@@ -18,16 +18,16 @@ STATIC = Path(__file__).resolve().parents[1] / "src" / "vb_web" / "static"
 def test_a_browser_gets_what_is_newer_than_it_knows():
     changes = []
     view = PageView(lambda: changes.append(1))
-    assert view.newer_than(0) == (0, "")
+    assert view.changes_since(0) == (0, "")
     view.put("state", {"name": "border"})
     view.put("robots", {"": [1, 2, 3]})
-    revision, text = view.newer_than(0)
+    revision, text = view.changes_since(0)
     assert json.loads(text) == {"view": {"state": {"name": "border"}, "robots": {"": [1, 2, 3]}}}
-    assert view.newer_than(revision) == (revision, "")
+    assert view.changes_since(revision) == (revision, "")
     view.put("state", {"name": "border"})  # unchanged
     view.put("state", {"name": "seed"})
-    assert json.loads(view.newer_than(revision)[1]) == {"view": {"state": {"name": "seed"}}}
-    assert json.loads(view.newer_than(0)[1])["view"]["robots"] == {"": [1, 2, 3]}
+    assert json.loads(view.changes_since(revision)[1]) == {"view": {"state": {"name": "seed"}}}
+    assert json.loads(view.changes_since(0)[1])["view"]["robots"] == {"": [1, 2, 3]}
     assert len(changes) == 3
 
 

@@ -18,7 +18,7 @@ from vb_core.errors import CodedError, ParameterError
 from vb_web import access_control
 from vb_web.access_control import ConnectionSlots, Role, Sessions
 from vb_web.page_images import ImageCache, EncodedImage
-from vb_web.server import PageParams, PageServer, addresses
+from vb_web.server import PageParams, PageServer, page_urls
 from vb_web.page_view import PageView
 
 CODES = {"viewer": "view-er22", "operator": "oper-at33"}
@@ -129,14 +129,14 @@ def network():
 
 def test_certificate_makes_the_network_https_only(tmp_path):
     params = PageParams(address="0.0.0.0", port=0, codes_file=str(tmp_path / "page_codes.yaml"))
-    assert addresses(params, 8420, ["lab"]) == ["http://lab:8420/"]
+    assert page_urls(params, 8420, ["lab"]) == ["http://lab:8420/"]
     (tmp_path / "page.crt").write_text("")
     with pytest.raises(ParameterError, match="go together"):
-        addresses(params, 8420, ["lab"])
+        page_urls(params, 8420, ["lab"])
     subprocess.run(CERTIFICATE.split(), cwd=str(tmp_path), check=True, stderr=subprocess.DEVNULL)
-    assert addresses(params, 8420, ["lab"]) == ["https://lab:8420/"]
+    assert page_urls(params, 8420, ["lab"]) == ["https://lab:8420/"]
     local_params = PageParams(codes_file=params.codes_file)  # this computer's own browser
-    assert addresses(local_params, 8420, ["lab"]) == ["http://127.0.0.1:8420/"]
+    assert page_urls(local_params, 8420, ["lab"]) == ["http://127.0.0.1:8420/"]
     with serving(Sessions(CODES), params) as running:
         trusted = {"ca_certs": str(tmp_path / "page.crt")}
         options = {"scheme": "https", "options": trusted, "Origin": f"https://{running.host}"}

@@ -38,13 +38,13 @@ from vb_core.vocabulary import REDO, UNDO
 from vb_voice_wizard.command_answers import Answer
 
 # [s] in Border or Seed after which a missing spot is reported: by then a person has begun to draw
-UNSEEN_AFTER = 10.0
+MISSING_SPOT_DELAY = 10.0
 # [s] how long before an interaction ends by itself people are warned; at most half of the timeout
 _WARNED_BEFORE = 60.0
 # [s] how long after its last spot a laser counts as on
-LASER_ON = 1.0
+LASER_ON_TIMEOUT = 1.0
 # [s] in which a question can be answered: enough to look at the preview, too short to forget the question
-CONFIRM_WITHIN = 30.0
+CONFIRM_TIMEOUT = 30.0
 
 SAVED = "saved"
 CANCELLED = "cancelled"
@@ -61,7 +61,7 @@ class InteractionParams(Parameters):
 
 
 @dataclass(frozen=True)
-class Record:
+class InteractionRecord:
     """One interaction that has ended; times in seconds."""
 
     interaction_id: str
@@ -93,7 +93,7 @@ class Interaction:
     """The state machine. Not thread safe.
 
     `save`, `undo` and `redo` take two steps, since other nodes carry them out: `command(...)` checks and, if it
-    succeeds, leaves `pending` set; then `finish` must be called.
+    succeeds, leaves `pending` set; then `finish_pending` must be called.
 
     Args:
         latch: whether robots are stopped, which outlives every interaction.
@@ -104,8 +104,8 @@ class Interaction:
         self.question = Question()
         self.state = DEFAULT
         self.interaction_id = ""
-        self.started = 0.0
-        self.entered = 0.0
+        self.started_at = 0.0
+        self.state_entered_at = 0.0
         self.pending = ""  # the command that another node is carrying out
         self.last_command = ""
         self.last_source = ""
@@ -125,7 +125,7 @@ class Interaction:
         self._save_sent = False  # whether the pending border is on its way to the map
         self.latch = latch or StopLatch()
         self.undo_redo: List[str] = []  # "undo" and "redo", each if there is a change to undo or redo
-        self._record: Optional[Record] = None
+        self._record: Optional[InteractionRecord] = None
 
     # ------------------------------------------------------------------ commands
     def command(
@@ -174,7 +174,7 @@ class Interaction:
         """Records that the pending border is on its way to the map, so that it may arrive even without an answer."""
         self._save_sent = True
 
-    def finish(self, answer: Answer, now: float, border_id: str = "") -> Answer:
+    def finish_pending(self, answer: Answer, now: float, border_id: str = "") -> Answer:
         """Completes a pending command with the answer of the nodes that carried it out.
 
         A successful save, with the new border's id, ends the interaction and stops its timer. A failed one loses
@@ -213,7 +213,7 @@ class Interaction:
             return None
         if confirms:
             return Answer(False, "nothing_asked", {"command": words_of_name(name)})
-        is_pointing = abs(self._now - self._laser_seen_at) <= LASER_ON
+        is_pointing = abs(self._now - self._laser_seen_at) <= LASER_ON_TIMEOUT
         has_consequences = {
             ALWAYS: True,
             NEVER: False,
@@ -254,7 +254,7 @@ class Interaction:
             self._begin()
             self._add_source(source)
         if self.state != target:
-            self.state, self.entered = target, self._now
+            self.state, self.state_entered_at = target, self._now
         if target.robots_act:
             self._visited = [state for state in self._visited if state != target] + [target]
         if target.guides:
@@ -308,14 +308,14 @@ class Interaction:
         """Counts the time up to now. After a jump back in time it counts on from there, and subtracts nothing."""
         self._durations = self.durations(now)
         self._now = now
-        self.started = min(self.started, now)
-        self.entered = min(self.entered, now)
+        self.started_at = min(self.started_at, now)
+        self.state_entered_at = min(self.state_entered_at, now)
         self.last_answered = min(self.last_answered, now)
         self._active_at = min(self._active_at, now)
-        if not 0.0 <= now - self.question.asked_at <= CONFIRM_WITHIN:
+        if not 0.0 <= now - self.question.asked_at <= CONFIRM_TIMEOUT:
             self.question = Question()
 
-    def see_laser(self, now: float) -> None:
+    def record_laser(self, now: float) -> None:
         """Records that a camera saw a spot at a time [s], in any state: somebody is pointing with the laser."""
         self._laser_seen_at = now
 
@@ -333,7 +333,7 @@ class Interaction:
             bool(self.state.collects)
             and not self.pending
             and not self._spots[self.state]
-            and self._now >= self.entered + UNSEEN_AFTER
+            and self._now >= self.state_entered_at + MISSING_SPOT_DELAY
         )
 
     @property
@@ -355,7 +355,7 @@ class Interaction:
         self._record_answer(CANCEL, "timeout", Answer(False, "abandoned", {"minutes": minutes}))
         return True
 
-    def take_record(self) -> Optional[Record]:
+    def take_record(self) -> Optional[InteractionRecord]:
         """Returns the record of an interaction that has just ended, only once, or None if there is none."""
         record, self._record = self._record, None
         return record
@@ -391,7 +391,7 @@ class Interaction:
     # ------------------------------------------------------------------ inside
     def _begin(self) -> None:
         self.interaction_id = uuid.uuid4().hex[:8]
-        self.started = self.entered = self._active_at = self._now
+        self.started_at = self.state_entered_at = self._active_at = self._now
         self._durations = {state: 0.0 for state in self._durations}
         self._sources, self._visited = [], []
         self._spots = {state: 0 for state in self._spots}
@@ -399,11 +399,11 @@ class Interaction:
 
     def _end(self, outcome: str, border_id: str) -> None:
         durations = self._durations
-        self._record = Record(
+        self._record = InteractionRecord(
             interaction_id=self.interaction_id,
             outcome=outcome,
             border_id=border_id,
-            started=self.started,
+            started=self.started_at,
             ended=self._now,
             guide_s=durations[GUIDE],
             border_s=durations[BORDER],
@@ -416,7 +416,7 @@ class Interaction:
         self.pending = ""
         self.question = Question()
         self.unanswered_save = False
-        self.started, self.entered = 0.0, self._now
+        self.started_at, self.state_entered_at = 0.0, self._now
         self._visited = []
         self.last_outcome, self.last_border_id = outcome, border_id
 

@@ -17,7 +17,7 @@ from vb_core.ros.notices import NoticePublisher
 from vb_msgs.msg import Audio, SpeechCommand, Sound
 from vb_msgs.srv import CommandRequest, CommandResponse
 
-from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE, Microphone, arecord, has_sound
+from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE, Microphone, arecord_command, has_sound
 from vb_voice_wizard.voice.recognizer import CommandListener, CommandRecognizer, RecognizedUtterance
 
 AUDIO = "/virtual_borders/voice/audio"
@@ -86,7 +86,7 @@ class VoiceCommandsNode:
         if params.source == "topic":
             rospy.Subscriber(AUDIO, Audio, self._on_audio, queue_size=100)
         else:
-            self._microphone = Microphone(arecord(params.device), self._on_trouble)
+            self._microphone = Microphone(arecord_command(params.device), self._on_trouble)
             node.Worker(self._microphone, self._queue_sound)
 
     def close(self) -> None:

@@ -17,7 +17,7 @@ from vb_core.errors import CodedError
 from vb_core.vocabulary import COMMANDS
 from vb_core.zones import ZONES
 
-KINDS = ("polygon", "curve", "wall")
+BORDER_KINDS = ("polygon", "curve", "wall")
 MAX_POINTS = 500  # a finger's line is thinned out to fewer than 100
 MAX_ROBOTS = 50
 MAX_BYTES = 64 * 1024
@@ -115,7 +115,7 @@ def _check_draft(value: Any, field: str, bounds: Optional[Bounds]) -> Dict[str, 
 _FLAG = _valid(lambda value: isinstance(value, bool))
 _BORDER: Dict[str, Check] = {  # a draft that was drawn or edited on the page
     "name": _text(60),
-    "kind": _choice(*KINDS),
+    "kind": _choice(*BORDER_KINDS),
     "zone": _choice(*ZONES),
     "max_speed": _number(0.0, 2.0),  # [m/s] if the zone limits the speed
     "enabled": _FLAG,

@@ -74,7 +74,7 @@ class CameraImages:
             if self._floor is None or time.monotonic() - self._floor_at > _FLOOR_LIFETIME:
                 grid = self._find_map()
                 images = [image for image in map(self._receive, self._cameras) if image is not None]
-                self._floor = page_images.draw_floor(grid, images).data if grid is not None and images else None
+                self._floor = page_images.draw_floor(grid, images).encoded if grid is not None and images else None
                 # if a camera is missing, the next request draws the image again, as the camera may be starting
                 self._floor_at = time.monotonic() if len(images) == len(self._cameras) else -1e9
             return self._floor

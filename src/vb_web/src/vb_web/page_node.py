@@ -27,10 +27,10 @@ from vb_core.ros.transforms import TransformLookup
 from vb_core.vocabulary import DEFAULT
 from vb_web import page_images, page_messages
 from vb_web.access_control import Sessions, is_loopback, load_codes
-from vb_web.action_executor import ActionHandler
+from vb_web.action_executor import ActionExecutor
 from vb_web.camera_images import CameraImages
 from vb_web.action_parser import Bounds
-from vb_web.server import PageParams, PageServer, addresses
+from vb_web.server import PageParams, PageServer, page_urls
 from vb_web.page_view import PageView, coarse_age, mark_borders, rounded
 
 _POSE_PERIOD = 0.1  # [s] between two updates of the robots' poses
@@ -41,14 +41,14 @@ _UNDER_WAY = ("saving", "changing")  # answers that precede the final one
 _EVENTS = 100
 
 
-class _Heard(NamedTuple):
+class _ReceivedEntry(NamedTuple):
     """An entry of a section, and when its newest message came."""
 
-    at: float  # [s] monotonic clock
+    received_at: float  # [s] monotonic clock
     entry: Dict[str, Any]
 
-    def entry_with_presence(self, now: float) -> Dict[str, Any]:
-        return {**self.entry, "there": now - self.at < _SILENCE_TIMEOUT}
+    def with_presence(self, now: float) -> Dict[str, Any]:
+        return {**self.entry, "present": now - self.received_at < _SILENCE_TIMEOUT}
 
 
 class PageNode:
@@ -98,14 +98,14 @@ class PageNode:
         self._spots: Dict[str, Any] = {}  # by camera
         self._notices_timer = node.WakeTimer(_HEALTH_PERIOD)  # a silent node's notices expire without a message
         self._notices = NoticeListener(self._notices_timer.set)
-        self._cameras: Dict[str, _Heard] = {}
+        self._cameras: Dict[str, _ReceivedEntry] = {}
         self._detectors: Dict[str, str] = {}  # namespaces by camera
-        self._drivers: Dict[str, _Heard] = {}  # by robot
+        self._drivers: Dict[str, _ReceivedEntry] = {}  # by robot
         self._transforms = TransformLookup()
         self._camera_images = CameraImages(
             self._detectors.get, params.cameras, params.image_transport, lambda: self._grid, self._transforms
         )
-        self._actions = ActionHandler(
+        self._actions = ActionExecutor(
             lambda border_id: _by_id(self._borders).get(border_id),
             lambda: self._connected(names.STATE),
             lambda: {"addresses": self._addresses, **(self._codes or {})},
@@ -135,7 +135,7 @@ class PageNode:
         fault = CodedError("internal_error")
         self._server = PageServer(params, sessions, *parts, on_fault=lambda _error: node.shut_down_with_error(fault))
         self._server.start()
-        self._addresses = addresses(params, self._server.port, _own_addresses())
+        self._addresses = page_urls(params, self._server.port, _own_addresses())
         hint = "" if local else f"; its codes are in {codes}"
         rospy.loginfo("%s: the page is at %s%s", rospy.get_name(), " or ".join(self._addresses), hint)
 
@@ -197,10 +197,10 @@ class PageNode:
             self._stoppable = self._stoppable or "stop" in capabilities.commands
             stop = ("stop", "resume") if self._stoppable and "stop" not in capabilities.commands else ()
             self._view.put("capabilities", page_messages.capabilities_section(capabilities, message, stop))
-            self._view.put("drives", page_messages.drives_section(message))
+            self._view.put("goals", page_messages.goals_section(message))
         elif changed:
             self._view.put("capabilities", None)
-            self._view.put("drives", {})
+            self._view.put("goals", {})
         if changed:
             self._show_borders()
 
@@ -261,11 +261,11 @@ class PageNode:
     def _on_detector(self, message: DetectorStatus) -> None:
         with self._lock:
             self._detectors[message.camera] = message.detector
-            self._cameras[message.camera] = _Heard(time.monotonic(), page_messages.detector_entry(message))
+            self._cameras[message.camera] = _ReceivedEntry(time.monotonic(), page_messages.detector_entry(message))
 
     def _on_driver(self, message: DriverState) -> None:
         with self._lock:
-            self._drivers[message.robot] = _Heard(time.monotonic(), page_messages.driver_entry(message))
+            self._drivers[message.robot] = _ReceivedEntry(time.monotonic(), page_messages.driver_entry(message))
 
     # ------------------------------------------------------------- periodic checks
     def _show_poses(self) -> None:
@@ -282,8 +282,8 @@ class PageNode:
         self._show_capabilities()
         now = time.monotonic()
         with self._lock:
-            cameras = [heard.entry_with_presence(now) for heard in self._cameras.values()]
-            drivers = {robot: heard.entry_with_presence(now) for robot, heard in self._drivers.items()}
+            cameras = [heard.with_presence(now) for heard in self._cameras.values()]
+            drivers = {robot: heard.with_presence(now) for robot, heard in self._drivers.items()}
         self._view.put("cameras", sorted(cameras, key=lambda entry: entry["name"]))
         self._view.put("drivers", drivers)
         self._view.put(

@@ -2,7 +2,7 @@
 
 An attacker must not prevent an operator's *stop*. Therefore each role has its own slots for connections
 (`access_control.ConnectionSlots`), slow work is separate from quick work and done one piece at a time for each person,
-and a connection that reads or writes too slowly is closed. No ROS here; `action_executor.ActionHandler` carries out requests.
+and a connection that reads or writes too slowly is closed. No ROS here; `action_executor.ActionExecutor` carries out requests.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from vb_web import action_parser
 from vb_web import http_handlers
 from vb_web.access_control import ConnectionSlots, Role, Sessions
 from vb_web.page_images import ImageCache
-from vb_web.page_view import PageView, as_message, refusal
+from vb_web.page_view import PageView, answer_from_error, to_json
 
 STATIC = Path(__file__).resolve().parent / "static"
 _TYPES = {
@@ -86,7 +86,7 @@ class PageServer:
 
     Args:
         sessions: None only for loopback addresses, where every user of this computer is an operator.
-        actions: an `action_executor.ActionHandler`, which carries out requests in the pools' threads. It may take seconds.
+        actions: an `action_executor.ActionExecutor`, which carries out requests in the pools' threads. It may take seconds.
         cameras: a `camera_images.CameraImages`, which may take seconds too.
         find_bounds: returns the map's bounds, for checking points, or None without a map.
         on_fault: called once with the error that ended the server's thread.
@@ -133,7 +133,7 @@ class PageServer:
             **vocabulary.tables(),
             "zones": zones.table(),
         }
-        return as_message({"hello": hello})
+        return to_json({"hello": hello})
 
     def start(self) -> None:
         """Starts the thread and waits until it listens.
@@ -216,8 +216,8 @@ class PageServer:
     def assign_slot(self, stream: Any, role: Role, *holders: str) -> bool:
         """Gives a connection a slot of its role, for which another may be closed. Returns whether it got one."""
         for slots in self.slots.values():
-            slots.leave(stream)
-        displaced = self.slots[role].take(stream, *holders)
+            slots.release(stream)
+        displaced = self.slots[role].assign_slot(stream, *holders)
         if displaced is not None and displaced is not stream:
             displaced.close()
         return displaced is not stream
@@ -246,7 +246,7 @@ class PageServer:
                 return await self.in_turn(person, self.actions.carry_out, request, source)
             return await asyncio.get_event_loop().run_in_executor(self.pool, self.actions.carry_out, request, source)
         except CodedError as error:
-            return refusal(error)
+            return answer_from_error(error)
 
 
 class _BoundedServer(HTTPServer):
@@ -278,7 +278,7 @@ class _BoundedServer(HTTPServer):
         super().handle_stream(stream, address)
 
 
-def addresses(params: PageParams, port: int, own_addresses: List[str]) -> List[str]:
+def page_urls(params: PageParams, port: int, own_addresses: List[str]) -> List[str]:
     """Returns the page's addresses, the most useful first.
 
     Args:

@@ -17,10 +17,10 @@ from vb_core.ros.messages import NumpyBorderPreview, array_from_points, mapping_
 from vb_msgs.msg import BorderIssue, BorderProgress, VirtualBorder, VirtualBorderArray
 
 from vb_voice_wizard.border_services import BorderServices
-from vb_voice_wizard.preview.preview_scheduler import DrawingWarnings, PreviewInputs, PreviewScheduler, to_key
+from vb_voice_wizard.preview.preview_scheduler import DrawingWarnings, PreviewInputs, PreviewScheduler, comparison_key
 
 
-class Previewer:
+class PreviewPublisher:
     """Publishes /virtual_borders/preview (vb_msgs/BorderPreview, latched) from its own thread.
 
     The `on_*` methods only store their inputs, so that a command never waits for a preview. `get` and `close` make it
@@ -77,14 +77,14 @@ class Previewer:
         message = self._progress
         if message is None or not message.interaction_id or message.interaction_id != self._inputs.interaction_id:
             return
-        missing = Notice("seed_not_drawn", message=sentences.translate("seed_not_drawn"))
+        missing_reason = Notice("seed_not_drawn", message=sentences.translate("seed_not_drawn"))
         if message.code != "ok":
-            missing = Notice(message.code, values=mapping_from_values(message.values), message=message.message)
+            missing_reason = Notice(message.code, values=mapping_from_values(message.values), message=message.message)
         self._inputs = dataclasses.replace(
             self._inputs,
-            chain=to_key(array_from_points(message.chain)),
-            seed=to_key(array_from_points([message.seed] if message.has_seed else [])),
-            missing=missing,
+            chain=comparison_key(array_from_points(message.chain)),
+            seed=comparison_key(array_from_points([message.seed] if message.has_seed else [])),
+            missing_reason=missing_reason,
         )
 
     def is_doubtful(self, interaction_id: str) -> bool:
@@ -125,8 +125,8 @@ class Previewer:
 
     def _publish_preview(self, inputs: PreviewInputs) -> None:
         started, answered = time.monotonic(), True
-        preview = _empty_preview(inputs, inputs.missing)
-        if inputs.complete:
+        preview = _empty_preview(inputs, inputs.missing_reason)
+        if inputs.is_complete:
             try:
                 preview = self._make_preview(inputs)
             except CodedError as error:

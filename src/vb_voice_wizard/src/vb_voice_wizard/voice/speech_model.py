@@ -21,7 +21,7 @@ from scipy.special import log_softmax, logsumexp
 
 from vb_core.errors import CodedError
 
-FOLDER = Path(sys.prefix) / "share" / "moonshine"
+MODEL_FOLDER = Path(sys.prefix) / "share" / "moonshine"
 _START = 1  # the token before a text
 _END_TOKENS = np.array([2, 29889, 29892, 29991, 29973])  # that may follow a whole text: the end, or . , ! ?
 _PEAK = 0.5  # of full scale; utterances are normalised to it, as loudness is not part of a word
@@ -41,7 +41,7 @@ class SpeechModel:
         CodedError: "no_speech_model" if a file is missing or unusable.
     """
 
-    def __init__(self, texts: Sequence[str], folder: Path = FOLDER) -> None:
+    def __init__(self, texts: Sequence[str], folder: Path = MODEL_FOLDER) -> None:
         self._encoder = _load_network(folder / "encoder_model.ort")
         self._decoder = _load_network(folder / "decoder_model_merged.ort")
         # the cache of earlier tokens stays empty, as all tokens are given at once
