@@ -12,7 +12,7 @@ from typing import Callable, Mapping
 from vb_core import sentences
 from vb_core.errors import CodedError
 
-_MAX_ANSWERS = 64  # kept: a sender repeats within seconds, and no person gives this many commands in that time
+_MAX_ANSWERS = 64  # a sender repeats within seconds, and no person gives this many commands in that time
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ interaction; silence never ends a paused one. `stop` has priority over everythin
 after it. Time is injected, in seconds, and may pause or jump back.
 
 Whether a command must be confirmed depends on what it would do now. One that would move a robot, change the map or lose
-a drawing is asked about unless it is beyond doubt; all others are carried out at once. The answer is a different phrase
+a drawing is asked about unless it is beyond doubt. All others are carried out at once. The answer is a different phrase
 ("yes, save"), as a word misheard once is misheard again, and only the source that was asked can give it.
 
 Use it to add an input method or to test one: a command's name goes in, an answer with a code comes out. The node
@@ -39,7 +39,7 @@ from vb_voice_wizard.command_answers import Answer
 
 # [s] in Border or Seed after which a missing spot is reported: by then a person has begun to draw
 MISSING_SPOT_DELAY = 10.0
-# [s] how long before an interaction ends by itself people are warned; at most half of the timeout
+# [s] how long before an idle interaction ends people are warned, at most half of the timeout
 _WARNED_BEFORE = 60.0
 # [s] how long after its last spot a laser counts as on
 LASER_ON_TIMEOUT = 1.0
@@ -92,8 +92,8 @@ class Question(NamedTuple):
 class Interaction:
     """The state machine. Not thread safe.
 
-    `save`, `undo` and `redo` take two steps, since other nodes carry them out: `command(...)` checks and, if it
-    succeeds, leaves `pending` set; then `finish_pending` must be called.
+    `save`, `undo` and `redo` take two steps, since other nodes carry them out. A successful `command(...)` leaves
+    `pending` set; then `finish_pending` must be called with the other nodes' answer.
 
     Args:
         latch: whether robots are stopped, which outlives every interaction.
@@ -156,7 +156,7 @@ class Interaction:
             return self._stop(identity or new_id(), source)
         void = bool(seen_stop) and seen_stop != self.latch.number
         if self.pending and (void or name != RESUME):
-            # not kept as the last answer, which will be the pending command's
+            # this is not kept as the last answer, which will be the pending command's
             return self._stopped_since(name) if void else Answer(False, "busy")
         answer = self._stopped_since(name) if void else self._refuse_unknown(name)
         if answer is None:
@@ -181,7 +181,8 @@ class Interaction:
         nothing and leaves the state unchanged. One without an answer may have succeeded: see `unanswered_save`.
         """
         self.advance(now)
-        command, self.pending = self.pending, ""
+        command = self.pending
+        self.pending = ""
         if command == SAVE and answer.success:
             self._end(SAVED, border_id)
         elif command == SAVE:
@@ -197,7 +198,7 @@ class Interaction:
         self._active_at = self._now
         was_stopped = self.latch.stopped
         is_new = self.latch.stop(identity, source)
-        # one press may arrive twice, on the topic and as a command: it is one stop, and is reported once
+        # a press that arrives both on the topic and as a command is one stop, and is reported once
         answer = Answer(True, "stopped" if self.latch.stopped else "stop_released")
         return self._record_answer(STOP, source, answer) if is_new and not was_stopped else answer
 
@@ -254,7 +255,8 @@ class Interaction:
             self._begin()
             self._add_source(source)
         if self.state != target:
-            self.state, self.state_entered_at = target, self._now
+            self.state = target
+            self.state_entered_at = self._now
         if target.robots_act:
             self._visited = [state for state in self._visited if state != target] + [target]
         if target.guides:
@@ -323,18 +325,14 @@ class Interaction:
         """Stores how many spots this interaction has had so far: for the border, for the seed, and for neither."""
         spots = {BORDER: border, SEED: seed, GUIDE: others}
         if spots != self._spots:
-            # the person draws, points or guides
-            self._spots, self._active_at = spots, now
+            self._spots = spots
+            self._active_at = now  # the person draws, points or guides
 
     @property
     def is_spot_missing(self) -> bool:
         """Whether no spot was seen although the person should have drawn or pointed by now."""
-        return (
-            bool(self.state.collects)
-            and not self.pending
-            and not self._spots[self.state]
-            and self._now >= self.state_entered_at + MISSING_SPOT_DELAY
-        )
+        is_expected = self._now >= self.state_entered_at + MISSING_SPOT_DELAY and bool(self.state.collects)
+        return is_expected and not self.pending and not self._spots[self.state]
 
     @property
     def ends_at(self) -> float:
@@ -357,7 +355,8 @@ class Interaction:
 
     def take_record(self) -> Optional[InteractionRecord]:
         """Returns the record of an interaction that has just ended, only once, or None if there is none."""
-        record, self._record = self._record, None
+        record = self._record
+        self._record = None
         return record
 
     def missing(self) -> List[str]:
@@ -398,6 +397,7 @@ class Interaction:
         self.unanswered_save = False
 
     def _end(self, outcome: str, border_id: str) -> None:
+        """Ends the interaction, and keeps its record for `take_record`."""
         durations = self._durations
         self._record = InteractionRecord(
             interaction_id=self.interaction_id,
@@ -416,7 +416,8 @@ class Interaction:
         self.pending = ""
         self.question = Question()
         self.unanswered_save = False
-        self.started_at, self.state_entered_at = 0.0, self._now
+        self.started_at = 0.0
+        self.state_entered_at = self._now
         self._visited = []
         self.last_outcome, self.last_border_id = outcome, border_id
 

@@ -98,7 +98,7 @@ class InteractionManagerNode:
         self._interaction = Interaction(params, latch=self._latch)
         # a save makes two service calls, undo makes three
         self._answer_cache = AnswerCache(3.0 * (SERVICE_TIMEOUT + RESPONSE_TIMEOUT))
-        self._contributing_cameras: Dict[str, List[str]] = {}  # by the id of the newest known interaction
+        self._contributing_cameras: Dict[str, List[str]] = {}  # names by the interaction's id, of the newest only
         self._services = BorderServices(params.occupancy)
         self._preview_publisher = PreviewPublisher(self._services, NoticeListener().current)
         self._stop_publisher = rospy.Publisher(names.STOP, Stop, queue_size=10)
@@ -134,7 +134,7 @@ class InteractionManagerNode:
         self._preview_publisher.on_progress(message)
 
     def _on_spot(self, message: LaserSpot) -> None:
-        # one assignment, which is read once: it needs no lock, and spots do not wait while a state is published
+        # a single assignment needs no lock, so that spots do not wait while a state is published
         self._interaction.record_laser(message.header.stamp.to_sec())
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
@@ -185,9 +185,10 @@ class InteractionManagerNode:
     def _run_command(self, command: str, phrase: str, request: CommandRequest) -> Answer:
         """Carries out a command, which a person gave or confirmed by a phrase."""
         with self._lock:
-            interaction, now = self._interaction, rospy.get_time()
+            interaction = self._interaction
+            now = rospy.get_time()
             if not request.expires.is_zero() and now > request.expires.to_sec():
-                # only the person who gave it is told
+                # not recorded: only the person who gave the command is told
                 answer = Answer(False, "expired", {"command": words_of_name(phrase)})
             else:
                 is_doubtful = self._preview_publisher.is_doubtful(interaction.interaction_id)
@@ -217,7 +218,7 @@ class InteractionManagerNode:
             if error.code in services.UNANSWERED:
                 rospy.logwarn("interaction_manager: %s: %s", error, error.__cause__)
         except Exception:
-            # a fault of this program must not leave it answering "busy" for ever
+            # a fault of this program must not leave it answering "busy" forever
             rospy.logerr("interaction_manager: %s failed:\n%s", pending, traceback.format_exc())
             answer = Answer.from_error(CodedError("internal_error"))
         with self._lock:
@@ -255,7 +256,9 @@ class InteractionManagerNode:
                 rospy.logwarn("interaction_manager: cannot write %s: %s", self._log_file, error)
 
     def _publish(self) -> None:
-        interaction, now = self._interaction, rospy.get_time()
+        """Publishes the state and the notices, and tells the preview of the current interaction."""
+        interaction = self._interaction
+        now = rospy.get_time()
         durations = interaction.durations(now)
         message = InteractionState()
         message.header.stamp = rospy.Time.from_sec(now)

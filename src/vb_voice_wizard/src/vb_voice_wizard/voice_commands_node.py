@@ -175,9 +175,8 @@ class VoiceCommandsNode:
             code=answer.code,
         )
         message.header.stamp = rospy.Time.now()
-        details = (
-            f"{result.reason}, confidence {result.confidence:.2f}, answered after {time.monotonic() - heard.end:.2f} s"
-        )
+        delay = time.monotonic() - heard.end
+        details = f"{result.reason}, confidence {result.confidence:.2f}, answered after {delay:.2f} s"
         rospy.loginfo("heard %s (%s) %s", result.best or "something", details, answer.message)
         self._heard_publisher.publish(message)
 

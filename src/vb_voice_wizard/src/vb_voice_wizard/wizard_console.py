@@ -96,26 +96,25 @@ class ConsoleContent:
             sentence = self.translate("preview_restricts", area=f"{preview.area_m2:.2f}")
             if preview.free_parts > 1:
                 sentence += " " + self.translate("preview_parts", parts=preview.free_parts)
-        lines = [(sentence, OK_STYLE if can_save else WARNING_STYLE)] if sentence else []
+        style = OK_STYLE if can_save else WARNING_STYLE
+        lines = [(sentence, style)] if sentence else []
         for issue in preview.issues:
             text = sentence_in(issue, self.language)
+            style = ERROR_STYLE if issue.severity == BorderIssue.ERROR else WARNING_STYLE
             if text not in sentence:
-                lines.append((f"! {text}", ERROR_STYLE if issue.severity == BorderIssue.ERROR else WARNING_STYLE))
+                lines.append((f"! {text}", style))
         return lines
 
     def _keys(self) -> Columns:
         # a stop needs no manager
         available = self.state.available_commands if self.state is not None else (STOP,)
-        keys = [
-            (self.translate("console_space") if key == " " else key, "command_" + command, command in available)
-            for key, command in COMMAND_KEYS.items()
-        ]
-        keys.append((QUIT_KEY, "console_quit", True))
-        styles = {True: "", False: "dim"}
-        return Columns(
-            Text.assemble((f" {key} ", f"reverse {styles[usable]}"), f" {self.translate(code)}", style=styles[usable])
-            for key, code, usable in keys
-        )
+        keys = [(key, "command_" + command, command in available) for key, command in COMMAND_KEYS.items()]
+        columns = []
+        for key, code, is_available in [*keys, (QUIT_KEY, "console_quit", True)]:
+            style = "" if is_available else "dim"
+            name = self.translate("console_space") if key == " " else key
+            columns.append(Text.assemble((f" {name} ", f"reverse {style}"), f" {self.translate(code)}", style=style))
+        return Columns(columns)
 
 
 def _clock(seconds: float) -> str:

@@ -25,15 +25,8 @@ from vb_core.ros.notices import NoticeListener
 from vb_msgs.msg import BorderProgress, InteractionState
 from vb_msgs.srv import CommandRequest, CommandResponse
 
-from vb_voice_wizard.wizard_console import (
-    WARNING_STYLE,
-    COMMAND_KEYS,
-    OK_STYLE,
-    QUIT_KEY,
-    ConsoleContent,
-    extract_keys,
-    printable,
-)
+from vb_voice_wizard.wizard_console import COMMAND_KEYS, QUIT_KEY, ConsoleContent, extract_keys, printable
+from vb_voice_wizard.wizard_console import OK_STYLE, WARNING_STYLE
 
 _PERIOD = 0.2  # [s] between two updates: an operator cannot follow more
 _SILENCE_TIMEOUT = 3.0  # [s] the state comes ten times a second
@@ -71,7 +64,8 @@ class WizardConsoleNode:
     def _on_state(self, message: InteractionState) -> None:
         self._heard_at = time.monotonic()
         self._content.state = message
-        previous_time, self._last_answered = self._last_answered, message.last_answered
+        previous_time = self._last_answered
+        self._last_answered = message.last_answered
         # an answer given before the console started is not news
         if message.last_command and previous_time not in (None, message.last_answered):
             sender = message.last_source or self._content.translate("console_somebody")
@@ -82,7 +76,7 @@ class WizardConsoleNode:
     # ------------------------------------------------------------------ commands
     def press(self, key: str) -> bool:
         """Sends the command of a pressed key, if it has one. Returns whether the key leaves the console."""
-        # sent by another thread, so that reading goes on
+        # another thread sends it, so that reading goes on
         if key in COMMAND_KEYS and not self._command_sender.put(COMMAND_KEYS[key]):
             self._print(self._content.translate("console_too_many_keys"), WARNING_STYLE)
         return key == QUIT_KEY

@@ -1,7 +1,7 @@
 """Decides who may do what on the page, and how much of it: codes, roles, sessions, origins and slots for connections.
 
-A request is refused unless it proves its rights: on the loopback interface by a loopback name in the Host header,
-elsewhere by the cookie of a session, which only the holder of a code gets. Limited resources are divided: each role has
+A request is refused unless it proves its rights. On the loopback interface, a loopback name in the Host header does;
+elsewhere the cookie of a session, which only the holder of a code gets. Limited resources are divided: each role has
 its own slots for connections, and within a role the client that holds the most gives one up first.
 """
 
@@ -26,9 +26,8 @@ from vb_core.files import write_atomically
 
 COOKIE = "virtual_borders_page"
 COOKIE_DAYS = 30
-# without letters and digits that look alike; 8 of 31 are 40 bits: 14 years on average at 1000 tries a second
-_ALPHABET = "23456789abcdefghjkmnpqrstuvwxyz"
-_CODE_LENGTH = 8
+_ALPHABET = "23456789abcdefghjkmnpqrstuvwxyz"  # no letters and digits that look alike
+_CODE_LENGTH = 8  # 40 bits, which take 14 years on average to find at 1000 tries a second
 _MAX_SESSIONS = 100  # per code, so that holders of one code cannot log out those of the other
 
 
@@ -98,7 +97,7 @@ class Sessions:
         self._path, self._on_fault = path, on_fault
         self._roles = {_digest(normalize_code(code)): Role[name.upper()] for name, code in codes.items()}
         self._lock = threading.Lock()
-        self._open: Dict[str, Tuple[str, float]] = {}  # by name: digest of the code, time of opening [s]
+        self._open: Dict[str, Tuple[str, float]] = {}  # each session's (digest of the code, time of opening [s])
         try:
             if path is not None and path.exists():
                 entries = json.loads(path.read_text()).items()
@@ -183,7 +182,7 @@ class ConnectionSlots:
 
     def __init__(self, size: int, yields: bool) -> None:
         self._size, self._yields = size, yields
-        self._holders: Dict[Any, Tuple[str, ...]] = {}  # by connection, the longest unused first
+        self._holders: Dict[Any, Tuple[str, ...]] = {}  # each connection's holders, the longest unused first
 
     def release(self, connection: Any) -> None:
         """Gives up a connection's slot, if it has one."""

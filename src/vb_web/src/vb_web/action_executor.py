@@ -140,7 +140,7 @@ class ActionExecutor:
         return _answer(_call(names.SEND_ROBOT, SendRobot, _MONITOR, robot=request.values["robot"], halt=True))
 
     def _invite(self, _request: ActionRequest, _source: str) -> Dict[str, Any]:
-        return {**make_answer("ok"), **self._make_invitation()}
+        return {**make_answer("ok", True, {}, ""), **self._make_invitation()}
 
 
 def _call(service_name: str, service: Any, answering_node: str = _INTEGRATOR, **fields: Any) -> Any:

@@ -52,7 +52,8 @@ class CameraImages:
         self._find_detector, self._find_map = find_detector, find_map
         self._cameras, self._transforms = cameras, transforms
         compressed = transport == "compressed"
-        self._topic, self._kind = ("image_raw/compressed", CompressedImage) if compressed else ("image_raw", Image)
+        self._topic = "image_raw/compressed" if compressed else "image_raw"
+        self._kind = CompressedImage if compressed else Image
         self._floor_lock = threading.Lock()
         self._floor: Optional[bytes] = None
         self._floor_at = -1e9

@@ -48,7 +48,7 @@ class _GuardedHandler(web.RequestHandler):
 
     NEEDS = Role.VIEWER
     role: Role
-    session: str  # its name; "" for a browser of this computer
+    session: str  # the name of the session, "" for a browser of this computer
 
     def initialize(self, page: Any) -> None:
         self.page = page
@@ -69,7 +69,7 @@ class _GuardedHandler(web.RequestHandler):
             self.set_header("Connection", "close")
             raise web.HTTPError(503)
         if request.method not in ("GET", "HEAD") or isinstance(self, WebSocketHandler):
-            # also for this computer's own browsers: any other page open in them could ask
+            # this computer's own browsers are checked too: any other page open in them could ask
             if not access_control.is_same_origin(request.headers.get("Origin"), request.protocol, request.host):
                 raise web.HTTPError(403)
         if self.role < self.NEEDS:
@@ -151,10 +151,10 @@ class _SessionHandler(_Handler):
         self.send(json.dumps(status).encode("ascii"), "application/json")
 
     async def post(self) -> None:
-        sessions, address = self.page.sessions, self.request.remote_ip or ""
+        sessions = self.page.sessions
         if sessions is None:
             raise web.HTTPError(404)
-        if not self.page.login_limiter.allows(address, time.monotonic()):
+        if not self.page.login_limiter.allows(self.request.remote_ip or "", time.monotonic()):
             raise web.HTTPError(429)
         try:
             fields = json.loads(self.body.decode("utf-8"))

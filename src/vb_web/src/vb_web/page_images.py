@@ -34,8 +34,8 @@ class EncodedImage:
     """A PNG or WebP.
 
     Attributes:
-        name: changes with the content, so that browsers may cache it for ever.
-        cells_per_pixel: map cells per pixel along a side, less than 1 if the image is finer than the map.
+        name: changes with the content, so that browsers may cache it forever.
+        cells_per_pixel: of the map, along a side; less than 1 if the image is finer than the map.
     """
 
     encoded: bytes

@@ -21,12 +21,8 @@ from vb_core.zones import ZONES, zone_by_number
 from vb_web import page_images
 from vb_web.page_view import rounded
 
-_KIND_NUMBERS = {
-    "polygon": VirtualBorder.POLYGON,
-    "curve": VirtualBorder.SEPARATING_CURVE,
-    "wall": VirtualBorder.VIRTUAL_WALL,
-}
-_KIND_NAMES = {value: key for key, value in _KIND_NUMBERS.items()}
+_KINDS = {"polygon": VirtualBorder.POLYGON, "curve": VirtualBorder.SEPARATING_CURVE, "wall": VirtualBorder.VIRTUAL_WALL}
+_KIND_NAMES = {number: name for name, number in _KINDS.items()}
 
 
 def centimeters(points: Iterable[Point]) -> List[int]:
@@ -206,9 +202,11 @@ def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:
 
 def apply_draft(draft: Mapping[str, Any], border: VirtualBorder) -> VirtualBorder:
     """Puts a draft, checked by `action_parser`, into a border's message. Fields that a draft does not have are unchanged."""
-    border.name, border.enabled, border.robots = draft["name"], draft["enabled"], list(draft["robots"])
+    border.name = draft["name"]
+    border.enabled = draft["enabled"]
+    border.robots = list(draft["robots"])
     border.points = [Point(x, y, 0.0) for x, y in draft["points"]]
-    border.kind = _KIND_NUMBERS[draft["kind"]]
+    border.kind = _KINDS[draft["kind"]]
     border.seed = Point(*draft["seed"], 0.0)
     zone = ZONES[draft["zone"]]
     if border.zone != zone.number or not border.occupancy:

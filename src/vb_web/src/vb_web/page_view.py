@@ -1,7 +1,7 @@
 """What the page shows, as sections of JSON with a revision each.
 
-A section is serialised once, when it changes. A browser that knows revision N gets the sections that are newer; all
-browsers get the same text, and a slow one skips what was replaced meanwhile.
+A section is serialised once, when it changes. A browser that knows revision N gets the sections that are newer. All
+browsers get the same text, and a slow one skips what has been replaced.
 """
 
 from __future__ import annotations
@@ -32,11 +32,9 @@ def to_json(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 
-def make_answer(
-    code: str, ok: bool = True, values: Optional[Dict[str, str]] = None, message: str = ""
-) -> Dict[str, Any]:
+def make_answer(code: str, ok: bool, values: Dict[str, str], message: str) -> Dict[str, Any]:
     """Makes the answer to a request: its code, the values of that code's sentence, and the sentence in English."""
-    return {"ok": ok, "code": code, "values": values or {}, "message": message}
+    return {"ok": ok, "code": code, "values": values, "message": message}
 
 
 def answer_from_error(error: CodedError) -> Dict[str, Any]:
@@ -54,7 +52,7 @@ class PageView:
     def __init__(self, on_change: Callable[[], None] = lambda: None) -> None:
         self.on_change = on_change
         self._lock = threading.Lock()
-        self._sections: Dict[str, Tuple[int, str]] = {}  # by name: revision and JSON
+        self._sections: Dict[str, Tuple[int, str]] = {}  # each section's (revision, JSON)
         self._revision = 0
         self._last_message: Tuple[int, int, str] = (-1, -1, "")  # and the revisions between which it lies
 

@@ -1,4 +1,4 @@
-"""The web server: its thread, its connections, and the pools that carry out requests (handlers: `http_handlers`).
+"""The web server: its thread, its connections, and the pools that carry out the requests to `http_handlers`.
 
 An attacker must not prevent an operator's *stop*. Therefore each role has its own slots for connections
 (`access_control.ConnectionSlots`), slow work is separate from quick work and done one piece at a time for each person,
@@ -112,8 +112,10 @@ class PageServer:
         self.browsers: Set[Any] = set()  # the open WebSockets' handlers
         self.pool = ThreadPoolExecutor(max_workers=16, thread_name_prefix="page")
         self.slow_pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="page_slow")
-        self._turns: "WeakValueDictionary[str, asyncio.Lock]" = WeakValueDictionary()  # by person
-        self._answers: "OrderedDict[Tuple[str, str], asyncio.Future]" = OrderedDict()  # by person and request's id
+        self._turns: "WeakValueDictionary[str, asyncio.Lock]" = WeakValueDictionary()  # each person's
+        self._answers: "OrderedDict[Tuple[str, str], asyncio.Future]" = (
+            OrderedDict()
+        )  # answers by (person, request's id)
         self.hellos = {role: self._hello(role) for role in Role}
         self.files = {path.name: (path.read_bytes(), _TYPES[path.suffix]) for path in STATIC.iterdir()}
         for language in sentences.languages():
@@ -121,7 +123,7 @@ class PageServer:
             self.files[f"words/{language}.json"] = (words.encode("utf-8"), _TYPES[".json"])
         self.port = 0
         self._on_fault = on_fault
-        self._started: "Future[int]" = Future()  # with the port
+        self._started: "Future[int]" = Future()  # gets the port
         self._thread = threading.Thread(target=self._run, name="page_server", daemon=True)
 
     def _hello(self, role: Role) -> str:
@@ -230,7 +232,8 @@ class PageServer:
 
     def carry_out(self, request: action_parser.ActionRequest, person: str) -> "asyncio.Future[Dict[str, Any]]":
         """Carries out a request and returns its answer. A repeated request gets the same answer."""
-        key, source = (person, request.id), f"page {person[:4]}".strip()
+        key = (person, request.id)
+        source = f"page {person[:4]}".strip()
         if key not in self._answers:
             if request.action == "command":
                 self._answers[key] = self.actions.command(request, source)
@@ -279,7 +282,7 @@ class _BoundedServer(HTTPServer):
 
 
 def page_urls(params: PageParams, port: int, own_addresses: List[str]) -> List[str]:
-    """Returns the page's addresses, the most useful first.
+    """Returns the page's URLs, the most useful first.
 
     Args:
         own_addresses: this computer's addresses in the network.

@@ -124,7 +124,9 @@ class PreviewPublisher:
             self._condition.notify()
 
     def _publish_preview(self, inputs: PreviewInputs) -> None:
-        started, answered = time.monotonic(), True
+        """Makes and publishes a preview, which is obsolete if the interaction then has ended or is being saved."""
+        started = time.monotonic()
+        answered = True
         preview = _empty_preview(inputs, inputs.missing_reason)
         if inputs.is_complete:
             try:
@@ -133,7 +135,6 @@ class PreviewPublisher:
                 answered = error.code not in services.UNANSWERED
                 preview = _empty_preview(inputs, Notice.from_error(error, Severity.INFO))
         with self._condition:
-            # if the interaction has ended or is being saved meanwhile, its preview is obsolete
             if self._inputs.interaction_id == inputs.interaction_id and not self._is_saving:
                 self._publisher.publish(preview)
                 self._shown = preview

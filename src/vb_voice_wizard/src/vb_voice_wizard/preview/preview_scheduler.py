@@ -19,7 +19,7 @@ DOUBTS = ("strokes_left_out", "piece_unseen", "seed_held_elsewhere")
 
 
 def comparison_key(points: np.ndarray) -> bytes:
-    """Returns points (N, 2) [m] as a key to compare: equal only if no point has moved visibly; b"" for none."""
+    """Returns a key of points (N, 2) [m] that differs once a point has moved visibly, or b"" if there are none."""
     return np.round(points / VISIBLE_MOVE).astype(np.int32).tobytes()
 
 
@@ -92,7 +92,7 @@ class DrawingWarnings:
 
     def __init__(self) -> None:
         self._current: Tuple[Notice, ...] = ()
-        self._failed_cameras: Set[str] = set()  # since the drawing began
+        self._failed_cameras: Set[str] = set()  # all that had an error since the drawing began
 
     def start(self) -> None:
         """Begins another interaction, which is not concerned by errors that were over before."""

@@ -35,7 +35,7 @@ class Microphone:
         self._pieces = self._record()
 
     def get(self) -> Optional[np.ndarray]:
-        """Waits for the next samples, (CHUNK_SAMPLES,) int16; returns None once closed. For one thread only."""
+        """Waits for the next samples, (CHUNK_SAMPLES,) int16, or returns None once closed. For one thread only."""
         return next(self._pieces, None)
 
     def close(self) -> None:
@@ -53,7 +53,8 @@ class Microphone:
                 self._closing.wait(self._retry)
 
     def _record_once(self) -> Generator[np.ndarray, None, str]:
-        # stderr goes to a file, because the program would block, and recording stop, once an unread pipe was full
+        """Yields the samples of one run of the program. Returns a sentence that says why it ended."""
+        # stderr goes to a file: once an unread pipe was full, the program would block and record nothing
         with tempfile.TemporaryFile() as stderr:
             try:
                 with self._lock:
