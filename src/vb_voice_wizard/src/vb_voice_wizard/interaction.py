@@ -37,14 +37,10 @@ from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUI
 from vb_core.vocabulary import REDO, UNDO
 from vb_voice_wizard.command_answers import Answer
 
-# [s] in Border or Seed after which a missing spot is reported: by then a person has begun to draw
-MISSING_SPOT_DELAY = 10.0
-# [s] how long before an idle interaction ends people are warned, at most half of the timeout
-_WARNED_BEFORE = 60.0
-# [s] how long after its last spot a laser counts as on
-LASER_ON_TIMEOUT = 1.0
-# [s] in which a question can be answered: enough to look at the preview, too short to forget the question
-CONFIRM_TIMEOUT = 30.0
+MISSING_SPOT_DELAY = 10.0  # [s] in Border or Seed after which a missing spot is reported: by then people draw
+_WARNED_BEFORE = 60.0  # [s] how long before an idle interaction ends people are warned, at most half of the timeout
+LASER_ON_TIMEOUT = 1.0  # [s] how long after its last spot a laser counts as on
+CONFIRM_TIMEOUT = 30.0  # [s] for the answer to a question: enough to look at the preview, too short to forget it
 
 SAVED = "saved"
 CANCELLED = "cancelled"
@@ -392,9 +388,8 @@ class Interaction:
         self.interaction_id = uuid.uuid4().hex[:8]
         self.started_at = self.state_entered_at = self._active_at = self._now
         self._durations = {state: 0.0 for state in self._durations}
-        self._sources, self._visited = [], []
+        self._sources = []
         self._spots = {state: 0 for state in self._spots}
-        self.unanswered_save = False
 
     def _end(self, outcome: str, border_id: str) -> None:
         """Ends the interaction, and keeps its record for `take_record`."""

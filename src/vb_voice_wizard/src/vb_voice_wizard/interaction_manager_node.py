@@ -30,8 +30,7 @@ from vb_voice_wizard.preview.border_preview import PreviewPublisher
 from vb_voice_wizard.border_services import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, BorderServices
 from vb_voice_wizard.interaction import Interaction, InteractionParams
 
-# [s] wall time between states: robots stop half a second after the last one, see vb_msgs/InteractionState
-_PUBLISH_PERIOD = 0.1
+_PUBLISH_PERIOD = 0.1  # [s] of wall time: robots stop half a second after the last state (vb_msgs/InteractionState)
 _STORE_PERIOD = 2.0  # [s] between attempts to store the stop: a full disk may have room again
 # answers to undo and redo by what they did to borders; any other change is reported as undone or redone
 _CODES = {REMOVED: "border_removed", ADDED: "border_restored", ENABLED: "border_enabled", DISABLED: "border_disabled"}

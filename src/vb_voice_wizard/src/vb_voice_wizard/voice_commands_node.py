@@ -44,8 +44,7 @@ class VoiceCommandsNode:
     command with consequences must be confirmed, as if it were uncertain, and a notice is published.
 
     Subscribed topics:
-        /virtual_borders/sound (vb_msgs/Sound): while a sound plays, an utterance entirely within it counts only if it
-            is *stop*.
+        /virtual_borders/sound (vb_msgs/Sound): an utterance entirely within a playing sound counts only if it is *stop*.
         /virtual_borders/voice/audio (vb_msgs/Audio): the sound, if ~source is "topic"; 16,000 samples a second.
         /virtual_borders/state (vb_msgs/InteractionState): the newest stop, which is sent with each spoken command.
         /virtual_borders/drivers (vb_msgs/DriverState), /virtual_borders/robots (vb_msgs/RobotStatusArray): who holds a stop.
@@ -53,8 +52,7 @@ class VoiceCommandsNode:
     Published topics:
         /virtual_borders/voice/heard (vb_msgs/SpeechCommand): every utterance, accepted or not, and the answer to its command.
         /virtual_borders/stop (vb_msgs/Stop): on `stop`.
-        /virtual_borders/notices (vb_msgs/NoticeArray): microphone_missing, microphone_silent,
-            speech_late.
+        /virtual_borders/notices (vb_msgs/NoticeArray): microphone_missing, microphone_silent, speech_late.
         /virtual_borders/sound (vb_msgs/Sound): "recognized" as soon as a command is recognised; "error" for a near
             miss, and for a command without an answer. The feedback node plays the sound for the interaction's answer.
 
@@ -164,6 +162,7 @@ class VoiceCommandsNode:
         self._publish(context, answer)
 
     def _publish(self, heard: RecognizedUtterance, answer: Optional[CommandResponse] = None) -> None:
+        """Publishes and logs what was heard, with the answer if it was a command that was sent."""
         result = heard.result
         answer = answer or CommandResponse()
         message = SpeechCommand(

@@ -82,9 +82,8 @@ class ConsoleContent:
         if state.confirm_save:
             text.append("  " + self.translate("console_confirm"), "bold yellow")
         if not state.ends_at.is_zero():
-            text.append(
-                "  " + self.translate("console_ends_in", time=_clock(state.ends_at.to_sec() - now)), "bold yellow"
-            )
+            time_left = _clock(state.ends_at.to_sec() - now)
+            text.append("  " + self.translate("console_ends_in", time=time_left), "bold yellow")
         return text
 
     def _preview(self) -> List[Tuple[str, str]]:

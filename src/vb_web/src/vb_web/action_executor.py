@@ -25,8 +25,7 @@ from vb_web.action_parser import ActionRequest
 from vb_web.page_messages import apply_draft, issues_section, region_uri
 from vb_web.page_view import answer_from_error, make_answer, rounded
 
-# [s] a preview of 16 million cells takes half a second on a busy computer
-_TIMEOUT = 20.0
+_TIMEOUT = 20.0  # [s] a preview of 16 million cells takes half a second on a busy computer
 _INTEGRATOR = "$map_integrator"
 _MONITOR = "$robot_monitor"
 _CHANGES = {  # to a stored border: services whose fields have the same names as the request's

@@ -18,6 +18,7 @@ from vb_core.ros.images import camera_from_info, decode
 from vb_core.ros.transforms import TransformLookup
 from vb_web import page_images
 
+_TRANSPORTS = {"raw": ("image_raw", Image), "compressed": ("image_raw/compressed", CompressedImage)}
 _IMAGE_TIMEOUT = 2.0  # [s] for a camera's next image
 _FLOOR_LIFETIME = 5.0  # [s] for which all browsers get the same image, if it shows all cameras' images
 
@@ -51,9 +52,7 @@ class CameraImages:
     ) -> None:
         self._find_detector, self._find_map = find_detector, find_map
         self._cameras, self._transforms = cameras, transforms
-        compressed = transport == "compressed"
-        self._topic = "image_raw/compressed" if compressed else "image_raw"
-        self._kind = CompressedImage if compressed else Image
+        self._topic, self._kind = _TRANSPORTS[transport]
         self._floor_lock = threading.Lock()
         self._floor: Optional[bytes] = None
         self._floor_at = -1e9

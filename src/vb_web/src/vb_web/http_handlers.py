@@ -24,8 +24,7 @@ from vb_web import action_parser
 from vb_web.access_control import Role
 from vb_web.page_view import answer_from_error, to_json
 
-# [s] between two messages to a browser: 25 a second look fluid, and cost little for 20 browsers
-_SEND_PERIOD = 0.04
+_SEND_PERIOD = 0.04  # [s] between two messages to a browser: 25 a second look fluid, and cost little for 20 browsers
 MAX_BODY = 2048  # [B] the only body is a code
 _MAX_UNANSWERED = 4  # requests of one browser
 _MAX_REFUSED = 20  # messages after which the browser is disconnected
@@ -227,6 +226,7 @@ class _LinkHandler(_GuardedHandler, WebSocketHandler):
             self.write_message(text)
 
     def on_message(self, message: Any) -> None:
+        """Starts what a message asks for, or answers why not. A browser that is refused too often is disconnected."""
         request_id = ""  # a refusal names its request too, if that has a usable id
         try:
             if not self._message_limiter.allows("", time.monotonic()):

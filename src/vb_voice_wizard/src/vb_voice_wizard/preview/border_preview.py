@@ -80,12 +80,9 @@ class PreviewPublisher:
         missing_reason = Notice("seed_not_drawn", message=sentences.translate("seed_not_drawn"))
         if message.code != "ok":
             missing_reason = Notice(message.code, values=mapping_from_values(message.values), message=message.message)
-        self._inputs = dataclasses.replace(
-            self._inputs,
-            chain=comparison_key(array_from_points(message.chain)),
-            seed=comparison_key(array_from_points([message.seed] if message.has_seed else [])),
-            missing_reason=missing_reason,
-        )
+        chain = comparison_key(array_from_points(message.chain))
+        seed = comparison_key(array_from_points([message.seed] if message.has_seed else []))
+        self._inputs = dataclasses.replace(self._inputs, chain=chain, seed=seed, missing_reason=missing_reason)
 
     def is_doubtful(self, interaction_id: str) -> bool:
         """Returns whether a save should be confirmed, as the preview has issues or the drawing has warnings."""
@@ -167,9 +164,5 @@ def _empty_preview(inputs: PreviewInputs, reason: Notice) -> NumpyBorderPreview:
 
 
 def _issue_from_warning(warning: Notice) -> BorderIssue:
-    return BorderIssue(
-        severity=BorderIssue.WARNING,
-        code=warning.code,
-        message=warning.sentence(),
-        values=values_from_mapping(warning.values),
-    )
+    values = values_from_mapping(warning.values)
+    return BorderIssue(severity=BorderIssue.WARNING, code=warning.code, message=warning.sentence(), values=values)

@@ -13,8 +13,7 @@ PREVIEW_PERIOD = 0.5  # [s] between two previews: faster than people read
 RETRY_DELAY = 2.0  # [s] after which a service that did not answer is called again
 VISIBLE_MOVE = 0.02  # [m] a vertex or seed that moved less causes no visible change: a map cell is larger
 MAX_TIME_SHARE = 0.25  # share of the time that previews may take: the same computer searches the images
-# notices that a part of the drawing is not in the border, that a part of the border was not seen, or that the spot was
-# held elsewhere for longer or later
+# notices of a stroke that is not in the border, of a piece that was not seen, and of a spot that was held elsewhere
 DOUBTS = ("strokes_left_out", "piece_unseen", "seed_held_elsewhere")
 
 
