@@ -32,7 +32,7 @@ class VoiceCommandsTest(unittest.TestCase):
         cls.sounds = Newest("/virtual_borders/sound", Sound)
         wait_until(cls.audio.get_num_connections, "the node's ear")
         wait_until(cls.heard.subscriber.get_num_connections, "the node's report")
-        # two subscribers: this process, which counts sounds, and the node
+        # the subscribers are this process, which counts sounds, and the node
         wait_until(lambda: cls.sound.get_num_connections() > 1, "the node to hear its own sounds")
 
     @classmethod
@@ -92,7 +92,7 @@ class VoiceCommandsTest(unittest.TestCase):
         self.addCleanup(timer.shutdown)
 
         self.give("cancel", lambda: ("cancel", "muted") in [(said.command, said.reason) for said in self.heard.all])
-        del self.requests[:]  # of commands before the node heard of the sound
+        del self.requests[:]  # commands that came before the node heard of the sound
         obeyed = ("stop", True, True)
         self.give("stop", lambda: obeyed in [(said.command, said.accepted, said.success) for said in self.heard.all])
         self.assertEqual({request.command for request in self.requests}, {"stop"})
