@@ -77,8 +77,7 @@ class InteractionManagerTest(unittest.TestCase):
         wait_until(saved, "the saved border")
 
     def records(self):
-        with open(LOG) as file:
-            return [json.loads(line) for line in file]
+        return [json.loads(line) for line in Path(LOG).read_text().splitlines()]
 
     def in_state(self, name):
         return self.state.wait(lambda message: message.name == name, f"state {name}")
@@ -331,7 +330,7 @@ class InteractionManagerTest(unittest.TestCase):
         folder = os.path.join(FOLDER, "full")
         os.makedirs(folder, exist_ok=True)
         with self.another(f"_stop_file:={folder}/stop") as other:
-            # as on a full disk, no file can be created, not even by root; but an existing one can be emptied
+            # not even root can then create a file, but an existing one can be emptied: the same as on a full disk
             os.rename(f"{folder}/stop", f"{folder}/kept")
             os.mkdir(f"{folder}/stop")
             # the answer waits only briefly for the disk, the notice comes in any case
@@ -378,8 +377,7 @@ class InteractionManagerTest(unittest.TestCase):
         length = len(terminal.text)
         self.node.start()
         terminal.shows("READY", length)
-        terminal.press("z")
-        terminal.press("\x1b[a")
+        terminal.press("z\x1b[a")
         terminal.press("u")
         terminal.shows("Removed from the map: Nursery")
         terminal.press(" ")

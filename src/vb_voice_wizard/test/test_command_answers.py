@@ -12,7 +12,6 @@ from vb_voice_wizard.command_answers import Answer, AnswerCache
 from vb_voice_wizard.interaction_manager_node import _describe_change
 
 
-# ------------------------------------------------------------------ repeated commands
 def counted():
     """Returns a command whose answers say how often it was carried out."""
     return map(lambda count: Answer(True, "border_removed", {"borders": count}), itertools.count(1)).__next__
@@ -62,7 +61,6 @@ def test_only_the_newest_answers_are_kept():
     assert cache.answer_once("899", command).values == {"borders": 1001}
 
 
-# ------------------------------------------------------------------ what was undone
 def rug(**changes):
     return VirtualBorder(**{"id": "b1", "name": "Rug", "enabled": True, **changes})
 

@@ -10,8 +10,6 @@ from vb_core.notices import Notice, Severity
 from vb_voice_wizard.preview.preview_scheduler import MAX_TIME_SHARE, PREVIEW_PERIOD, DrawingWarnings, PreviewInputs
 from vb_voice_wizard.preview.preview_scheduler import PreviewScheduler, comparison_key
 
-
-# ------------------------------------------------------------------ doubts about a drawing
 SILENT = Notice("camera_silent", Severity.ERROR, camera="south", values={"camera": "south"})
 
 
@@ -30,26 +28,20 @@ def test_camera_error_is_remembered_until_the_next_drawing(order):
     assert not warnings.all
 
 
-@pytest.mark.parametrize(
-    "notice, doubtful",
-    [
-        (Notice("strokes_left_out", Severity.WARNING), True),
-        (Notice("piece_unseen", Severity.WARNING), True),
-        (Notice("seed_held_elsewhere", Severity.WARNING), True),
-        (Notice("camera_silent", Severity.WARNING, camera="south"), False),
-        (Notice("robot_lost", Severity.ERROR, robot="ada"), False),
-    ],
-)
-def test_only_notices_about_left_out_spots_are_doubts(notice, doubtful):
+DOUBTS = [Notice(code, Severity.WARNING) for code in ("strokes_left_out", "piece_unseen", "seed_held_elsewhere")]
+OTHERS = [Notice("camera_silent", Severity.WARNING, camera="south"), Notice("robot_lost", Severity.ERROR, robot="ada")]
+
+
+@pytest.mark.parametrize("notice", [*DOUBTS, *OTHERS])
+def test_only_notices_about_left_out_spots_are_doubts(notice):
     warnings = DrawingWarnings()
     warnings.start()
     warnings.update([notice])
-    assert warnings.all == ((notice,) if doubtful else ())
+    assert warnings.all == ((notice,) if notice in DOUBTS else ())
     warnings.update([])
     assert not warnings.all
 
 
-# ------------------------------------------------------------------ when a preview is made again
 CHAIN, SEED = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), np.array([[0.5, 0.5]])
 DRAWN = PreviewInputs("i1", comparison_key(CHAIN), comparison_key(SEED), (7.0, 3))
 

@@ -1,6 +1,5 @@
 """Access: codes, cookies, origins, limits."""
 
-import os
 import stat
 
 import pytest
@@ -155,7 +154,7 @@ def test_this_computer_has_its_own_names_and_no_others(host):
     assert is_loopback(host) is (host in OWN_HOSTS)
 
 
-# strange by their scheme, port or host, missing, hiding another host, or invalid
+# of another scheme, port or host, missing, hiding another host or invalid
 STRANGE_ORIGINS = ["https://lab:8420", "http://lab", "http://lab:8421", "http://evil", "null", "", None]
 STRANGE_ORIGINS += ["http://lab:8420@evil", "http://["]
 
@@ -185,6 +184,6 @@ def test_a_limiter_forgets_the_oldest_of_many_keys():
 
 def test_files_of_others_cannot_be_overwritten_through_a_link(tmp_path):
     target = tmp_path / "target"
-    os.symlink(str(target), str(tmp_path / "codes.yaml"))
+    (tmp_path / "codes.yaml").symlink_to(target)
     load_codes(tmp_path / "codes.yaml")
     assert not target.exists()

@@ -210,7 +210,6 @@ def test_in_a_network_nothing_is_shown_without_a_code(network):
 def test_viewers_look_and_operators_command(network):
     assert [network.ask(path, Cookie=cookie(network, Role.VIEWER)).code for path in PRIVATE] == [200, 403, 403]
     assert [network.ask(path, Cookie=cookie(network, Role.OPERATOR)).code for path in PRIVATE] == [200, 200, 200]
-
     assert network.link(stop, Cookie=cookie(network, Role.VIEWER))["code"] == "page_viewer_only"
     assert network.backend.done == []
     assert network.link(stop, Cookie=cookie(network, Role.OPERATOR))["ok"]
@@ -319,14 +318,13 @@ def test_previews_wait_only_for_those_of_the_same_person(network):
     network.backend.gate.clear()
 
     async def work(first):
-        loop = asyncio.get_event_loop()
         second_connection = await network.connect(Cookie=cookie(network, Role.OPERATOR))
         for number in range(4):
             await send(first, **PREVIEW, id=f"p{number}")
         await answer_to(second_connection, do="invite")  # all four have arrived
         await send(second_connection, **PREVIEW, id="q")
         for _ in range(2):
-            assert await loop.run_in_executor(None, network.backend.arrived.acquire, True, 60.0)
+            assert await asyncio.get_event_loop().run_in_executor(None, network.backend.arrived.acquire, True, 60.0)
         sources = list(network.backend.previews)
         network.backend.gate.set()
         return sources
