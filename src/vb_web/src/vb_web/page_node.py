@@ -287,8 +287,8 @@ class PageNode:
         self._show_capabilities()
         now = time.monotonic()
         with self._lock:
-            cameras = [heard.with_presence(now) for heard in self._cameras.values()]
-            drivers = {robot: heard.with_presence(now) for robot, heard in self._drivers.items()}
+            cameras = [received.with_presence(now) for received in self._cameras.values()]
+            drivers = {robot: received.with_presence(now) for robot, received in self._drivers.items()}
         self._view.put("cameras", sorted(cameras, key=lambda entry: entry["name"]))
         self._view.put("drivers", drivers)
         health = {"manager": self._connected(names.STATE), "integrator": self._connected(names.BORDERS)}

@@ -91,7 +91,7 @@ export function drawHealth() {
 
 function cameraLine({ name, present, hz, ms }) {
   const label = sentence(watchedCameras.has(name) ? "page_close" : "page_view"),
-    rate = there
+    rate = present
       ? sentence("page_camera_rate", { hz: words.number(hz, 0), ms: words.number(ms, 0) })
       : sentence("page_camera_gone");
   const watchButton = element(
