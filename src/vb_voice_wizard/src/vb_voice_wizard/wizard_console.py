@@ -63,6 +63,7 @@ class ConsoleContent:
         return [self._state_line(now), self._keys(), *sentence_lines]
 
     def _state_line(self, now: float) -> Text:
+        """Renders the line of the state: a stop, the state, its time, the spots so far, and what people should do soon."""
         state, progress = self.state, self.progress
         if state is None:
             return printable(self.translate("console_waiting_manager"), "bold yellow")
