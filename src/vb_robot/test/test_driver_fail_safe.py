@@ -15,7 +15,7 @@ from vb_core.errors import ParameterError
 from vb_core.robot_profile import KINDS, RobotProfile
 from vb_core.node_graph import NodeGraph
 from vb_robot.driving.workspace import PoseUncertainty
-from vb_robot.subscriptions import message_class
+from vb_robot.subscriptions import contact_message_class
 
 
 @pytest.mark.parametrize("situation", ["idle", "stopped", "driving"])
@@ -98,7 +98,7 @@ def test_amcl_starts_at_the_given_pose_or_counts_as_lost(is_given, tmp_path):
 def test_a_contact_that_cannot_be_heard_or_read_is_refused(changes, complaint):
     contact = {"topic": "bumper", "type": "std_msgs/UInt8", "field": "data", **changes}
     with pytest.raises(ParameterError, match=complaint):
-        message_class(RobotProfile.from_mapping({"contacts": [contact]}).contacts[0])
+        contact_message_class(RobotProfile.from_mapping({"contacts": [contact]}).contacts[0])
 
 
 class SlowScanner(Rig):

@@ -70,7 +70,7 @@ class Pinched:
     def distance_to_blocked(self, _pose):
         return RADIUS + self.gap
 
-    def nearest_room(self, _pose, clearance, reach):
+    def nearest_free_position(self, _pose, clearance, reach):
         self.asked.append((clearance, reach))
         return None if self.place is None else np.array(self.place)
 

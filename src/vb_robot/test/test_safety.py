@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from plain_rooms import empty, scan_of, with_border
 from vb_core.robot_profile import Limits, RobotProfile
 from vb_robot.driving.command_gate import CLEARANCES, TELEOP, CommandGate
-from vb_robot.driving.scan_clearance import Clearance, Fix, arc, limit_around, pose_jump, safe_speed, stop_distance
+from vb_robot.driving.scan_clearance import Clearance, Fix, arc_positions, lowest_speed_limit, pose_jump, safe_speed, stop_distance
 from vb_robot.driving.velocity import VelocityRequest
 from vb_robot.driving.workspace import MAX_UNCERTAINTY, MIN_UNCERTAINTY, UNCERTAINTY_UPDATES, PoseUncertainty, Workspace
 
@@ -53,18 +53,18 @@ def test_speed_limits_count_within_the_stop_distance(x, reach, up, right):
     row, column = zones.world_to_cell((x, 2.5))[0] + (up, right)
     zones.data[row, column] = 20
     gap = math.dist((x, 2.5), zones.cell_to_world(np.array([[row, column]]))[0])
-    assert limit_around(zones, (x, 2.5), reach) == (0.2 if gap <= reach + 2.0 * 0.025 else math.inf)
+    assert lowest_speed_limit(zones, (x, 2.5), reach) == (0.2 if gap <= reach + 2.0 * 0.025 else math.inf)
 
 
 def test_the_lower_of_two_speed_limits_counts():
     zones = with_border(with_border(empty(), 3.0, 1.0, 4.0, 2.0, 20), 4.0, 1.0, 5.0, 2.0, 10)
     for place, limit in (((1.0, 1.5), math.inf), ((2.6, 1.5), 0.2), ((3.8, 1.5), 0.1), ((-5.0, 1.0), math.inf)):
-        assert limit_around(zones, place, 0.5) == pytest.approx(limit)
+        assert lowest_speed_limit(zones, place, 0.5) == pytest.approx(limit)
 
 
 def test_arc_closes_a_circle():
-    assert np.allclose(arc((1.0, 2.0, 0.5), np.array([2 * math.pi * 0.7]), 1 / 0.7), [[1.0, 2.0]], atol=1e-9)
-    assert np.allclose(arc((1.0, 2.0, math.pi / 2), np.array([0.5, -0.5]), 0.0), [[1.0, 2.5], [1.0, 1.5]])
+    assert np.allclose(arc_positions((1.0, 2.0, 0.5), np.array([2 * math.pi * 0.7]), 1 / 0.7), [[1.0, 2.0]], atol=1e-9)
+    assert np.allclose(arc_positions((1.0, 2.0, math.pi / 2), np.array([0.5, -0.5]), 0.0), [[1.0, 2.5], [1.0, 1.5]])
 
 
 POSES = st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0), st.floats(-3.0, 3.0))

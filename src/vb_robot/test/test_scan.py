@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from examples import STEADY, off_thresholds
 from plain_rooms import scan_of
 from vb_core import geometry
-from vb_robot.driving.scan_clearance import Clearance, arc
+from vb_robot.driving.scan_clearance import Clearance, arc_positions
 
 
 @settings(STEADY, max_examples=300)
@@ -28,7 +28,7 @@ def test_the_free_distance_ends_where_a_round_robot_meets_a_point(places, direct
     """
     (along, across), driven = np.transpose(places), bend if abs(bend) < 1.0 / 0.3 else 0.0
     scan, yaw = scan_of([0.0], 0.0, 0.01), direction * driven * along
-    scan.points = arc((0.0, 0.0, 0.0), direction * along, driven)
+    scan.points = arc_positions((0.0, 0.0, 0.0), direction * along, driven)
     scan.points += across[:, None] * np.column_stack([-np.sin(yaw), np.cos(yaw)])
     width, driven_to, ahead = 0.18 + 0.04, np.linspace(0.0, 1.5, 3001), along > 0.0
     met = (np.hypot(along[ahead, None] - driven_to, across[ahead, None]) < width).any(axis=0)
