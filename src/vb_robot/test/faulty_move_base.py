@@ -37,7 +37,8 @@ class FaultyMoveBase:
     def die(self):
         """Leaves the graph without a word, as a killed process does."""
         with self._lock:
-            server, self._server, self._handle = self._server, None, None
+            server = self._server
+            self._server = self._handle = None
         server.stop()
 
     def rest(self):

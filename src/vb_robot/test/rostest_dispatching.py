@@ -13,7 +13,7 @@ import rostest
 from faulty_move_base import FaultyMoveBase
 from move_base_msgs.msg import MoveBaseActionGoal
 from plain_rooms import VIEW, room, with_border
-from stimulus import Body, Stimulus
+from robot_inputs import Body, Stimulus
 from vb_testing import Newest, process_of, wait_until
 from vb_core import names
 from vb_core.geometry import map_to_base
