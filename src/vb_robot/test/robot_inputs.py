@@ -100,10 +100,11 @@ class Stimulus(Body):
         with self.lock:
             spot, frame = self.spot, self.spot_frame
         # a scanner at the robot's centre with nothing in range, its frame_id with a slash as in tf1
-        scan = LaserScan(angle_min=-math.pi, angle_max=math.pi, angle_increment=math.pi / 180.0, time_increment=0.4 / 360)
+        scan = LaserScan(angle_min=-math.pi, angle_max=math.pi, angle_increment=math.pi / 180.0)
         scan.ranges = [math.inf] * 361
         # the stamp is that of the first beam, and the scanner turns slowly. Its scan counts as new nevertheless
         scan.header.stamp = now - rospy.Duration(0.4)
+        scan.time_increment = 0.4 / 360
         scan.header.frame_id = "/base_laser_link"
         scan.range_min, scan.range_max = 0.1, 8.0
         self._scans.publish(scan)
