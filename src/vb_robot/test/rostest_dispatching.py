@@ -59,8 +59,7 @@ class DispatcherTest(unittest.TestCase):
     def draw(self, first="ada", spot=SPOT):
         """Draws, repeatedly, until this robot is the first to be sent.
 
-        Maps, transforms and navigation's status reach the dispatcher independently. A drawing may begin before it
-        has heard what a test has just published, and then another robot is rightly sent.
+        A drawing may begin before the dispatcher has all that a test has just published, and rightly sends another one.
         """
 
         def is_first():

@@ -119,7 +119,8 @@ def test_a_clock_that_stands_still_stops_every_source():
     ],
 )
 def test_an_input_may_be_older_by_what_it_usually_comes_later(periods, limit):
-    gate, stamp = CommandGate(PROFILE), 100.0
+    stamp = 100.0
+    gate = CommandGate(PROFILE)
     for period in [0.0, *periods]:
         stamp += period
         gate.set_pose((4.0, 2.5, 0.0), stamp)
@@ -154,7 +155,8 @@ JUMPS = {  # (seconds, the pose's x [m] while the odometry stays as it is, wheth
 def test_a_jump_of_the_localisation_holds_the_robot_for_a_second(steps, clock_ahead):
     gate = CommandGate(PROFILE)
     for seconds, x, is_held in steps:
-        now, pose = 100.0 + seconds, None if x is None else (x, 0.0, 0.0)
+        now = 100.0 + seconds
+        pose = None if x is None else (x, 0.0, 0.0)
         gate.set_pose(pose, now + clock_ahead, odometry=(0.0, 0.0, 0.0))
         assert gate.pose(now) == (None if is_held else pose)
         code = gate.limit(now, NAVIGATION, VelocityRequest(0.0, 0.0))[2]

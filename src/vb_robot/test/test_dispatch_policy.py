@@ -64,10 +64,10 @@ class Bench:
     def step(self):
         """Returns the x to which a robot was sent, or None."""
         self.now += 0.25
-        statuses = {
-            name: DispatchStatus(robot.pose if robot.localized else None, robot.has_navigation, robot.goal, robot.is_busy)
-            for name, robot in self.robots.items()
-        }
+        statuses = {}
+        for name, robot in self.robots.items():
+            pose = robot.pose if robot.localized else None
+            statuses[name] = DispatchStatus(pose, robot.has_navigation, robot.goal, robot.is_busy)
         planners = {name: robot if robot.has_map else None for name, robot in self.robots.items()}
         goals = self.policy.step(self.now, self.key if self.robot_wanted else None, self.unseen_s, statuses, planners)
         assert set(goals) == set(self.robots) and sum(goal is not None for goal in goals.values()) <= 1
@@ -161,7 +161,8 @@ def test_a_robot_that_makes_progress_keeps_its_goal(seen):
     bench = Bench(ada=ada)
     bench.step()
     for i in range(200):
-        ada.pose, bench.unseen_s = (9.0 - 0.02 * i, 9.0, 0.0), 0.0 if seen else 0.25 * i
+        ada.pose = (9.0 - 0.02 * i, 9.0, 0.0)
+        bench.unseen_s = 0.0 if seen else 0.25 * i
         assert not bench.step()
         assert ada.goal is ACTIVE
 
@@ -188,7 +189,7 @@ def test_a_robot_that_sees_the_spot_stays_until_it_is_lost():
 
     assert bench.run(61) == [1]
     assert run_unseen(16) == [2], "half a metre away"
-    assert run_unseen(44) == [3], "and not for ever: the laser may be off"
+    assert run_unseen(44) == [3], "and not forever: the laser may be off"
     bench.unseen_s = 0.0
     bench.run(4)
     bench.now += FAILED_MEMORY
@@ -266,7 +267,8 @@ def test_the_time_since_the_spot_was_seen_counts_while_drawing():
 
 def test_a_spots_velocity_points_along_the_end_of_its_line():
     for speed in (0.25, 0.5, 1.5):  # [m/s] along x, then along y
-        sightings, straight = drawing_since(0.0), {}
+        straight = {}
+        sightings = drawing_since(0.0)
         for i in range(200):
             distance = 0.04 * speed * i
             sightings.add(sighting(1.0 + 0.04 * i, min(distance, 0.6), max(distance - 0.6, 0.0)))
@@ -345,7 +347,8 @@ def test_a_robot_that_failed_comes_after_one_that_did_not():
 
 def test_two_robots_about_equally_near_do_not_take_turns():
     ada, bob = Robot(), Robot()
-    bench, sent = Bench(ada=ada, bob=bob), []
+    bench = Bench(ada=ada, bob=bob)
+    sent = []
     for i in range(30):
         # the spot moves on, and each robot is a little nearer in turn
         shift = 0.3 * (-1) ** i
@@ -377,4 +380,5 @@ def test_robots_are_sent_only_while_one_is_wanted():
     bench = Bench(ada=ada, bob=Robot(place(20)))
     for robot_wanted, sent, goal in ((False, [], NONE), (True, [2], ACTIVE), (False, [], NONE)):
         bench.robot_wanted = robot_wanted
-        assert bench.run(10) == sent and ada.goal is goal and (bench.policy.serving is None) is not robot_wanted
+        assert bench.run(10) == sent
+        assert ada.goal is goal and (bench.policy.serving is None) is not robot_wanted

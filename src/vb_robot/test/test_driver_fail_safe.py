@@ -143,7 +143,7 @@ def drops_a_wheel(rig, faulty):
 
 LATEST = 0.5  # [s], as robots.md promises
 FAULTS = {
-    # what is lost: (how, the code, the time [s] by which the wheels must stand still)
+    # the lost input: how it is lost, the code, and the time [s] until the wheels must stand still
     "scan": (silences("scan"), "scan_lost", LATEST),
     "scan of 5 Hz": (silences("slow scan"), "scan_lost", LATEST + 0.1),
     "tf": (silences("pose"), "pose_lost", LATEST),
@@ -160,7 +160,7 @@ FAULTS = {
 def lose(fault, source, seed):
     """Loses an input for 2 s, with moment, speed and turn rate drawn at random.
 
-    Returns the time [s] from the loss until the commands stay zero, or inf; the rig; the commands during the loss.
+    Returns the time [s] from the loss until the commands stay zero, or inf, the rig, and the commands during the loss.
     """
     random = np.random.default_rng(seed)
     rig = (SlowScanner if "5 Hz" in fault else Rig)()
@@ -170,7 +170,8 @@ def lose(fault, source, seed):
         rig.navigation = (random.uniform(0.2, 0.5), random.uniform(-0.4, 0.4))
     rig.step(DT * random.integers(20, 28))
     assert rig.commands[-1].v > 0.1
-    inflict, start = FAULTS[fault][0], len(rig.commands)
+    inflict = FAULTS[fault][0]
+    start = len(rig.commands)
     for step in range(80):
         if step in (0, 40):
             inflict(rig, step == 0)
@@ -181,7 +182,8 @@ def lose(fault, source, seed):
     commands = rig.commands[start : start + 40]
     moving = [step for step, command in enumerate(commands) if (command.v, command.w) != (0.0, 0.0)]
     rests = moving[-1] + 2 if moving else 1
-    return (DT * rests if rests < 40 else math.inf), rig, commands
+    stop_time = DT * rests if rests < 40 else math.inf
+    return stop_time, rig, commands
 
 
 @pytest.mark.parametrize("source", ["follow", "navigation"])
@@ -192,7 +194,7 @@ def test_robot_stops_in_time_and_reports_why_when_an_input_is_lost(fault, source
     for seed in range(20):
         stop_time, rig, commands = lose(fault, source, seed)
         assert stop_time <= latest + 1e-9 and commands[-1].code == code
-        if latest > DT:  # a false input stops it at once, a late one within its braking deceleration
+        if latest > DT:  # a false input stops it immediately, a late one within its braking deceleration
             speeds = np.array([command.v for command in rig.commands])
             assert -np.diff(speeds).min() <= 1.5 * PROFILE.limits.deceleration * DT
         assert rig.commands[-1].v > 0.05

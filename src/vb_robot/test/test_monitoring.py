@@ -20,7 +20,7 @@ from vb_core.node_graph import NodeGraph
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 from vb_robot.subscriptions import keep_out_borders_for
 from vb_robot.monitoring import planner_speed
-from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, is_inside, find_border_name
+from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, find_border_name, is_inside
 from vb_robot.monitoring.planner_speed import PlannerSpeed, cap_speeds
 from vb_robot.monitoring.watched_robot import WatchedRobot
 from vb_robot.monitoring.navigation_connections import PLANNERS, NavigationWiring, find_wiring, resolve_name
@@ -69,7 +69,8 @@ ROLLING = {"plugins": [{"name": "obstacle_layer", "type": "costmap_2d::ObstacleL
 def test_a_robot_is_said_to_plan_round_borders_only_where_it_does(robot, maps, parameters, plans):
     node = resolve_name(robot, "move_base")
     navigation = {"path": f"{node}/NavfnROS/plan", "planner": "DWAPlannerROS", "plans_round_borders": plans}
-    assert find_wiring(graph(maps, robot), robot, parameters) == NavigationWiring(node, tuple(sorted(maps)), **navigation)
+    expected = NavigationWiring(node, tuple(sorted(maps)), **navigation)
+    assert find_wiring(graph(maps, robot), robot, parameters) == expected
     assert find_wiring(graph(maps, robot), "bob", parameters) == NavigationWiring()
 
 
@@ -146,7 +147,8 @@ def test_a_border_is_not_blamed_for_what_walls_cut_off():
 def test_the_border_that_encloses_a_place_is_named_else_a_curve():
     borders = [known_border("carpet", 0.5, 0.5, 1.5, 1.5), known_border("mat", 1.5, 0.5, 2.5, 1.5)]
     borders.append(KnownBorder("left part", np.array([[1.0, 0.0], [1.0, 4.9]]), np.array([0.2, 2.0]), False))
-    assert [find_border_name(borders, place) for place in ((1.0, 1.0), (2.0, 1.0), (0.5, 4.0))] == ["carpet", "mat", "left part"]
+    for place, name in (((1.0, 1.0), "carpet"), ((2.0, 1.0), "mat"), ((0.5, 4.0), "left part")):
+        assert find_border_name(borders, place) == name
     assert find_border_name([], (1.0, 1.0)) == ""
 
 
@@ -176,7 +178,8 @@ def test_a_robot_inside_is_reported_in_any_order_of_the_maps(order):
         robot.set_map(layer, maps[layer])
         is_complete = {"physical", "borders"} <= set(order[:count])
         assert [notice.code for notice in robot.notices(0.0)] == ["robot_caught_in_border"] * is_complete
-    old_checker, robot.wiring = robot.goal_checker(), replace(robot.wiring, radius=0.3)
+    old_checker = robot.goal_checker()
+    robot.wiring = replace(robot.wiring, radius=0.3)
     assert robot.goal_checker() is not old_checker and robot.goal_checker() is robot.goal_checker()
 
 
@@ -193,7 +196,8 @@ def test_only_what_forbids_a_place_lends_its_name():
 @pytest.mark.parametrize("seed", range(40))
 def test_a_goal_is_refused_exactly_where_a_search_finds_no_path(seed):
     """The oracle is independent: connected components of cells far enough from every blocked one, by a k-d tree."""
-    rng, areas = np.random.default_rng(seed), {}
+    areas = {}
+    rng = np.random.default_rng(seed)
     for name in "abc":
         x, y = rng.uniform(0.3, 6.5), rng.uniform(0.0, 3.0)
         areas[name] = (x, y, min(x + rng.uniform(0.1, 1.0), 7.9), min(y + rng.uniform(0.5, 4.0), 3.95))
@@ -283,7 +287,8 @@ def test_a_speed_set_between_zones_is_the_usual_one_from_then_on(planner):
 
 
 def test_a_planner_that_keeps_its_speed_is_asked_again(planner):
-    planner.refuses, speed = True, planner.speed()
+    planner.refuses = True
+    speed = planner.speed()
     for _ in range(2):
         with pytest.raises(CodedError) as caught:
             speed.apply(0.2)

@@ -116,7 +116,8 @@ def test_the_target_is_ahead_of_a_moving_spot_and_not_in_a_wall(x, velocity, mar
 # ------------------------------------------------------------------ viewpoints
 def best_viewpoints(clearance_map, robot, drawing, others=()):
     """Lists the best viewpoint, then the best at least 0.3 m from those before, up to twelve."""
-    planner, viewpoints = ViewpointPlanner(clearance_map, VIEW, drawing, others), []
+    viewpoints = []
+    planner = ViewpointPlanner(clearance_map, VIEW, drawing, others)
     while len(viewpoints) < 12:
         best = planner.best_viewpoint(robot, [(*viewpoint.pose[:2], 0.3) for viewpoint in viewpoints])
         if best is None:
@@ -137,8 +138,8 @@ def check_invariants(clearance_map, viewpoints, drawing, robot):
         assert gap >= clearance_map.radius + STOP_MARGIN
         distance = math.dist(place[0], target)
         at_home = math.dist(place[0], robot[:2]) < 1e-6  # where it stands tolerances are wider: it only has to turn
-        assert MIN_DISTANCE * (0.8 if at_home else 1.0) - 1e-6 <= distance
-        assert distance <= MAX_DISTANCE * (1.3 if at_home else 1.0) + 1e-6
+        nearer, farther = (0.8, 1.3) if at_home else (1.0, 1.0)
+        assert MIN_DISTANCE * nearer - 1e-6 <= distance <= MAX_DISTANCE * farther + 1e-6
         assert VIEW.sees(map_to_base(target[None], viewpoint.pose), IMAGE_MARGIN - 1e-6)[0]
         assert abs(map_to_base(target[None], viewpoint.pose)[0, 1]) < 1e-6, "faces it"
         assert VIEW.sees(map_to_base(drawing.spot[None], viewpoint.pose), 0.05)[0], "only the robot sees the spot"
@@ -197,7 +198,7 @@ def test_seed_side_is_left():
     # the seed and the robot are in the right room: the robot must leave it
     drawing = DrawingState(np.array([7.0, 1.0]), door, None, closed=False, marks_side=True)
     viewpoints = best_viewpoints(CLEARANCE_MAP, (6.0, 1.0, 0.0), drawing)
-    assert viewpoints and viewpoints[0].pose[0] < 4.0 and not viewpoints[0].sees_spot
+    assert viewpoints[0].pose[0] < 4.0 and not viewpoints[0].sees_spot
     assert not ViewpointPlanner(CLEARANCE_MAP, VIEW, drawing).shows_target((6.0, 1.0, 0.0))
     # the seed cannot be seen from the left room, and the robot need not go anywhere
     assert best_viewpoints(CLEARANCE_MAP, (1.0, 3.0, 0.0), drawing) == []
