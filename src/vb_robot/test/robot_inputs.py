@@ -100,18 +100,16 @@ class Stimulus(Body):
         with self.lock:
             spot, frame = self.spot, self.spot_frame
         # a scanner at the robot's centre with nothing in range, its frame_id with a slash as in tf1
-        scan = LaserScan(angle_min=-math.pi, angle_max=math.pi, angle_increment=math.pi / 180.0)
-        scan.ranges = [math.inf] * 361
+        scan = LaserScan(ranges=[math.inf] * 361, range_min=0.1, range_max=8.0, time_increment=0.4 / 360)
+        scan.angle_min, scan.angle_max, scan.angle_increment = -math.pi, math.pi, math.pi / 180.0
         # the stamp is that of the first beam, and the scanner turns slowly. Its scan counts as new nevertheless
         scan.header.stamp = now - rospy.Duration(0.4)
-        scan.time_increment = 0.4 / 360
         scan.header.frame_id = "/base_laser_link"
-        scan.range_min, scan.range_max = 0.1, 8.0
         self._scans.publish(scan)
         transforms.append(message_from_transform(np.eye(4), "base_link", "base_laser_link", now))
         self._broadcaster.sendTransform(transforms)
         if spot is not None:
-            message = LaserSpot(camera=spot[2], mobile=spot[3], confidence=1.0)
+            x, y, camera, mobile = spot
+            message = LaserSpot(camera=camera, mobile=mobile, confidence=1.0, position=Point(x, y, 0.0))
             message.header.stamp, message.header.frame_id = now, frame
-            message.position = Point(spot[0], spot[1], 0.0)
             self.spots.publish(message)

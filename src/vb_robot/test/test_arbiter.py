@@ -90,20 +90,17 @@ def test_a_restarted_driver_stays_stopped(tmp_path):
     assert rig.step(5.0).source == "stop"
 
 
-def test_a_new_listener_hears_zeros_for_three_seconds():
-    arbiter = Arbiter(PROFILE)
-    assert not arbiter.step(9.0, listeners=0).publish
-    assert arbiter.step(10.0, listeners=1).publish
-    assert arbiter.step(12.9, listeners=1).publish
-    assert not arbiter.step(13.1, listeners=1).publish
+LISTENERS = {  # (time [s], number of listeners, whether a zero is published)
+    "a new one": [(9.0, 0, False), (10.0, 1, True), (12.9, 1, True), (13.1, 1, False)],
+    "one that leaves": [(14.0, 2, True), (14.5, 1, True), (16.9, 1, True), (17.1, 1, False)],
+}
 
 
-def test_a_listener_that_leaves_ends_no_zeros():
+@pytest.mark.parametrize("steps", LISTENERS.values(), ids=LISTENERS)
+def test_a_new_listener_hears_zeros_for_three_seconds(steps):
     arbiter = Arbiter(PROFILE)
-    assert arbiter.step(14.0, listeners=2).publish
-    assert arbiter.step(14.5, listeners=1).publish
-    assert arbiter.step(16.9, listeners=1).publish
-    assert not arbiter.step(17.1, listeners=1).publish
+    for now, listeners, publishes in steps:
+        assert arbiter.step(now, listeners).publish is publishes
 
 
 def test_a_command_that_ends_is_followed_by_no_zeros():

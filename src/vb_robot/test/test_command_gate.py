@@ -21,10 +21,8 @@ def knowing_gate(profile=PROFILE, ranges=math.inf, fov=360, inside=False, touche
     borders = with_border(empty(), 0.0, 0.0, 8.0, 5.0) if inside else empty()
     gate.workspace = Workspace(borders, empty(), profile.radius)
     gate.speed_limits = speed_limits
-    gate.set_contact(("bumper", 0), "forward")
-    gate.set_contact(("bumper", 1), touched)
-    gate.set_contact(("bumper", 2), "")
-    gate.set_contact(("bumper", 0), "")  # it is touched no more
+    for number, motion in ((0, "forward"), (1, touched), (2, ""), (0, "")):  # bumper 0 is touched no more
+        gate.set_contact(("bumper", number), motion)
     gate.set_scan(scan_of(np.full(fov, ranges), -math.radians(fov // 2), math.radians(1.0)), 10.0)
     gate.record_input("state", 10.0)
     gate.set_pose((4.0, 2.5, 0.0), 10.0)

@@ -12,6 +12,7 @@ from vb_robot.driving.spot_follower import SpotFollower
 from vb_robot.driving.velocity import VelocityRequest
 
 RADIUS = PROFILE.radius
+FULL_OVERLAP = -PATH_MARGIN - RADIUS  # [m] beyond PATH_MARGIN, if the robot's centre is at the obstacle's edge
 
 
 # ------------------------------------------------------------ following
@@ -82,9 +83,7 @@ class Pinched:
         return [self.escape.compute_request(now, (0.0, 0.0, 0.0), self, **options) is not None for now in times]
 
 
-@pytest.mark.parametrize(
-    "gap, helped", [(0.019, 1), (0.021, 0), (-PATH_MARGIN - RADIUS + 0.001, 1), (-PATH_MARGIN - RADIUS - 0.001, 0)]
-)
+@pytest.mark.parametrize("gap, helped", [(0.019, 1), (0.021, 0), (FULL_OVERLAP + 0.001, 1), (FULL_OVERLAP - 0.001, 0)])
 def test_escape_begins_near_an_obstacle_and_ends_farther_away(gap, helped):
     """A robot whose centre is inside an obstacle is not helped."""
     robot = Pinched(PATH_MARGIN + gap)

@@ -33,10 +33,8 @@ def test_floor_is_visible_from_where_the_geometry_says():
     # the image's lower and upper edges look 52.57 and 7.43 degrees down
     half = math.degrees(math.atan(240.0 / (320.0 / math.tan(math.radians(29.0)))))
     near = 0.10 + 0.45 / math.tan(math.radians(30.0 + half))
-    assert VIEW.sees(np.array([[near + 0.01, 0.0]]))[0]
-    assert not VIEW.sees(np.array([[near - 0.01, 0.0]]))[0]
-    assert not VIEW.sees(np.array([[3.1, 0.0]]))[0]
-    assert not VIEW.sees(np.array([[-1.0, 0.0]]))[0]
+    points = np.array([[near + 0.01, 0.0], [near - 0.01, 0.0], [3.1, 0.0], [-1.0, 0.0]])
+    assert VIEW.sees(points).tolist() == [True, False, False, False]
     # a point to the left (y > 0) lies left in the image
     assert VIEW.pixels(np.array([[1.0, 0.2]]))[0, 0] < VIEW.pixels(np.array([[1.0, -0.2]]))[0, 0]
 
@@ -118,7 +116,7 @@ def best_viewpoints(clearance_map, robot, drawing, others=()):
     """Lists the best viewpoint, then the best at least 0.3 m from those before, up to twelve."""
     viewpoints = []
     planner = ViewpointPlanner(clearance_map, VIEW, drawing, others)
-    while len(viewpoints) < 12:
+    for _ in range(12):
         best = planner.best_viewpoint(robot, [(*viewpoint.pose[:2], 0.3) for viewpoint in viewpoints])
         if best is None:
             break
