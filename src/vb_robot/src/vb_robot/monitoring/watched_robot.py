@@ -150,8 +150,8 @@ class WatchedRobot:
         except CodedError:
             return  # navigation cannot transform it either
         self.goal = (float(position[0]), float(position[1]))
-        self.refusal = None
         self._path = np.zeros((0, 2))
+        self.refusal = None
         self._goal_at = rospy.get_time()
         self._request_check(self)
 
