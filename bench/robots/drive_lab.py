@@ -17,7 +17,7 @@ from nav_msgs.msg import Path as PathMessage
 from std_msgs.msg import Float64
 
 from bench.harness import TOP
-from bench.lab.page_nodes import wait
+from bench.lab.page_lab import wait
 from vb_core import names
 from vb_core.child_processes import free_port, roslaunch
 from vb_core.errors import CodedError

@@ -28,7 +28,7 @@ from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
 from vb_core.ros import commands
 from vb_core.ros.messages import NumpyOccupancyGrid, array_from_points, grid_from_message, message_from_grid
-from vb_evaluation.repository_revision import repository_top
+from vb_evaluation.repository_revision import repository_root
 from vb_evaluation.user_study import recording_measures
 from vb_evaluation.user_study.recording import Recording
 from vb_sim.in_process_ros.rospy_stand_in import Graph, Node
@@ -126,7 +126,7 @@ def in_one_process():
 
     with tempfile.TemporaryDirectory() as state, graph.installed():
         graph.start(Node("/clock", {}), clock)
-        launch = repository_top() / "launch" / "parts" / "borders.launch"
+        launch = repository_root() / "launch" / "parts" / "borders.launch"
         start_launch(graph, launch, {"state": state, "robot_frames": ""})
         graph.start(Node("/test", {}), lambda: results.append(Session().run()))
         scheduler.run(lambda: bool(results), scheduler.now_ns + 600 * 10**9)
@@ -168,7 +168,7 @@ class RecordingTest(unittest.TestCase):
         cv2.imwrite(str(study / "truth" / "carpet.png"), truth)
         run = f"participant,method,scenario,recording\np1,nrs,carpet,{self.folder.name}\n"
         (study / "protocol.csv").write_text(run)
-        self.assertEqual(recording_measures.measure(study / "protocol.csv", study / "truth", study / "out"), [])
+        self.assertEqual(recording_measures.measure_study(study / "protocol.csv", study / "truth", study / "out"), [])
         with open(str(study / "out" / "runs.csv"), newline="") as stream:
             (row,) = csv.DictReader(stream)
         self.assertEqual(row["completed"], "1")

@@ -14,9 +14,8 @@ from study_rows import PUBLISHED, rows_of
 from refusals import refused
 from vb_core.errors import CodedError
 from vb_evaluation import statistics
-from vb_evaluation.report import cross_checks
-from vb_evaluation.report import questionnaire
-from vb_evaluation.report.findings import answers, write_page
+from vb_evaluation.report import cross_checks, questionnaire
+from vb_evaluation.report.findings import format_findings, write_page
 from vb_evaluation.report.blocks import Table
 from vb_evaluation.report.study_files import ERRORS, TIMES, pairs, read_sheet, read_study, write_table, yes_or_no
 from vb_evaluation.report.map_figures import nearest_to_median
@@ -176,7 +175,7 @@ def test_methods_and_scenarios_keep_their_order_without_unplanned_runs(tmp_path)
     study = read_study(tmp_path)
     assert study.methods == ["nrs", "other", "robot_only"] and study.comparison == ("nrs", "robot_only")
     assert study.scenarios == ["corner", "desk", "door"] and study.scenario_title("desk") == "The desk"
-    assert study.runs.completed.tolist() == [1.0, 1.0, 0.0] and study.meta["deviating"] == 1 and study.people
+    assert study.runs.completed.tolist() == [1.0, 1.0, 0.0] and study.meta["deviating"] == 1 and study.has_people
     assert len(study.missing) == 2 * 3 * 3 - 3 and "p2, The desk, Robot only" in study.missing
     assert np.isnan(study.runs.helped).all() and cross_checks.plausible_worlds_section(study) == []
     cells = {(row["scenario"], row["method"]): row["n"] for row in study.rows(lambda runs, *_: {"n": len(runs)})}
@@ -224,13 +223,13 @@ def test_a_lab_asks_its_own_scenarios(scenario, beside, tmp_path):
     rows = [row for row in rows_of(folder / "runs.csv") if row["scenario"] == "room"]
     rows = [dict(row, scenario=scenario, pointed_right="") for row in rows]  # only a simulator knows pointed_right
     study_rows.write(folder / "runs.csv", rows)
-    blocks = answers(read_study(folder))
+    blocks = format_findings(read_study(folder))
     questions = [line.split("**")[1].rstrip("?") for line in blocks[1].splitlines()]
     assert questions == ["Faster", "Not less exact", "Completed as often", *beside]
     assert ("**Beside the paper**" in blocks) is bool(beside)
     study_rows.write(folder / "runs.csv", [row for row in rows if row["method"] == "nrs"])
     with refused("no_comparison"):
-        answers(read_study(folder))
+        format_findings(read_study(folder))
 
 
 # ------------------------------------------------------------------ the questionnaire

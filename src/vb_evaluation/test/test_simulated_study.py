@@ -117,8 +117,8 @@ def test_a_row_of_each_file_is_made_again_alone(name, tmp_path, monkeypatch):
     path = tmp_path / "short.yaml"
     path.write_text("design: {participants: 2, worlds: 2}\n")
     study = config.load(path)
-    job = next(job for job in run_plan.jobs(study) if job.file == name)
-    assert campaign.run_jobs(study, run_plan.jobs(study), tmp_path / "all", QUIET) == 0
+    job = next(job for job in run_plan.plan_jobs(study) if job.file == name)
+    assert campaign.run_jobs(study, run_plan.plan_jobs(study), tmp_path / "all", QUIET) == 0
     selection = [part for key, value in job.columns(1).items() if key != "seed" for part in (f"--{key}", str(value))]
     arguments = ["--config", str(path), *selection, "--processes", "1", "--out", str(tmp_path / "again")]
     assert main(arguments) == 0
