@@ -134,7 +134,8 @@ def test_the_marks_are_laid_for_each_person_beside_the_map():
 
 
 def test_people_stand_off_the_line_on_free_floor():
-    grid, world = floor_plan.physical_map(STUDY.world), STUDY.world
+    world = STUDY.world
+    grid = floor_plan.physical_map(world)
     everybody = product(range(1, 9), STUDY.design.scenarios)
     runs = [personal_scenario(world.scenario(key), STUDY.traits(number), grid, (0, 0, 0)) for number, key in everybody]
     places = np.array([run.stand for run in runs])
@@ -167,7 +168,7 @@ def test_worlds_are_a_latin_hypercube_of_everything():
         cells = np.floor(40 * np.log([factors[key] / low for factors in worlds]) / np.log(high / low) + 1e-3)
         assert len(set(np.clip(cells, 0, 39))) >= 39, key  # one draw in each of 40 equal parts
     assert worlds == run_plan.draw_worlds(STUDY, 40, 1) != run_plan.draw_worlds(STUDY, 40, 2)
-    # as independent of each other as 40 draws can be
+    # the factors are as independent of each other as 40 draws can be
     values = np.array([list(factors.values()) for factors in worlds])
     assert np.abs(np.triu(stats.spearmanr(values).statistic, 1)).max() < 0.75
 
@@ -175,8 +176,7 @@ def test_worlds_are_a_latin_hypercube_of_everything():
 def test_the_corners_of_every_range_are_possible():
     for index in (0, 1):
         factors = {key: entry.range[index] for key, entry in run_plan.varied_assumptions(STUDY).items()}
-        traits = STUDY.changed(run_plan.world_changes(STUDY, factors)).traits(1)
-        assert traits != STUDY.traits(1)
+        assert STUDY.changed(run_plan.world_changes(STUDY, factors)).traits(1) != STUDY.traits(1)
 
 
 def test_worlds_cover_all_scenarios_and_both_methods():
