@@ -43,7 +43,7 @@ class Lab:
 
     def __init__(self, robot: str, start, seed: int) -> None:
         state = Path(tempfile.mkdtemp(prefix="drives_"))
-        base = WORLDS / ("burger.yaml" if robot == "turtlebot3_burger" else "lab.yaml")
+        base = WORLDS / {"turtlebot3_burger": "burger.yaml"}.get(robot, "lab.yaml")
         robots = yaml.safe_load(base.read_text())["robots"]
         robots[0]["start"] = [float(value) for value in start]
         path = state / "world.yaml"
