@@ -29,7 +29,7 @@ import yaml
 
 from bench.harness import TOP, Table, arguments, quantiles
 from bench.lab.camera_clip import FRAMES, clip, scene, serving, write_files
-from bench.lab.page_nodes import node_process, start, wait
+from bench.lab.page_lab import node_process, start, wait
 from vb_core import names
 from vb_core.child_processes import Child
 from vb_core.ros.messages import message_from_transform

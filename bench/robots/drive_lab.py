@@ -17,7 +17,7 @@ from nav_msgs.msg import Path as PathMessage
 from std_msgs.msg import Float64
 
 from bench.harness import TOP
-from bench.lab.page_nodes import wait
+from bench.lab.page_lab import wait
 from vb_core import names
 from vb_core.child_processes import free_port, roslaunch
 from vb_core.errors import CodedError
@@ -43,7 +43,7 @@ class Lab:
 
     def __init__(self, robot: str, start, seed: int) -> None:
         state = Path(tempfile.mkdtemp(prefix="drives_"))
-        base = WORLDS / ("burger.yaml" if robot == "turtlebot3_burger" else "lab.yaml")
+        base = WORLDS / {"turtlebot3_burger": "burger.yaml"}.get(robot, "lab.yaml")
         robots = yaml.safe_load(base.read_text())["robots"]
         robots[0]["start"] = [float(value) for value in start]
         path = state / "world.yaml"
