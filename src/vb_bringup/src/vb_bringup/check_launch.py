@@ -85,9 +85,8 @@ def check_file(argument: str, value: str) -> None:
         if value:
             Path(value).open("rb").close()
     except (OSError, ValueError) as error:
-        raise CodedError(
-            "launch_no_file", argument=argument, file=value, why=getattr(error, "strerror", "") or error
-        ) from None
+        reason = getattr(error, "strerror", "") or error
+        raise CodedError("launch_no_file", argument=argument, file=value, why=reason) from None
 
 
 def check_map(_argument: str, value: str) -> None:
@@ -247,7 +246,7 @@ def find_launch(process: int) -> Tuple[List[str], List[Path], str]:
     files = [Path(name) for name in roslaunch.rlutil.resolve_launch_arguments(remaining) if os.path.isfile(name)]
     arguments = [word.split(":=")[0] for word in remaining if ":=" in word and not word.startswith("_")]
     uri = rosgraph.network.create_local_xmlrpc_uri(options.port) if options.port else rosgraph.get_master_uri()
-    return arguments if files else [], files, uri
+    return arguments, files, uri
 
 
 def run() -> int:
@@ -262,7 +261,8 @@ def run() -> int:
     files: List[Path] = []
     try:
         arguments, files, master_uri = find_launch(process)
-        check_arguments(arguments, declared_arguments(files))
+        if files:
+            check_arguments(arguments, declared_arguments(files))
         if options.launch_file == "navigation":
             check_installed(options.words)
         else:

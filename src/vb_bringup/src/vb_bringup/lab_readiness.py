@@ -19,7 +19,7 @@ from vb_laser_detect.spot_detector_node_params import image_topic
 
 MIN_DISK_MB = 500  # room for a day of logs and recordings
 MIN_SCAN_DEG = 60.0  # a robot that drives by its scan should see at least the floor ahead
-_IMAGES = ("sensor_msgs/Image", "sensor_msgs/CompressedImage")
+_IMAGE = "sensor_msgs/Image"
 _HARDLY_ANY = 0.01  # share of unknown cells; shades in between may still be unknown where all else was read as free
 
 
@@ -31,15 +31,14 @@ def check_camera(graph: NodeGraph, name: str, parameters: Mapping[str, Any], has
         has_delay: whether a source's delay was measured, even if it is 0.
         rate: [1/s] searched images per second.
     """
-    source, delay = str(parameters.get("source", "")), parameters.get("capture", {}).get("delay_ms", 0.0)
+    source = str(parameters.get("source", ""))
+    delay = parameters.get("capture", {}).get("delay_ms", 0.0)
     topic = "" if source or not parameters else "/" + image_topic(name, parameters.get("image", "")).lstrip("/")
     topic += "/compressed" if topic and parameters.get("image_transport") == "compressed" else ""
-    publishers, beside = graph.publishers.get(topic, []), f"/{topic.strip('/').split('/')[0]}/"
-    other_topics = sorted(
-        other_topic
-        for other_topic, nodes in graph.publishers.items()
-        if nodes and other_topic.startswith(beside) and graph.types.get(other_topic) == _IMAGES[0]
-    )
+    publishers = graph.publishers.get(topic, [])
+    namespace = f"/{topic.strip('/').split('/')[0]}/"
+    image_topics = [other for other, nodes in graph.publishers.items() if nodes and graph.types.get(other) == _IMAGE]
+    other_topics = sorted(other for other in image_topics if other.startswith(namespace))
 
     def line(severity: Severity, code: str, **values: str) -> Notice:
         return Notice(code, severity, camera=name, values={"camera": name, "topic": topic, **values})

@@ -225,7 +225,8 @@ class TryLab:
             print(f"  Border {border.name or border.id}: {corners} m, in {self._file}", flush=True)
 
     def _on_spot(self, _message: LaserSpot) -> None:
-        self._spot_at, self._spots = time.monotonic(), self._spots + 1
+        self._spot_at = time.monotonic()
+        self._spots += 1
 
     def play(self) -> None:
         """Gives the commands that go with the video: for a line, its seed, and its end.
@@ -271,7 +272,8 @@ def run(arguments: Optional[List[str]] = None) -> int:
     import rospkg
 
     package = Path(rospkg.RosPack().get_path("vb_bringup"))
-    folder, port = options.out.expanduser().resolve(), free_port(options.port)
+    folder = options.out.expanduser().resolve()
+    port = free_port(options.port)
     address = f"http://127.0.0.1:{port}/"
     if options.camera:
         source = parse_source(options.camera)
@@ -281,9 +283,8 @@ def run(arguments: Optional[List[str]] = None) -> int:
     else:
         source = str(package / "example_video/room.mp4")
         truth = yaml.safe_load((package / "example_video/room.yaml").read_text(encoding="utf-8"))
-        view = estimate_camera_from_rectangle(
-            np.array(truth["corners"]), (truth["width"], truth["depth"]), tuple(truth["image"])
-        )
+        size = truth["width"], truth["depth"]
+        view = estimate_camera_from_rectangle(np.array(truth["corners"]), size, tuple(truth["image"]))
     write_camera_lab(folder / "lab", source, view, package / "robots")
     master_port = free_port()
     os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{master_port}", ROS_LOG_DIR=str(folder / "log"))
@@ -296,7 +297,8 @@ def run(arguments: Optional[List[str]] = None) -> int:
         running = TryLab(folder)
         print(f"The page is at {address}", flush=True)
         if options.camera:
-            print(_INSTRUCTIONS + (_REPEAT_NOTE if is_file(source) else ""), flush=True)
+            note = _REPEAT_NOTE if is_file(source) else ""
+            print(_INSTRUCTIONS + note, flush=True)
         else:
             running.play()
             if options.once:

@@ -55,7 +55,8 @@ class CameraModel:
             raise CodedError("bad_camera_info", "K has no focal length: calibrate the camera (camera_calibration)")
         if self.fisheye and not self.distortion[4:].any():
             object.__setattr__(self, "distortion", np.concatenate([self.distortion, np.zeros(4)])[:4])
-        size, sizes = self.distortion.size, (4,) if self.fisheye else (4, 5, 8, 12, 14)
+        size = self.distortion.size
+        sizes = (4,) if self.fisheye else (4, 5, 8, 12, 14)
         if size not in sizes or not np.isfinite(self.distortion).all():
             expected = f"{', '.join(map(str, sizes))}, all finite"
             raise CodedError("bad_camera_info", f"the distortion D has {size} values; expected {expected}")
@@ -128,13 +129,13 @@ class CameraModel:
     def limit(self) -> float:
         """Tangent of the angle from the axis at which the model ends: farther out the image would fold back."""
         k = np.concatenate([self.distortion, np.zeros(8)])
-        r, unit = np.polynomial.Polynomial([0.0, 1.0]), np.polynomial.Polynomial([1.0])
-        r2 = r * r
+        # the radius in the image as a quotient of polynomials in the tangent, or in the angle for a fisheye
         if self.fisheye:
-            numerator, denominator = r * (unit + sum(k[i] * r2 ** (i + 1) for i in range(4))), unit
+            numerator = np.polynomial.Polynomial([0.0, 1.0, 0.0, k[0], 0.0, k[1], 0.0, k[2], 0.0, k[3]])
+            denominator = np.polynomial.Polynomial([1.0])
         else:
-            numerator = r * (unit + k[0] * r2 + k[1] * r2**2 + k[4] * r2**3)
-            denominator = unit + k[5] * r2 + k[6] * r2**2 + k[7] * r2**3
+            numerator = np.polynomial.Polynomial([0.0, 1.0, 0.0, k[0], 0.0, k[1], 0.0, k[4]])
+            denominator = np.polynomial.Polynomial([1.0, 0.0, k[5], 0.0, k[6], 0.0, k[7]])
         # where the radius in the image stops growing, or has no value at all
         radii = [(numerator.deriv() * denominator - numerator * denominator.deriv()).roots(), denominator.roots()]
         radii = [float(root.real) for roots in radii for root in roots if abs(root.imag) < 1e-9 and root.real > 0]
@@ -207,7 +208,8 @@ def intersect_floor(T_map_camera: np.ndarray, rays: np.ndarray, height: float = 
     Returns:
         (N, 3) [m], map frame; rows of NaN for rays that do not meet the floor in front of the camera.
     """
-    origin, directions = T_map_camera[:3, 3], rays @ T_map_camera[:3, :3].T
+    origin = T_map_camera[:3, 3]
+    directions = rays @ T_map_camera[:3, :3].T
     vertical = directions[:, 2:]
     scales = np.divide(height - origin[2], vertical, out=np.full(vertical.shape, np.nan), where=vertical != 0)
     points = origin + scales * directions

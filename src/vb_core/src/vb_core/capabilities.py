@@ -106,10 +106,12 @@ def derive_capabilities(connections: Connections) -> Capabilities:
         DRIVER: pointing and any(robot.driver for robot in connected),
         STOPPABLE: any(robot.can_be_stopped for robot in connected),
     }
-    commands = [name for name, command in COMMANDS.items() if has.get(command.needs)] + ["go"] * bool(sendable_robots)
-    state = NO_ROBOT if not connected else UNREADY if ignored[KEEP_OUT.name] else READY
+    commands = [name for name, command in COMMANDS.items() if has.get(command.needs)]
+    if sendable_robots:
+        commands.append("go")
+    ready_state = UNREADY if ignored[KEEP_OUT.name] else READY
     return Capabilities(
-        state=state,
+        state=ready_state if connected else NO_ROBOT,
         commands=tuple(commands),
         zones=tuple(zone for zone in ZONES if len(ignored[zone]) < len(connected)),
         ignored_by=ignored,
@@ -142,6 +144,7 @@ def describe_ignored_zone(
 
 
 def _notices_about(robot: ConnectedRobot) -> List[Notice]:
+    """Returns what to tell people about a robot: what is missing, how it plans, and what it obeys."""
     values = {"who": sentences.robot_placeholder(robot.name), "maps": ", ".join(robot.maps) or "-"}
     values["map"] = f"/{robot.name}/virtual_borders/map" if robot.name else "/virtual_borders/map"
 

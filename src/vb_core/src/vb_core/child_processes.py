@@ -71,16 +71,11 @@ class Child:
         for sign, seconds in ((signal.SIGINT, timeout), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0)):
             if not self.running:
                 return
-            try:
-                # roslaunch ends its nodes itself when interrupted; only later signals go to the whole group
-                target = os.kill if sign == signal.SIGINT else os.killpg
-                target(self._process.pid, sign)
-            except ProcessLookupError:
-                return
-            try:
+            # roslaunch ends its nodes itself when interrupted; only later signals go to the whole group
+            send = os.kill if sign == signal.SIGINT else os.killpg
+            with contextlib.suppress(ProcessLookupError, subprocess.TimeoutExpired):
+                send(self._process.pid, sign)
                 self._process.wait(seconds)
-            except subprocess.TimeoutExpired:
-                continue
 
 
 def roslaunch(
@@ -88,4 +83,5 @@ def roslaunch(
 ) -> Child:
     """Starts launch files with these arguments, under a master of their own if a port is given."""
     words = [f"{name}:={str(value).lower() if isinstance(value, bool) else value}" for name, value in arguments.items()]
-    return Child(["roslaunch", *(["-p", str(port)] if port else []), *map(str, files), *words], log, env)
+    master = ["-p", str(port)] if port else []
+    return Child(["roslaunch", *master, *map(str, files), *words], log, env)

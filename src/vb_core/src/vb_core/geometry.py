@@ -143,7 +143,8 @@ def along_arc(points: np.ndarray, curvature: float) -> Tuple[np.ndarray, np.ndar
     x, y = points[:, 0], points[:, 1]
     if abs(curvature) < 1e-3:
         return x, y
-    radius, side = 1.0 / curvature, math.copysign(1.0, curvature)
+    radius = 1.0 / curvature
+    side = math.copysign(1.0, curvature)
     across = (abs(radius) - np.hypot(x, y - radius)) * side
     return np.arctan2(x, (radius - y) * side) * abs(radius), across
 
@@ -177,8 +178,8 @@ def resample_chain(points: np.ndarray, spacing: float, closed: bool = False) -> 
     if closed:
         points = np.vstack([points, points[:1]])
     lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    moved = np.concatenate([[True], lengths > 0])
-    points, arc = points[moved], np.concatenate([[0.0], np.cumsum(lengths[lengths > 0])])
+    points = points[np.concatenate([[True], lengths > 0])]
+    arc = arc_lengths(points)
     if arc[-1] == 0.0:
         return points[:1].copy()
     segments = max(1, int(math.ceil(arc[-1] / spacing - 1e-9)))

@@ -147,7 +147,8 @@ def _gray(image: np.ndarray, colors_only: bool) -> np.ndarray:
     """Returns the mean (H, W), 0 .. 255, of an image's channels."""
     if image.ndim == 2:
         return image.astype(float)
-    return image[..., : 3 if colors_only else None].mean(axis=2)
+    channels = image[..., :3] if colors_only else image
+    return channels.mean(axis=2)
 
 
 def _read_image(path: Path) -> np.ndarray:

@@ -90,10 +90,11 @@ class _Stored:
             if self._path is not None and content != self._written:
                 try:
                     write_atomically(self._path, json.dumps(content).encode("utf-8"))
-                    self._written, self.stored = content, True
+                    self._written = content
                 except CodedError:
-                    self._written, self.stored = None, False
+                    self._written = None
                     _empty(self._path)
+                self.stored = self._written is not None
             return self.stored
 
 
@@ -107,7 +108,8 @@ class StopLatch(_Stored):
     """
 
     def __init__(self, path: Optional[Path] = None) -> None:
-        self.number, self.stops = new_id(), ()
+        self.number = new_id()
+        self.stops: Tuple[str, ...] = ()
         self.stopped = False
         self.by = ""
         super().__init__(path)
@@ -132,15 +134,20 @@ class StopLatch(_Stored):
         """Releases the stop if `seen_number` is the newest number. Returns whether robots may drive now."""
         with self._lock:
             if seen_number == self.number:
-                self.stopped, self.by, self.lost = False, "", False
+                self.stopped = False
+                self.by = ""
+                self.lost = False
             return not self.stopped
 
     def _restore(self, content: Any) -> None:
-        stops, stopped, by = _check_ids([content["number"], *content["stops"]]), content["stopped"], content["by"]
+        number, *stops = _check_ids([content["number"], *content["stops"]])
+        stopped, by = content["stopped"], content["by"]
         if not isinstance(stopped, bool):
             raise ValueError("not a stop")
-        self.number, *self.stops = stops
-        self.stops, self.stopped, self.by = tuple(self.stops), stopped, str(by)
+        self.number = number
+        self.stops = tuple(stops)
+        self.stopped = stopped
+        self.by = str(by)
 
     def _content(self) -> Any:
         return {"number": self.number, "stops": list(self.stops), "stopped": self.stopped, "by": self.by}
@@ -185,7 +192,8 @@ class HeldStops(_Stored):
         with self._lock:
             self._latch_stopped = stopped
             if not stopped and set(self.ids) <= set(stops):
-                self.ids, self.lost = (), False
+                self.ids = ()
+                self.lost = False
 
     def _restore(self, content: Any) -> None:
         self.ids = tuple(_check_ids(content))

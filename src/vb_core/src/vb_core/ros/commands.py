@@ -205,5 +205,6 @@ class CommandSender:
         if not robots:
             raise CodedError("stop_unconfirmed")
         # the robots keep the stop, and report it to the manager when it runs again
-        code, values = "stop_held", {"robots": ", ".join(map(sentences.robot_placeholder, robots))}
-        return CommandResponse(True, code, sentences.translate(code, values), values_from_mapping(values))
+        values = {"robots": ", ".join(map(sentences.robot_placeholder, robots))}
+        message = sentences.translate("stop_held", values)
+        return CommandResponse(True, "stop_held", message, values_from_mapping(values))

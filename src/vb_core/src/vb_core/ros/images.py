@@ -28,7 +28,8 @@ def array_from_image(message: Image) -> np.ndarray:
     if message.height == 0 or message.width == 0:
         raise CodedError("bad_image", "the image is empty")
     encoding = find_encoding(message.encoding)
-    channels, height = encoding.channels, encoding.rows(message.height)
+    channels = encoding.channels
+    height = encoding.rows(message.height)
     dtype = encoding.dtype.newbyteorder(">" if message.is_bigendian else "<")
     row_bytes = message.width * channels * dtype.itemsize
     step = message.step
@@ -68,11 +69,13 @@ def decode(message: Union[Image, CompressedImage]) -> Tuple[np.ndarray, str]:
     if isinstance(message, Image):
         return array_from_image(message), message.encoding
     image = array_from_compressed_image(message)
-    # the format is "bayer_rggb8; jpeg compressed ..." if the driver names the encoding that it compressed
-    driver_encoding = message.format.split(";")[0].strip()
     if image.ndim == 3:
         return image, "bgr8"
-    return image, driver_encoding if driver_encoding.startswith("bayer") else "mono8"
+    # the format is "bayer_rggb8; jpeg compressed ..." if the driver names the encoding that it compressed
+    driver_encoding = message.format.split(";")[0].strip()
+    if driver_encoding.startswith("bayer"):
+        return image, driver_encoding
+    return image, "mono8"
 
 
 def message_from_image(image: np.ndarray, encoding: str, stamp: rospy.Time, frame_id: str) -> Image:

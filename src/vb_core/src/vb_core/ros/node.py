@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import ctypes
 import gc
 import inspect
@@ -85,7 +86,8 @@ def _interface(name: str, build: Callable[[], Any]) -> str:
     class_ = build.__globals__.get(returned) if isinstance(returned, str) else returned
     text = inspect.getdoc(class_) or inspect.getdoc(sys.modules[build.__module__]) or ""
     values = Path(build.__code__.co_filename).resolve().parent.parent.parent / "config" / f"{name}.yaml"
-    return f"{name}\n\n{text}" + (f"\n\nParameters and their defaults: {values}" if values.is_file() else "")
+    parameters = f"\n\nParameters and their defaults: {values}" if values.is_file() else ""
+    return f"{name}\n\n{text}{parameters}"
 
 
 def wait_for_publishers(subscribers: Iterable[rospy.Subscriber], timeout: float) -> None:
@@ -139,10 +141,8 @@ _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8  # malloc.h
 
 def _tune_malloc(option: int, value: int) -> None:
     """Sets an option of glibc's malloc. With another C library nothing changes."""
-    try:
+    with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).mallopt(option, value)
-    except (OSError, AttributeError):
-        pass
 
 
 def _share_heap() -> None:
@@ -273,6 +273,7 @@ class WakeTimer:
         return None if self._closed else woken
 
     def _get_simulated(self) -> bool:
+        """Waits in simulated time, as `get` does in wall time. Returns whether the worker was notified."""
         began, began_simulated = time.monotonic(), rospy.get_time()
         if not 0.0 <= self._due - began_simulated <= self._period:
             # this is the first wait, the last one ended too late, or time has jumped
@@ -355,21 +356,19 @@ def watch_input(input_name: str, arrived: Callable[[], bool], timeout: Optional[
     threading.Thread(target=_await, args=(input_name, arrived, timeout), daemon=True).start()
 
 
-def _await(input_name: str, arrived: Callable[[], bool], timeout: Optional[float]) -> bool:
+def _await(input_name: str, arrived: Callable[[], bool], timeout: Optional[float]) -> None:
+    """Waits for an input, as `watch_input` explains, in the calling thread."""
     began = logged_at = time.monotonic()
-    while not arrived():
+    while not (arrived() or rospy.is_shutdown()):
         now = time.monotonic()
-        if rospy.is_shutdown():
-            return False
         if timeout is not None and now - began > timeout:
             shut_down_with_error(CodedError("input_timeout", what=input_name, seconds=round(now - began)))
-            return False
+            return
         if now - logged_at > LOG_DELAY:
             rospy.logwarn("%s waits for %s", rospy.get_name(), input_name)
-            # the pause doubles each time: 5, 10, 20 s ...
+            # the pause doubles each time, from 5 s to 10 s to 20 s
             logged_at = now + max(0.0, now - began - LOG_DELAY)
         time.sleep(0.02)
-    return True
 
 
 def wait_for_clock() -> None:

@@ -47,7 +47,7 @@ def call(
     try:
         response, error = answers.get(timeout=service_timeout + response_timeout)
     except queue.Empty:
-        response, error = None, TimeoutError(f"no response within {response_timeout:g} s")
+        error = TimeoutError(f"no response within {response_timeout:g} s")
     if error is not None:
         code = "no_response" if is_sent.is_set() else "no_service"
         raise CodedError(code, who=who) from error
