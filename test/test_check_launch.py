@@ -12,7 +12,7 @@ import pytest
 
 from refusals import refused
 from vb_testing import run_command
-from vb_bringup.check_launch import KINDS, check_arguments, check_installed, check_values, declared_arguments
+from vb_bringup.check_launch import ARGUMENT_CHECKS, check_arguments, check_installed, check_values, declared_arguments
 
 LAUNCH = Path(__file__).resolve().parents[1] / "launch"
 
@@ -123,7 +123,7 @@ def test_a_misspelt_parameter_is_named_with_its_file(files):
 def test_every_argument_that_has_a_kind_is_judged(name):
     path = LAUNCH / f"{name}.launch"
     judged = set(re.findall(r'(\w+):="\$\(arg \1\)"', path.read_text()))
-    assert judged == set(KINDS) & set(declared_arguments([path]))
+    assert judged == set(ARGUMENT_CHECKS) & set(declared_arguments([path]))
 
 
 def test_missing_programs_are_refused():

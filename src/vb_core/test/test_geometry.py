@@ -67,7 +67,7 @@ def test_distances_along_an_arc_match_driving_along_it(curvature, share, left):
         yaw = curvature * length
         end = np.array([math.sin(yaw), 1.0 - math.cos(yaw)]) / curvature
     place = end + left * np.array([-math.sin(yaw), math.cos(yaw)])
-    along, across = geometry.along_arc(place[None], curvature)
+    along, across = geometry.arc_coordinates(place[None], curvature)
     assert along[0] == pytest.approx(length, abs=1e-9) and across[0] == pytest.approx(left, abs=1e-9)
 
 

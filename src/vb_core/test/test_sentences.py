@@ -8,7 +8,7 @@ from vb_core import sentences
 from vb_core.errors import CodedError
 from vb_core.capabilities import ConnectedRobot
 from vb_core.sentences import words_of_name
-from vb_core.vocabulary import COMMANDS, STATES, normalize, state_by_name
+from vb_core.vocabulary import COMMANDS, STATES, command_name_from_text, state_by_name
 from vb_core.zones import KEEP_OUT, ZONES, zone_by_number
 from vb_msgs.msg import VirtualBorder
 
@@ -94,7 +94,7 @@ def test_rows_can_be_told_apart():
 
 
 def test_commands_are_read_as_people_write_them():
-    assert all(normalize(words_of_name(name).title()) == name for name in COMMANDS)
+    assert all(command_name_from_text(words_of_name(name).title()) == name for name in COMMANDS)
 
 
 def test_the_message_names_the_same_zones():

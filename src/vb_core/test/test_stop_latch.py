@@ -18,7 +18,7 @@ def test_a_resume_releases_only_the_stop_that_its_sender_saw():
     latch.stop("a", "page")
     first = latch.number
     latch.stop("b", "voice")
-    assert not latch.resume(first) and not latch.resume("b") and latch.stopped and latch.by == "page"
+    assert not latch.resume(first) and not latch.resume("b") and latch.stopped and latch.stopped_by == "page"
     assert latch.resume(latch.number) and not latch.stopped
 
 
@@ -36,7 +36,7 @@ def test_a_damaged_file_counts_as_stopped(tmp_path, content):
     path = tmp_path / "stop"
     path.write_text(content)
     latch = StopLatch(path)
-    assert latch.stopped and latch.lost and latch.by
+    assert latch.stopped and latch.lost and latch.stopped_by
     again = StopLatch(path)
     assert again.stopped and again.number == latch.number
     assert latch.resume(latch.number) and not latch.lost
@@ -70,12 +70,12 @@ def test_a_stop_survives_a_full_disk(tmp_path, monkeypatch):
 
 def test_a_robot_reports_a_stop_once_it_outlives_the_driver(tmp_path, monkeypatch):
     held_stops = HeldStops(tmp_path / "stops")
-    held_stops.hear("a")
-    assert held_stops.stopped and held_stops.lasting == ()
-    assert held_stops.store() and held_stops.lasting == ("a",) == HeldStops(tmp_path / "stops").ids
+    held_stops.add("a")
+    assert held_stops.stopped and held_stops.persisted_ids == ()
+    assert held_stops.store() and held_stops.persisted_ids == ("a",) == HeldStops(tmp_path / "stops").ids
     monkeypatch.setattr(stop_latch, "write_atomically", full_disk)  # a notice says that these may be lost
-    held_stops.hear("b")
-    assert not held_stops.store() and held_stops.lasting == ("a", "b")
+    held_stops.add("b")
+    assert not held_stops.store() and held_stops.persisted_ids == ("a", "b")
 
 
 def full_disk(path, _content):
@@ -107,7 +107,7 @@ class Lab:
         self.pressed[identity] = self.time
         for robot in range(2):
             if self.random.random() < 0.7:  # a message may reach nobody
-                self.later(lambda robot=robot: self.hear(robot, identity))
+                self.later(lambda robot=robot: self.add(robot, identity))
         self.later(lambda: self.handle_stop(identity))
 
     def press_resume(self, person):
@@ -119,10 +119,10 @@ class Lab:
     def look(self, person):
         self.seen[person] = self.manager.number if self.manager is not None else self.seen[person]
 
-    def hear(self, robot, identity):
+    def add(self, robot, identity):
         if self.robots[robot] is None:
             return
-        self.robots[robot].hear(identity)
+        self.robots[robot].add(identity)
         if self.random.random() < 0.05:
             self.kill_robot(robot)  # before the stop is stored
             return
@@ -163,7 +163,7 @@ class Lab:
 
     def tell_robots(self):
         if self.manager is not None:
-            stopped, _by, _number, stops = self.manager.read()
+            stopped, _by, _number, stops = self.manager.snapshot()
             for robot in range(2):
                 self.later(lambda robot=robot: self.follow(robot, stopped, stops))
 
@@ -259,7 +259,7 @@ class Lab:
             self.handle_resume(self.seen[0], self.time)
         for robot in range(2):
             self.start()
-            self.follow(robot, *self.manager.read()[::3])
+            self.follow(robot, *self.manager.snapshot()[::3])
 
 
 @pytest.mark.parametrize("part", range(10))

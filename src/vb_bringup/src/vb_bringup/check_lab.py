@@ -1,4 +1,4 @@
-"""Checks a running lab before people use it; prints one line per check: what is wrong, and how to fix it."""
+"""Checks a running lab before people use it. Each line that it prints says what is wrong, and how to fix it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from rosgraph.network import is_local_address
 from sensor_msgs.msg import LaserScan
 from vb_msgs.msg import DetectorStatus, RobotStatus, RobotStatusArray, VirtualBorderArray
 
-from vb_bringup.lab_readiness import check_camera, check_disk, check_map, check_nodes, check_robot, is_all_known
+from vb_bringup.lab_readiness import check_camera, check_disk, check_map, check_nodes, check_robot, is_fully_known
 from vb_bringup.check_launch import UNIQUE_NODE, read_parameters
 from vb_bringup.new_lab import parse_source
 from vb_core import names, sentences
@@ -44,7 +44,7 @@ from vb_laser_detect.camera.v4l2_controls import CaptureParams
 READY, FAULTS, NO_MASTER = 0, 1, 3
 _STATES = {Severity.INFO: "ok", Severity.WARNING: "warning", Severity.ERROR: "error"}
 _STYLES = {Severity.INFO: "green", Severity.WARNING: "yellow", Severity.ERROR: "bold red"}
-# nodes that must run if the launch file has set their parameters; camera_poses reports missing detectors
+# nodes that must run if the launch file has set their parameters; the node camera_poses reports missing detectors
 _NODES = ("/border_fusion", "/interaction_manager", "/camera_poses", "/robot_monitor")
 _CONNECTION_TIMEOUT = 5.0  # [s] a publisher that is not reached within this is a fault to report
 
@@ -151,14 +151,15 @@ def _check_robot(status: RobotStatus, newest: Mapping[str, Any]) -> List[Notice]
 
 def _check_map(graph: NodeGraph, newest: Mapping[str, Any]) -> List[Notice]:
     physical = newest.get(names.PHYSICAL_MAP)
-    size, all_known = None, False
+    size = None
+    lacks_unknown = False
     if physical is not None:
         size = physical.info.width * physical.info.resolution, physical.info.height * physical.info.resolution
         with contextlib.suppress(CodedError):  # the map integrator reports a map of the wrong size
-            all_known = is_all_known(grid_from_message(physical).data)
+            lacks_unknown = is_fully_known(grid_from_message(physical).data)
     publishers = graph.publishers.get(names.PHYSICAL_MAP, [])
     file = str(rospy.get_param("/map_server/map_yaml", ""))
-    return check_map(size, publishers, names.MAP_WITH_BORDERS in newest, file, all_known)
+    return check_map(size, publishers, names.MAP_WITH_BORDERS in newest, file, lacks_unknown)
 
 
 def _check_borders(newest: Mapping[str, Any]) -> List[Notice]:

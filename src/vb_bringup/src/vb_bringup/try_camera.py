@@ -31,7 +31,7 @@ import yaml
 from vb_bringup.new_lab import parse_source, write_lab
 from vb_core import names
 from vb_core.camera_model import project_to_floor
-from vb_core.child_processes import free_port, roslaunch
+from vb_core.child_processes import free_port, start_roslaunch
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap
@@ -65,7 +65,7 @@ _REPEAT_NOTE = " The film repeats: press each just before its part; what was mis
 
 
 # ------------------------------------------------------------- the floor
-def seen_floor(view: PosedCamera) -> GridMap:
+def draw_seen_floor(view: PosedCamera) -> GridMap:
     """Returns an empty map of the floor that a camera sees. Raises CodedError "bad_rectangle" if all is far away."""
     camera, T = view.camera, view.T_map_camera
     columns, rows = np.meshgrid(np.linspace(0, camera.width - 1, 60), np.linspace(0, camera.height - 1, 40))
@@ -101,7 +101,7 @@ def write_camera_lab(folder: Path, source: str, view: PosedCamera, profiles: Pat
         CodedError: "cannot_write_lab"
     """
     shutil.rmtree(str(folder), ignore_errors=True)
-    write_map(folder.parent / "floor", seen_floor(view))
+    write_map(folder.parent / "floor", draw_seen_floor(view))
     write_lab(folder, {CAMERA: source}, "", folder.parent / "floor.yaml", profiles)
     save_lens(folder / "lenses" / f"{CAMERA}.yaml", CAMERA, view.camera)
     pose = CameraPose(CAMERA, names.MAP_FRAME, f"{CAMERA}_optical_frame", view.T_map_camera, view.camera.focal_px)
@@ -135,7 +135,7 @@ class CornerPage:
         application.add_handlers(r"(localhost|127\.0\.0\.1)", routes)
         server = application.listen(port, "127.0.0.1")
         view = await self._accepted.get()
-        await asyncio.sleep(0.3)  # until the answer has been sent
+        await asyncio.sleep(0.3)  # the browser still needs the answer
         server.stop()
         await server.close_all_connections()
         self._source.close()
@@ -188,7 +188,7 @@ class _Floor(_Handler):
             corners = np.array(request["corners"], float).reshape(4, 2)
             size = float(request["width"]), float(request["depth"])
             view = estimate_camera_from_rectangle(corners, size, (width, height))
-            floor = seen_floor(view)
+            floor = draw_seen_floor(view)
             places = floor.cell_to_world(np.argwhere(floor.data == 0)[:: max(1, floor.data.size // 400)])
             pixels = project(view.camera, view.T_map_camera, places)
             worst = click_uncertainty(corners, size, (width, height), pixels)
@@ -289,7 +289,8 @@ def run(arguments: Optional[List[str]] = None) -> int:
     master_port = free_port()
     os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{master_port}", ROS_LOG_DIR=str(folder / "log"))
     print("Starting the detector, the map and the page ...", flush=True)
-    lab = roslaunch([folder / "lab/lab.launch"], folder / "log/roslaunch.txt", master_port, rviz=False, page_port=port)
+    log = folder / "log/roslaunch.txt"
+    lab = start_roslaunch([folder / "lab/lab.launch"], log, master_port, rviz=False, page_port=port)
     try:
         if not _wait_for_services(lab):
             print(lab.tail(), file=sys.stderr)

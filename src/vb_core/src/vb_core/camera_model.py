@@ -78,7 +78,7 @@ class CameraModel:
         """
         pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
         result = np.ones((len(pixels), 3))
-        if not self.distorted:
+        if not self.is_distorted:
             focal, center = self._pinhole
             np.multiply(pixels - center, 1.0 / focal, out=result[:, :2])
             return result
@@ -105,10 +105,10 @@ class CameraModel:
         points = np.asarray(points, dtype=float).reshape(-1, 3)
         if len(points) == 0:
             return np.zeros((0, 2))
-        if self.distorted:
+        if self.is_distorted:
             project = cv2.fisheye.projectPoints if self.fisheye else cv2.projectPoints
             pixels = project(points[:, None], _ORIGIN, _ORIGIN, self.matrix, self.distortion)[0][:, 0]
-            visible = (points[:, 2] > 0) & (np.hypot(points[:, 0], points[:, 1]) <= self.limit * points[:, 2])
+            visible = (points[:, 2] > 0) & (np.hypot(points[:, 0], points[:, 1]) <= self.max_ray_tangent * points[:, 2])
             pixels[~visible] = np.nan
             return pixels
         depths = np.where(points[:, 2:] > 0, points[:, 2:], np.nan)
@@ -116,7 +116,7 @@ class CameraModel:
         return points[:, :2] * (1.0 / depths) * focal + center
 
     @cached_property
-    def distorted(self) -> bool:
+    def is_distorted(self) -> bool:
         """Whether the lens distorts. A fisheye does even with coefficients of 0."""
         return self.fisheye or bool(self.distortion.any())
 
@@ -126,7 +126,7 @@ class CameraModel:
         return np.array([self.matrix[0, 0], self.matrix[1, 1]]), self.matrix[:2, 2].copy()
 
     @cached_property
-    def limit(self) -> float:
+    def max_ray_tangent(self) -> float:
         """Tangent of the angle from the axis at which the model ends: farther out the image would fold back."""
         k = np.concatenate([self.distortion, np.zeros(8)])
         # the radius in the image as a quotient of polynomials in the tangent, or in the angle for a fisheye
@@ -155,7 +155,7 @@ class CameraModel:
         focal, center = self._pinhole
         target = (pixels - center) / focal
         # the start: the undistorted radius, interpolated in a table
-        radii = np.tan(np.linspace(0.0, math.atan(self.limit), 2000))
+        radii = np.tan(np.linspace(0.0, math.atan(self.max_ray_tangent), 2000))
         projected = self.project(np.column_stack([radii, np.zeros(len(radii)), np.ones(len(radii))]))
         finite = np.isfinite(projected[:, 0])
         radius = np.hypot(*target.T)
@@ -173,7 +173,8 @@ class CameraModel:
             with np.errstate(all="ignore"):
                 step = (np.array([v_y * error_u - u_y * error_v, u_x * error_v - v_x * error_u]) / determinant).T
                 # close to the limit, a full step may lead beyond it
-                length = np.maximum(1.0, np.hypot(*step.T) / (0.5 * np.maximum(1e-6, self.limit - np.hypot(*xy.T))))
+                room = np.maximum(1e-6, self.max_ray_tangent - np.hypot(*xy.T))
+                length = np.maximum(1.0, np.hypot(*step.T) / (0.5 * room))
                 xy = xy + step / length[:, None]
         return xy
 

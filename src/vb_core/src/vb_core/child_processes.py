@@ -1,4 +1,4 @@
-"""Child processes of a script: a roslaunch with its own master.
+"""ChildProcess processes of a script: a roslaunch with its own master.
 
 The kernel ends a child when its parent ends, however that happens. No handler has to run, so that neither SIGTERM nor
 SIGKILL leaves a roslaunch behind; roslaunch then ends its nodes.
@@ -41,7 +41,7 @@ def spawn(command: Sequence[str], **options: Any) -> subprocess.Popen:
     return subprocess.Popen(["setpriv", "--pdeathsig", "TERM", *command], **options)
 
 
-class Child:
+class ChildProcess:
     """A child process in its own group, so that everything it started ends with it. See `spawn`."""
 
     def __init__(self, command: List[str], log: Path, env: Optional[Dict[str, str]] = None) -> None:
@@ -78,10 +78,7 @@ class Child:
                 self._process.wait(seconds)
 
 
-def roslaunch(
-    files: Sequence[Path], log: Path, port: int = 0, env: Optional[Dict[str, str]] = None, **arguments: Any
-) -> Child:
-    """Starts launch files with these arguments, under a master of their own if a port is given."""
+def start_roslaunch(files: Sequence[Path], log: Path, port: int, **arguments: Any) -> ChildProcess:
+    """Starts launch files with these arguments. Their nodes use the master at this port, which roslaunch starts."""
     words = [f"{name}:={str(value).lower() if isinstance(value, bool) else value}" for name, value in arguments.items()]
-    master = ["-p", str(port)] if port else []
-    return Child(["roslaunch", *master, *map(str, files), *words], log, env)
+    return ChildProcess(["roslaunch", "-p", str(port), *map(str, files), *words], log)

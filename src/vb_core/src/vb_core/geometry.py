@@ -84,11 +84,8 @@ def make_transform(rotation: np.ndarray, translation) -> np.ndarray:
 
 def invert_transform(T: np.ndarray) -> np.ndarray:
     """Inverts a rigid 4x4 transform."""
-    result = np.eye(4)
     rotation = T[:3, :3].T
-    result[:3, :3] = rotation
-    result[:3, 3] = -rotation @ T[:3, 3]
-    return result
+    return make_transform(rotation, -rotation @ T[:3, 3])
 
 
 def transform_points(T: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -132,7 +129,7 @@ def optical_rotation() -> np.ndarray:
     return np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
-def along_arc(points: np.ndarray, curvature: float) -> Tuple[np.ndarray, np.ndarray]:
+def arc_coordinates(points: np.ndarray, curvature: float) -> Tuple[np.ndarray, np.ndarray]:
     """Converts points (N, 2) [m] to coordinates along an arc.
 
     The arc starts at the origin in the direction of x and bends to the left by `curvature` [1/m].

@@ -8,7 +8,7 @@ A parameter class lists its values with `param`, which carries unit and limits:
 
 `DriveParams.from_mapping({"speed": 0.1})` reads values from YAML or the parameter server. An unknown
 key, a wrong type or a value out of range raises a `ParameterError` that names the key. A default that is itself
-`Parameters` makes a group: `{"drive": {"speed": 0.1}}`, whose keys are named "drive/speed".
+`Parameters` makes a group, as in `{"drive": {"speed": 0.1}}`, whose keys are named "drive/speed".
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from vb_core.errors import ParameterError
 
 P = TypeVar("P", bound="Parameters")
 
-NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")  # of a camera, a robot or a computer
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")  # a camera's, a robot's or a computer's
 
 
 def param(

@@ -75,7 +75,7 @@ class WizardConsoleNode:
     def press(self, key: str) -> bool:
         """Sends the command of a pressed key, if it has one. Returns whether the key leaves the console."""
         # sent by another thread, so that reading goes on
-        if key in COMMAND_KEYS and not self._command_sender.put(COMMAND_KEYS[key]):
+        if key in COMMAND_KEYS and not self._command_sender.submit(COMMAND_KEYS[key]):
             self._print(self._content.words("console_too_many_keys"), BAD)
         return key == QUIT_KEY
 

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import rospy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_msgs.msg import Header
 
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
@@ -46,11 +47,7 @@ def array_from_image(message: Image) -> np.ndarray:
 
 
 def array_from_compressed_image(message: CompressedImage) -> np.ndarray:
-    """Decodes a JPEG or PNG image to pixels (H, W, 3) bgr, or (H, W).
-
-    Raises:
-        CodedError: "bad_image" if it cannot be decoded.
-    """
+    """Decodes a JPEG or PNG image to pixels (H, W, 3) bgr, or (H, W). Raises CodedError "bad_image" if it is damaged."""
     try:
         image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:  # no bytes at all, or too many pixels for OpenCV
@@ -61,11 +58,7 @@ def array_from_compressed_image(message: CompressedImage) -> np.ndarray:
 
 
 def decode(message: Union[Image, CompressedImage]) -> Tuple[np.ndarray, str]:
-    """Decodes an image message. Returns its pixels and their encoding, as in sensor_msgs/Image.
-
-    Raises:
-        CodedError: "bad_image"
-    """
+    """Decodes an image message to pixels and their encoding, as in sensor_msgs/Image. Raises CodedError "bad_image"."""
     if isinstance(message, Image):
         return array_from_image(message), message.encoding
     image = array_from_compressed_image(message)
@@ -81,9 +74,7 @@ def decode(message: Union[Image, CompressedImage]) -> Tuple[np.ndarray, str]:
 def message_from_image(image: np.ndarray, encoding: str, stamp: rospy.Time, frame_id: str) -> Image:
     """Converts pixels to a message. Inverse of `array_from_image`."""
     image = np.ascontiguousarray(image)
-    message = Image()
-    message.header.stamp = stamp
-    message.header.frame_id = frame_id
+    message = Image(header=Header(stamp=stamp, frame_id=frame_id))
     message.height, message.width = image.shape[:2]
     message.encoding = encoding
     message.is_bigendian = int(image.dtype.str.startswith(">"))
@@ -117,9 +108,7 @@ def camera_from_info(info: CameraInfo, rectified: bool = False) -> CameraModel:
 
 def info_from_camera(camera: CameraModel, stamp: rospy.Time, frame_id: str) -> CameraInfo:
     """Converts CameraModel to CameraInfo. Inverse of `camera_from_info`."""
-    info = CameraInfo()
-    info.header.stamp = stamp
-    info.header.frame_id = frame_id
+    info = CameraInfo(header=Header(stamp=stamp, frame_id=frame_id))
     info.width, info.height = camera.width, camera.height
     pinhole = "plumb_bob" if camera.distortion.size <= 5 else "rational_polynomial"
     info.distortion_model = "equidistant" if camera.fisheye else pinhole

@@ -203,6 +203,6 @@ def read_keys() -> Iterator[str]:
 
 def roslaunch(planned: NextRun) -> Callable[[], None]:
     """Starts the system as planned. Returns what stops it."""
-    from vb_core.child_processes import Child
+    from vb_core.child_processes import ChildProcess
 
-    return Child(list(planned.command), planned.folder / "launch.log").stop
+    return ChildProcess(list(planned.command), planned.folder / "launch.log").stop

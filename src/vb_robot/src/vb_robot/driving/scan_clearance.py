@@ -99,7 +99,7 @@ class Scan:
         """Returns how far [m] the arc of (v, w) [m/s, rad/s] is clear of points; inf if none is in the way."""
         curvature, width = w / v, radius + clearance.sides
         checked_curvature = curvature if abs(curvature) <= 1.0 / MIN_ARC_RADIUS else 0.0
-        along, across = geometry.along_arc(self.points * [np.sign(v), 1.0], checked_curvature)
+        along, across = geometry.arc_coordinates(self.points * [np.sign(v), 1.0], checked_curvature)
         in_the_way = (np.abs(across) < width) & (along > 0.0)
         if not in_the_way.any():
             return math.inf
