@@ -141,8 +141,8 @@ def test_a_map_whose_unknown_cells_are_read_as_free_is_reported(tmp_path, free_t
 @pytest.mark.parametrize("height, width", [(0, 0), (3, 4), (2, 2)])
 def test_a_map_of_the_wrong_size_does_not_end_the_check(height, width, monkeypatch):
     monkeypatch.setattr(check_lab.rospy, "get_param", lambda _name, default: default)
-    message = OccupancyGrid()
-    message.info.height, message.info.width, message.data = height, width, [0] * 5
+    message = OccupancyGrid(data=[0] * 5)
+    message.info.height, message.info.width = height, width
     lines = check_lab._check_map(SimpleNamespace(publishers={}), {names.PHYSICAL_MAP: message})
     assert codes(lines) == ["lab_map_without_borders"]
 

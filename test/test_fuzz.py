@@ -45,8 +45,8 @@ EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "25"))
 
 def bounded(share=1.0):
     """Returns the settings of one test; `share` scales the number of examples, for slow or fast tests."""
-    count, checks = max(3, int(EXAMPLES * share)), list(HealthCheck)
-    return settings(max_examples=count, deadline=None, database=None, suppress_health_check=checks)
+    count = max(3, int(EXAMPLES * share))
+    return settings(max_examples=count, deadline=None, database=None, suppress_health_check=list(HealthCheck))
 
 
 # ---------------------------------------------------------------------- strategies from schemas

@@ -32,7 +32,8 @@ class Manager:
     """Stands in for the manager: the commands in `hanging` wait for `let`. Answers `answers` in turn, then success."""
 
     def __init__(self, hanging):
-        self.requests, self.answers, self._done, self._noted = [], [], [], threading.Semaphore(0)
+        self.requests, self.answers, self._done = [], [], []
+        self._noted = threading.Semaphore(0)
         self._gates = {command: threading.Event() for command in hanging}
 
     def note(self, *answer):
@@ -65,7 +66,8 @@ def sender(monkeypatch):
     """Returns a function that makes a sender, its manager and its clock."""
 
     def make(*hanging):
-        manager, clock = Manager(hanging), [10.0]
+        manager = Manager(hanging)
+        clock = [10.0]
         monkeypatch.setattr(commands.services, "call", manager.call)
         monkeypatch.setattr(commands.rospy, "get_rostime", lambda: rospy.Time(100))
         monkeypatch.setattr(commands.time, "monotonic", lambda: clock[0])
@@ -151,15 +153,15 @@ def test_where_no_manager_answers_a_stop_the_robots_that_hold_it_do(sender, monk
         stop = manager.asked_for("stop").id
         orders._on_robot(DriverState(robot="cleo", stops=["an older one", stop]))
         orders._on_robot(DriverState(robot="bob", stops=["an older one"]))
-        without_driver, driven = RobotStatus(robot="ada", stops=[stop]), RobotStatus(robot="cleo", driver=True)
-        orders._on_robots(RobotStatusArray(robots=[without_driver, driven]))
+        without_driver = RobotStatus(robot="ada", stops=[stop])
+        orders._on_robots(RobotStatusArray(robots=[without_driver, RobotStatus(robot="cleo", driver=True)]))
 
     absent = CodedError("no_service", who="$interaction_manager")
     manager.answers += [absent, absent]
     monkeypatch.setattr(commands.time, "sleep", report)
     orders.submit("stop")
     ((_, _, answer, error),) = manager.wait_for(1)
-    assert error is None and (answer.success, answer.code) == (True, "stop_held")
+    assert (answer.success, answer.code, error) == (True, "stop_held", None)
     assert [value.value for value in answer.values] == ["ada, cleo"]
     orders.submit("stop")
     _, _, answer, error = manager.wait_for(2)[1]

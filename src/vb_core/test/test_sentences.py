@@ -35,7 +35,7 @@ CAUGHT = {"who": "$the_robot", "border": "Rug"}
     [
         ("no_service", {"who": "border_fusion"}, "en", "border_fusion is not running."),
         ("no_service", {"who": "border_fusion"}, "de", "border_fusion läuft nicht."),
-        # there is always a sentence: without its value, from the code alone, in an unknown language
+        # there is always a sentence, without its value, from the code alone or in an unknown language
         ("no_service", {}, "en", "(who) is not running."),
         ("of_a_newer_version", {}, "en", "of a newer version"),
         ("no_response", {"who": "x"}, "tlh", "x is not responding."),

@@ -14,19 +14,23 @@ SEQUENCES = 10_000
 
 def test_a_resume_releases_only_the_stop_that_its_sender_saw():
     latch = StopLatch()
-    assert not latch.stopped and latch.resume("anything") and latch.number
+    assert latch.number
+    assert latch.resume("anything")
     latch.stop("a", "page")
     first = latch.number
     latch.stop("b", "voice")
-    assert not latch.resume(first) and not latch.resume("b") and latch.stopped and latch.stopped_by == "page"
-    assert latch.resume(latch.number) and not latch.stopped
+    assert not latch.resume(first) and not latch.resume("b")
+    assert (latch.stopped, latch.stopped_by) == (True, "page")
+    assert latch.resume(latch.number)
+    assert not latch.stopped
 
 
 def test_a_press_that_comes_twice_is_one_stop():
     latch = StopLatch()
-    assert latch.stop("a", "page") and not latch.stop("a", "page")
+    assert [latch.stop("a", "page"), latch.stop("a", "page")] == [True, False]
     assert latch.resume(latch.number)
-    assert not latch.stop("a", "page") and not latch.stopped
+    assert not latch.stop("a", "page")
+    assert not latch.stopped
 
 
 @pytest.mark.parametrize(
@@ -39,7 +43,8 @@ def test_a_damaged_file_counts_as_stopped(tmp_path, content):
     assert latch.stopped and latch.lost and latch.stopped_by
     again = StopLatch(path)
     assert again.stopped and again.number == latch.number
-    assert latch.resume(latch.number) and not latch.lost
+    assert latch.resume(latch.number)
+    assert not latch.lost
 
 
 @pytest.mark.parametrize("content", ["", "{", "{}", "[1]", '[""]'])
@@ -52,8 +57,10 @@ def test_a_robot_with_a_damaged_file_counts_as_stopped(tmp_path, content):
 def test_a_latch_that_cannot_store_counts_as_stopped_and_says_so(tmp_path):
     (tmp_path / "file").write_text("")
     latch = StopLatch(tmp_path / "file" / "stop")  # its folder is missing and cannot be created
-    assert latch.stopped and latch.lost and not latch.stored
-    assert latch.resume(latch.number) and not latch.stopped and not latch.store()
+    assert (latch.stopped, latch.lost, latch.stored) == (True, True, False)
+    assert latch.resume(latch.number)
+    assert not latch.stopped
+    assert not latch.store()
 
 
 def test_a_stop_survives_a_full_disk(tmp_path, monkeypatch):
@@ -62,20 +69,24 @@ def test_a_stop_survives_a_full_disk(tmp_path, monkeypatch):
     assert latch.store()
     monkeypatch.setattr(stop_latch, "write_atomically", full_disk)
     latch.stop("a", "page")
-    assert not latch.store() and not latch.stored
+    assert not latch.store()
+    assert not latch.stored
     monkeypatch.undo()
     assert StopLatch(path).stopped
-    assert latch.store() and StopLatch(path).stops[-1] == "a"
+    assert latch.store()
+    assert StopLatch(path).stops[-1] == "a"
 
 
 def test_a_robot_reports_a_stop_once_it_outlives_the_driver(tmp_path, monkeypatch):
     held_stops = HeldStops(tmp_path / "stops")
     held_stops.add("a")
-    assert held_stops.stopped and held_stops.persisted_ids == ()
-    assert held_stops.store() and held_stops.persisted_ids == ("a",) == HeldStops(tmp_path / "stops").ids
+    assert (held_stops.stopped, held_stops.persisted_ids) == (True, ())
+    assert held_stops.store()
+    assert held_stops.persisted_ids == HeldStops(tmp_path / "stops").ids == ("a",)
     monkeypatch.setattr(stop_latch, "write_atomically", full_disk)  # a notice says that these may be lost
     held_stops.add("b")
-    assert not held_stops.store() and held_stops.persisted_ids == ("a", "b")
+    assert not held_stops.store()
+    assert held_stops.persisted_ids == ("a", "b")
 
 
 def full_disk(path, _content):
@@ -91,7 +102,8 @@ class Lab:
     def __init__(self, random, full):
         self.random, self.time, self.full = random, 0.0, full
         self.queue = []  # (time of arrival, action)
-        self.pressed, self.promised = {}, set()  # id: time; ids answered as stored
+        self.pressed = {}  # by id: its time
+        self.promised = set()  # ids answered as stored
         self.resumes = []  # obeyed: (time given, stops known)
         self.manager = StopLatch(Path("manager"))
         self.robots = [HeldStops(Path(f"robot {number}")) for number in range(2)]
@@ -196,7 +208,8 @@ class Lab:
             self.manager = StopLatch(Path("manager"))
             if self.manager.lost:
                 own_stop = self.manager.stops[-1]
-                self.pressed[own_stop], self.promised = self.time, {own_stop}
+                self.pressed[own_stop] = self.time
+                self.promised = {own_stop}
                 self.known.add(own_stop)
         for robot in range(2):
             if self.robots[robot] is None:
@@ -264,7 +277,8 @@ class Lab:
 
 @pytest.mark.parametrize("part", range(10))
 def test_no_stop_is_lost_or_released_by_an_older_command(part, monkeypatch):
-    files, full = {}, set()
+    files = {}
+    full = set()
 
     def write(path, content):
         if path.name in full:

@@ -128,10 +128,8 @@ def _check_robots(newest: Mapping[str, Any]) -> List[Notice]:
     if names.ROBOTS not in newest:
         return []
     status: RobotStatusArray = newest[names.ROBOTS]
-    lines = list(derive_capabilities(connections_from_message(status)).robot_notices)
-    for robot in status.robots:
-        lines += _check_robot(robot, newest)
-    return lines
+    lines = [line for robot in status.robots for line in _check_robot(robot, newest)]
+    return [*derive_capabilities(connections_from_message(status)).robot_notices, *lines]
 
 
 def _check_robot(status: RobotStatus, newest: Mapping[str, Any]) -> List[Notice]:

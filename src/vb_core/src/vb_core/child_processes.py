@@ -1,4 +1,4 @@
-"""ChildProcess processes of a script: a roslaunch with its own master.
+"""Child processes of a script: a roslaunch with its own master.
 
 The kernel ends a child when its parent ends, however that happens. No handler has to run, so that neither SIGTERM nor
 SIGKILL leaves a roslaunch behind; roslaunch then ends its nodes.
@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence
 
 _PORTS = range(20000, 32768)  # below Linux's ephemeral ports
+_OWN_GROUP: Any = {"stdin": subprocess.DEVNULL, "stderr": subprocess.STDOUT, "start_new_session": True}
 
 
 def free_port(preferred: int = 0) -> int:
@@ -48,14 +49,7 @@ class ChildProcess:
         self.log = log
         log.parent.mkdir(parents=True, exist_ok=True)
         with open(str(log), "w") as output:
-            self._process = spawn(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                env=env,
-                start_new_session=True,
-            )
+            self._process = spawn(command, stdout=output, env=env, **_OWN_GROUP)
 
     @property
     def running(self) -> bool:
