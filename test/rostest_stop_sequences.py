@@ -59,9 +59,8 @@ class StopSequences(unittest.TestCase):
 
     @classmethod
     def on_answer(cls, request, context, answer, error):
-        code = answer.code if answer else error.code
         with cls.lock:
-            cls.answers.append((request.command, context, code))
+            cls.answers.append((request.command, context, (answer or error).code))
 
     def press_page(self, command, at):
         """Sends a command as the page does: from a thread of its own, with the stop that the person saw."""

@@ -56,6 +56,7 @@ def test_a_map_that_is_empty_or_of_the_wrong_size_is_refused():
 
 ENCODINGS = "rgb8 rgba8 bgr8 bgra8 mono8 mono16 rgb16 bgra16 yuv422 bayer_rggb8 bayer_gbrg16".split()
 ENCODINGS += "8UC1 8SC3 16SC2 32SC4 32FC1 64FC12".split()
+FAULTY = [("encoding", "nonsense"), ("encoding", ""), ("encoding", "64UC1"), ("height", 0), ("height", 60), ("step", 0)]
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
@@ -86,10 +87,7 @@ def test_nodes_without_images_do_not_load_opencv():
     assert subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, check=True, text=True).stdout == "[]\n"
 
 
-@pytest.mark.parametrize(
-    "name, value",
-    [("encoding", "nonsense"), ("encoding", ""), ("encoding", "64UC1"), ("height", 0), ("height", 60), ("step", 0)],
-)
+@pytest.mark.parametrize("name, value", FAULTY)
 def test_images_that_cannot_be_read_are_refused(name, value):
     image = images.message_from_image(np.zeros((6, 8), np.uint8), "mono8", rospy.Time(0), "x")
     setattr(image, name, value)
@@ -160,6 +158,7 @@ def test_poses_round_trip():
 
 # ------------------------------------------------------------------ transforms
 CAMERA = geometry.make_transform(geometry.rotation_from_rpy(math.pi, 0, 0.3), (1.0, 2.0, 3.0))
+LOOP = [("camera", "a"), ("a", "b"), ("b", "a"), ("other", "map")]
 
 
 @pytest.fixture
@@ -185,11 +184,7 @@ def test_static_transforms_are_enough_for_a_fixed_camera(lookup):
     assert lookup.lookup("map", "camera", rospy.Time(0), 0.0) == pytest.approx(np.eye(4))
 
 
-@pytest.mark.parametrize(
-    "placed, words",
-    [([], ["camera", "calibrated"]), ([("camera", "a"), ("a", "b"), ("b", "a"), ("other", "map")], ["loop"])],
-    ids=["missing", "a loop"],
-)
+@pytest.mark.parametrize("placed, words", [([], ["camera", "calibrated"]), (LOOP, ["loop"])], ids=["missing", "a loop"])
 def test_frames_that_are_not_connected_are_refused_with_a_reason(lookup, placed, words):
     for child, parent in placed:
         place(lookup, child, parent=parent)

@@ -28,6 +28,7 @@ def test_every_language_has_every_code_with_the_same_values(language):
 
 
 CAUGHT = {"who": "$the_robot", "border": "Rug"}
+UNNAMED = {"who": "ada", "border": "$border_without_name"}
 
 
 @pytest.mark.parametrize(
@@ -46,12 +47,7 @@ CAUGHT = {"who": "$the_robot", "border": "Rug"}
         ("robot_caught_in_border", CAUGHT, "en", "The robot is inside Rug "),
         ("robot_caught_in_border", CAUGHT, "de", "Der Roboter "),
         ("robot_caught_in_border", {**CAUGHT, "who": "ada"}, "en", "ada is inside Rug "),
-        (
-            "robot_caught_in_border",
-            {"who": "ada", "border": "$border_without_name"},
-            "de",
-            "ada ist in Grenze ohne Namen ",
-        ),
+        ("robot_caught_in_border", UNNAMED, "de", "ada ist in Grenze ohne Namen "),
         ("robot_commands_unheard", {**CAUGHT, "topic": "/x"}, "en", "The velocities of the robot reach nobody"),
         # an unnamed border is numbered in the reader's language
         ("robot_caught_in_border", {"who": "ada", "border": "'border 3'"}, "de", "ada ist in 'Grenze 3' "),

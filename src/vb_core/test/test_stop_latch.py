@@ -10,6 +10,7 @@ from vb_core.errors import CodedError
 from vb_core.stop_latch import HeldStops, StopLatch, new_id
 
 SEQUENCES = 10_000
+WITHOUT_NUMBER = '{"number": "", "stops": [], "stopped": false, "by": ""}'
 
 
 def test_a_resume_releases_only_the_stop_that_its_sender_saw():
@@ -33,9 +34,7 @@ def test_a_press_that_comes_twice_is_one_stop():
     assert not latch.stopped
 
 
-@pytest.mark.parametrize(
-    "content", ["", "{", "[]", '{"number": "", "stops": [], "stopped": false, "by": ""}', '{"stopped": false}']
-)
+@pytest.mark.parametrize("content", ["", "{", "[]", WITHOUT_NUMBER, '{"stopped": false}'])
 def test_a_damaged_file_counts_as_stopped(tmp_path, content):
     path = tmp_path / "stop"
     path.write_text(content)

@@ -29,10 +29,9 @@ def array_from_image(message: Image) -> np.ndarray:
     if message.height == 0 or message.width == 0:
         raise CodedError("bad_image", "the image is empty")
     encoding = find_encoding(message.encoding)
-    channels = encoding.channels
     height = encoding.rows(message.height)
     dtype = encoding.dtype.newbyteorder(">" if message.is_bigendian else "<")
-    row_bytes = message.width * channels * dtype.itemsize
+    row_bytes = message.width * encoding.channels * dtype.itemsize
     step = message.step
     if step < row_bytes or len(message.data) < step * (height - 1) + row_bytes:
         raise CodedError(
@@ -40,10 +39,10 @@ def array_from_image(message: Image) -> np.ndarray:
             f"cannot read an image with encoding '{message.encoding}': {message.width} x {message.height} pixels need"
             f" rows of {row_bytes} bytes, it has {len(message.data)} bytes in rows of {step}",
         )
-    strides = (step, channels * dtype.itemsize, dtype.itemsize)
-    pixels = np.ndarray((height, message.width, channels), dtype, bytes(message.data), strides=strides)
+    strides = (step, encoding.channels * dtype.itemsize, dtype.itemsize)
+    pixels = np.ndarray((height, message.width, encoding.channels), dtype, bytes(message.data), strides=strides)
     pixels = pixels.astype(dtype.newbyteorder("="), copy=False)
-    return pixels[:, :, 0] if channels == 1 else pixels
+    return pixels[:, :, 0] if encoding.channels == 1 else pixels
 
 
 def array_from_compressed_image(message: CompressedImage) -> np.ndarray:
