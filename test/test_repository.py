@@ -141,7 +141,7 @@ def test_a_docstring_names_every_fixed_topic_that_its_node_uses():
         for executable, docstring in entries:
             source = reference["find_source"](TOP / "src" / package / "scripts" / executable, package)
             if not source.stem.endswith("_node"):
-                continue  # a command that ends by itself
+                continue  # a command that ends on its own
             for used in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
                 if isinstance(used, ast.Attribute) and getattr(used.value, "id", "") == "names":
                     name = getattr(names, used.attr)

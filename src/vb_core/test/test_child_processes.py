@@ -10,7 +10,6 @@ import psutil
 from vb_core.child_processes import ChildProcess, free_port, spawn
 from vb_testing import wait_until
 
-
 # ignores SIGINT, as a hanging node does
 HANGING = """
 import signal

@@ -15,7 +15,6 @@ from vb_core.robot_profile import RobotProfile
 
 TOP = Path(__file__).resolve().parents[3]
 CONFIG = TOP / "src" / "vb_bringup" / "config" / "navigation"
-
 PROFILES = {path.stem: RobotProfile.load(path) for path in sorted((TOP / "robots").glob("*.yaml"))}
 
 

@@ -153,8 +153,8 @@ def test_where_no_manager_answers_a_stop_the_robots_that_hold_it_do(sender, monk
         stop = manager.asked_for("stop").id
         orders._on_robot(DriverState(robot="cleo", stops=["an older one", stop]))
         orders._on_robot(DriverState(robot="bob", stops=["an older one"]))
-        without_driver = RobotStatus(robot="ada", stops=[stop])
-        orders._on_robots(RobotStatusArray(robots=[without_driver, RobotStatus(robot="cleo", driver=True)]))
+        statuses = [RobotStatus(robot="ada", stops=[stop]), RobotStatus(robot="cleo", driver=True)]
+        orders._on_robots(RobotStatusArray(robots=statuses))
 
     absent = CodedError("no_service", who="$interaction_manager")
     manager.answers += [absent, absent]

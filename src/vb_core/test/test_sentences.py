@@ -12,7 +12,6 @@ from vb_core.vocabulary import COMMANDS, STATES, command_name_from_text, state_b
 from vb_core.zones import KEEP_OUT, ZONES, zone_by_number
 from vb_msgs.msg import VirtualBorder
 
-
 OTHERS = [language for language in sentences.languages() if language != sentences.ENGLISH]
 
 
