@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Stops and resumes from five sources in any order, with slow services and killed nodes, over the real nodes.
 
-At the end of each sequence, the robot must stand if an acknowledged stop is newer than every resume; and one more
-resume, by somebody who looks at the state, must let it drive again.
+At the end of each sequence, the robot must stand if an acknowledged stop is newer than every resume. One more
+resume, by somebody who looks at the state, must then let it drive again.
 """
 
 import os

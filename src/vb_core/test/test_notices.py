@@ -1,4 +1,4 @@
-"""Notices: each node's list replaces its last one; those of a silent node expire."""
+"""Notices: each node's list replaces its last one, and those of a silent node expire."""
 
 from types import SimpleNamespace
 

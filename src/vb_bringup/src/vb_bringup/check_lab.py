@@ -1,4 +1,4 @@
-"""Checks a running lab before people use it. Each line that it prints says what is wrong, and how to fix it."""
+"""Checks a running lab before people use it. Prints one line per check: what is wrong, and how to fix it."""
 
 from __future__ import annotations
 
