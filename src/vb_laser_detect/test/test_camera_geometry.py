@@ -115,7 +115,7 @@ def test_rectified_images_are_not_undistorted_again(monkeypatch):
         topic = InfoTopic("/hall/camera_info", Mock(), rectified)
         topic._on_info(info_of([-0.33, 0.12, 0.0, 0.0, 0.0]))
         models[rectified] = topic.model_for((640, 480))
-    assert models[False].distorted and not models[True].distorted
+    assert models[False].is_distorted and not models[True].is_distorted
     assert models[True].matrix[0, 0] == 350.0
     topic._on_info(info_of([0.0] * 5, binning=2))
     with refused("no_camera_info"):  # not the lens that it had before

@@ -142,14 +142,14 @@ def test_a_borders_state_has_its_name_area_and_zone():
 
 def test_a_robots_problems_are_its_own():
     lines = derive_capabilities(
-        Connections((ConnectedRobot("ada", driver=True, localized=True), ConnectedRobot("bob")))
+        Connections((ConnectedRobot("ada", has_driver=True, is_localized=True), ConnectedRobot("bob")))
     ).robot_notices
     notices = [Notice("robot_stopped", Severity.WARNING, robot="ada", values={"who": "ada"})]
     notices.append(Notice("camera_silent", Severity.ERROR, camera="red", values={"camera": "red"}))
     assert entities.robot_problems("ada", lines, notices, "en") == [notices[0].sentence()]
     assert len(entities.robot_problems("bob", lines, notices, "en")) == 1  # bob is not connected
     # the only robot has no name, and a notice without a robot is about it
-    alone = derive_capabilities(Connections((ConnectedRobot("", driver=True, localized=True),))).robot_notices
+    alone = derive_capabilities(Connections((ConnectedRobot("", has_driver=True, is_localized=True),))).robot_notices
     notices.append(Notice("robot_stopped", Severity.WARNING, values={"who": "$the_robot"}))
     assert entities.robot_problems("", alone, notices, "en") == [notices[2].sentence()]
 

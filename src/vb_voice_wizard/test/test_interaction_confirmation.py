@@ -20,7 +20,7 @@ def test_a_stop_holds_whatever_else_is_said(before):
         interaction.command(command, "wizard", 11.0)
         if interaction.pending:
             interaction.finish_pending(Answer(True, "borders_changed"), 11.0)
-        assert (interaction.latch.stopped, interaction.latch.by) == (True, "voice")
+        assert (interaction.latch.stopped, interaction.latch.stopped_by) == (True, "voice")
         assert interaction.suggested_commands()[0] == RESUME
 
 

@@ -28,7 +28,7 @@ from rich.table import Table
 from roslib.packages import find_node
 
 from vb_core import names
-from vb_core.child_processes import Child, free_port, roslaunch
+from vb_core.child_processes import ChildProcess, free_port, start_roslaunch
 from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import Pose, chain_length
 from vb_core.ros import services
@@ -183,12 +183,12 @@ class Demo:
         if attempt.is_alive():
             raise CodedError("launch_ended", f"roslaunch ended:\n{self._launched.tail()}")
 
-    def _roslaunch(self, files: List[str], **arguments: Any) -> Child:
+    def _roslaunch(self, files: List[str], **arguments: Any) -> ChildProcess:
         """Starts launch files for this world, method and seed."""
         options = self.options
         arguments.update(world=options.world_path, method=options.method, seed=options.seed)
         log = options.out / "log" / f"{Path(files[0]).stem}.txt"
-        child = roslaunch([_LAUNCH / name for name in files], log, self._port, **arguments)
+        child = start_roslaunch([_LAUNCH / name for name in files], log, self._port, **arguments)
         self._stack.callback(child.stop)
         return child
 

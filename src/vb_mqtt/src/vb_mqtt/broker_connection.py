@@ -45,7 +45,7 @@ def read_connection(path: Path) -> Connection:
     try:
         if not path.exists():
             return Connection()
-        files.keep_private(path)
+        files.restrict_to_owner(path)
         return Connection.from_mapping(yaml.safe_load(path.read_text(encoding="utf-8")), str(path))
     except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or type(error).__name__  # the text may hold the password

@@ -237,10 +237,10 @@ class MqttNode:
             self._refuse(MqttRequest("", getattr(error, "sender_id", "")), error)
 
     def _carry_out(self, request: MqttRequest) -> None:
-        is_accepted = self._command_sender.put(
+        is_accepted = self._command_sender.submit(
             request.command or SWITCH,
             request,
-            given=time.monotonic() - request.age,
+            given_at=time.monotonic() - request.age,
             seen_stop=request.seen_stop,
             identity=request.id,
             carry_out=send if request.command else lambda _order: self._switch_border(request),

@@ -16,7 +16,7 @@ from typing import Any, Callable, Dict, Iterator, List, Mapping, Tuple
 
 import yaml
 
-from vb_core.child_processes import Child
+from vb_core.child_processes import ChildProcess
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_evaluation.repository_revision import revision
@@ -205,4 +205,4 @@ def read_keys() -> Iterator[str]:
 
 def roslaunch(next_run: NextRun) -> Callable[[], None]:
     """Starts the system as planned. Returns what stops it."""
-    return Child(list(next_run.command), next_run.folder / "launch.log").stop
+    return ChildProcess(list(next_run.command), next_run.folder / "launch.log").stop
