@@ -109,7 +109,7 @@ class CalibrateCameraTest(unittest.TestCase):
         command.press("done\n")
         self.assertEqual(command.process.wait(TIMEOUT), 0, command.text)
         command.shows("5 of 6 points used")
-        pose = pose_file.load(pose_file.calibration_path(self.folder.name, "red"))
+        pose = pose_file.read_pose(pose_file.calibration_path(self.folder.name, "red"))
         self.assertEqual((pose.camera, pose.parent, pose.frame), ("red", "map", "red_optical_frame"))
         self.assertLess(np.linalg.norm(pose.T[:3, 3] - camera.T[:3, 3]), 0.05)
         turn = geometry.invert_transform(pose.T) @ camera.T

@@ -92,7 +92,7 @@ def test_lens_is_looked_up_twice_a_second_and_for_each_new_size(lab, monkeypatch
     large, small = (640, 480), (320, 240)
     for seconds, size in ((0.0, large), (0.4, large), (0.4, small), (0.8, small), (0.91, small), (1.0, large)):
         clock.monotonic = lambda seconds=seconds: 100.0 + seconds
-        red.geometry_of("red", rospy.Time(5.0 + seconds), size)
+        red.geometry_at("red", rospy.Time(5.0 + seconds), size)
     assert lookups == [large, small, small, large]
 
 

@@ -313,7 +313,7 @@ def test_a_light_that_stays_is_no_pointer_whatever_its_rhythm(rhythm, kind):
     for step in range(200, 340):
         detector.detect(image(step), 0.4 + PERIOD * step)
     later = [detector.detect(image(step), 0.4 + PERIOD * step) for step in range(340, 380)]
-    assert not any(later) and any(detection.lamps for detection in detector.detections)
+    assert not any(later) and any(detection.lamp_count for detection in detector.detections)
     found = [detector.detect(image(step, drawn(step)), 0.4 + PERIOD * step) for step in range(380, 460)]
     hits = [any(abs(spot.v - 60.0) < 2.0 for spot in spots) for spots in found]
     assert sum(hits) >= 60 and not any(abs(spot.v - 60.0) > 2.0 for spots in found for spot in spots)

@@ -44,7 +44,7 @@ def test_a_stroke_is_confirmed_and_keeps_its_number_at_every_rate(rate):
     film, tracks = Film(rate), []
     for i in range(20):
         tracks += film.see(sighting(0.4 * i / rate))
-    assert [track.published for track in tracks] == [False, False] + [True] * 18
+    assert [track.is_published for track in tracks] == [False, False] + [True] * 18
     assert tracks[2].backfilled == [0, 1] and not any(track.backfilled for track in tracks[3:])
     assert len({track.number for track in tracks}) == 1
 
@@ -58,7 +58,7 @@ def test_a_track_survives_two_missed_images_but_not_more(rate):
     assert film.see(sighting(0.01))[0] == first
     for _ in range(30):
         film.see()
-    assert not film.see(sighting(0.01))[0].published
+    assert not film.see(sighting(0.01))[0].is_published
 
 
 def test_a_newcomer_takes_nobodys_place():
@@ -66,11 +66,11 @@ def test_a_newcomer_takes_nobodys_place():
     laser = [film.see(sighting(0.01 * i, confidence=0.5))[0] for i in range(5)][-1]
     for i in range(5, 60):
         tracks = film.see(sighting(0.01 * i, 0.5, confidence=0.99), sighting(0.01 * i, confidence=0.5))
-        assert [track.published for track in tracks] == [False, True] and tracks[1].number == laser.number
+        assert [track.is_published for track in tracks] == [False, True] and tracks[1].number == laser.number
     # not even while the laser is hidden; once that is lost, the other one is published, without its earlier sightings
-    assert not film.see(sighting(0.6, 0.5))[0].published
+    assert not film.see(sighting(0.6, 0.5))[0].is_published
     later = [film.see(sighting(0.6, 0.5))[0] for _ in range(20)]
-    assert later[-1].published and not any(track.backfilled for track in later)
+    assert later[-1].is_published and not any(track.backfilled for track in later)
 
 
 def test_jumps_that_no_hand_makes_are_other_spots():
@@ -101,11 +101,11 @@ def test_the_mean_colour_counts(mosaic):
     # a white glint of two pixels has a different colour in each image
     left, right = np.array([1.0, 0.5, 1.0, 0.5]), np.array([0.5, 1.0, 0.5, 1.0])
     film = Film(mosaic=mosaic)
-    confirmed = [film.see(sighting(0.0, tint=(left, right)[i % 2]))[0].confirmed for i in range(30)]
+    confirmed = [film.see(sighting(0.0, tint=(left, right)[i % 2]))[0].is_confirmed for i in range(30)]
     # a mosaic shows some colour of any laser; a spot that other cameras show white must outlast a glint
     assert not any(confirmed[1:14]) and confirmed[-1] == (not mosaic)
     film = Film(mosaic=mosaic)
-    assert [film.see(sighting(0.0))[0].confirmed for _ in range(4)] == [False, False, True, True]
+    assert [film.see(sighting(0.0))[0].is_confirmed for _ in range(4)] == [False, False, True, True]
 
 
 def test_a_spot_is_expected_where_its_motion_and_the_camera_s_take_it():

@@ -24,14 +24,14 @@ from geometry_msgs.msg import PointStamped
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_laser_detect.calibration import pose_file
-from vb_laser_detect.calibration.pose_session import CalibrationSession, HeldSpot, describe, describe_points
-from vb_laser_detect.calibration.pose_session import parse_place
+from vb_laser_detect.calibration.pose_session import PoseCalibrationSession, StillSpotFinder, describe, describe_points
+from vb_laser_detect.calibration.pose_session import parse_point
 from vb_laser_detect.calibration.lens import PAPERS_MM, write_board
 from vb_laser_detect.calibration.pose import POINT_SIGMA
 from vb_laser_detect.detection.spot_detector import SpotDetector
 from vb_laser_detect.ros.calibration_commands import RunningCamera, calibrate_lens, measure_camera_delay, set_exposure
 
-FOLDER = "~/.ros/virtual_borders/cameras"
+CALIBRATION_FOLDER = "~/.ros/virtual_borders/cameras"
 _SPOT_TIMEOUT = 4.0  # [s] for the spot to be seen and still
 print_line = partial(print, flush=True)  # the person sees each line at once
 _HELP = """
@@ -77,12 +77,12 @@ class SpotCalibration:
     def __init__(self, arguments: argparse.Namespace) -> None:
         self._arguments = arguments
         self._inputs = InputLines()
-        self._held_spot, self._lock = HeldSpot(), threading.Lock()
+        self._spot_finder, self._lock = StillSpotFinder(), threading.Lock()
         self._camera = RunningCamera(arguments.camera, own_source=False)
         # a held spot must not be taken for a lamp while the person finds the place in RViz
         self._detector = SpotDetector(self._camera.detector_params.replace(max_dwell_time=3600.0))
         self._lens = self._camera.read_lens()
-        self._session = CalibrationSession(self._lens, arguments.point_sigma)
+        self._session = PoseCalibrationSession(self._lens, arguments.point_sigma)
         threading.Thread(target=self._watch, daemon=True).start()
 
     def _watch(self) -> None:
@@ -95,7 +95,7 @@ class SpotCalibration:
                 rospy.logwarn_throttle(5.0, str(error))
                 continue
             with self._lock:
-                self._held_spot.add(stamp, [(spot.u, spot.v) for spot in spots if spot.stamp == stamp])
+                self._spot_finder.add(stamp, [(spot.u, spot.v) for spot in spots if spot.stamp == stamp])
 
     def run(self) -> int:
         """Talks to the person until they are done; returns the exit status."""
@@ -111,7 +111,7 @@ class SpotCalibration:
                 if line == "undo":
                     print_line("  taken back" if self._session.undo() else "  there is nothing to take back")
                 elif line:
-                    place = parse_place(line)
+                    place = parse_point(line)
                     if place is None:
                         print_line(_HELP)
                         continue
@@ -133,7 +133,7 @@ class SpotCalibration:
         while True:
             try:
                 with self._lock:
-                    return self._held_spot.place()
+                    return self._spot_finder.median_position()
             except CodedError:
                 if time.monotonic() > end or rospy.is_shutdown():
                     raise
@@ -149,10 +149,10 @@ class SpotCalibration:
         focal = float(self._lens.matrix[0, 0])
         pose = pose_file.CameraPose(name, names.MAP_FRAME, frame, estimate.T_map_camera, focal)
         # where the running lab looks for it
-        folder = str(rospy.get_param("/camera_poses/calibration_dir", "")) or FOLDER
+        folder = str(rospy.get_param("/camera_poses/calibration_dir", "")) or CALIBRATION_FOLDER
         path = pose_file.calibration_path(folder, name)
         title = f"{self._arguments.command}, {datetime.datetime.now().isoformat(' ', 'minutes')}"
-        pose_file.save(path, pose, [title, *report, *describe_points(estimate, observed)])
+        pose_file.write_pose(path, pose, [title, *report, *describe_points(estimate, observed)])
         print_line(f"wrote {path}; a running lab.launch takes it within seconds")
         return 0
 

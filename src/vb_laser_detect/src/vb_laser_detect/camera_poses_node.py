@@ -16,7 +16,7 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.notices import NoticePublisher
 from vb_laser_detect.calibration.pose_file import CameraPose, calibration_path
-from vb_laser_detect.calibration.camera_faults import CameraWatch, Report, read_files
+from vb_laser_detect.calibration.camera_faults import CameraFaultFinder, DetectorReport, read_files
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
 
@@ -56,7 +56,7 @@ class CameraPosesNode:
         self._pose_contents: Dict[str, bytes] = {}
         self._lock = threading.Lock()
         node.wait_for_clock()
-        self._watch = CameraWatch(self._cameras, rospy.get_time())
+        self._watch = CameraFaultFinder(self._cameras, rospy.get_time())
         self._broadcaster = tf2_ros.StaticTransformBroadcaster()
         self._notices = NoticePublisher()
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_status, queue_size=50)
@@ -74,7 +74,7 @@ class CameraPosesNode:
         now = rospy.get_time()
         age = now - message.header.stamp.to_sec()
         with self._lock:
-            self._watch.report(message.camera, Report(now, message.frame_id, message.focal_px, age))
+            self._watch.report(message.camera, DetectorReport(now, message.frame_id, message.focal_px, age))
 
     def _on_spot(self, message: LaserSpot) -> None:
         if not message.mobile:
@@ -88,8 +88,10 @@ class CameraPosesNode:
             self._publish_changed_files()
         with self._lock:
             watch, now = self._watch, rospy.get_time()
-            notices = watch.missing_detectors(now) + watch.misfits(self._files, list(self._poses), now)
-            notices += watch.wrong_clocks(now) + watch.disagreements(now)
+            notices = watch.find_missing_detectors(now) + watch.find_calibration_faults(
+                self._files, list(self._poses), now
+            )
+            notices += watch.find_wrong_clocks(now) + watch.find_disagreements(now)
         self._notices.set(notices)
 
     def _publish_changed_files(self) -> None:

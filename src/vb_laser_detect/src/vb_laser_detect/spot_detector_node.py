@@ -219,7 +219,7 @@ class CameraDetector:
         located = [spot for spot in detection.spots if spot.floor_point is not None]
         for spot in located:
             self._spots.publish(self._message(spot))
-        if detection.lamps:
+        if detection.lamp_count:
             self._report.report_fault(CodedError("lamp"))
         if geometry is not None:
             pose_error = geometry.pose_error  # set if the pose was needed and is unknown
@@ -238,7 +238,7 @@ class CameraDetector:
     ) -> Tuple[Optional[ImageGeometry], Optional[CodedError]]:
         """Returns the image's geometry, or the reason why there is none. Spots are then found, but not published."""
         try:
-            return self._camera_geometry.geometry_of(frame_id, stamp, size), None
+            return self._camera_geometry.geometry_at(frame_id, stamp, size), None
         except CodedError as error:
             return None, error.without_traceback()
 

@@ -39,7 +39,7 @@ _KEY = re.compile(r"[A-Za-z0-9_-]{0,48}")
 _DATED = '"at": {{ now().timestamp() }}, "id": "{{ now().timestamp() }}-{{ range(100000) | random }}"'
 _SEEN_STOP = "{{ this.attributes.stop_number | default('', true) }}"
 _ANSWER = "{{ this.attributes.answer | default('', true) }}"
-NOBODY_ASKS = "-"
+NO_QUESTION = "-"
 QUESTION_TIME = 30.0  # [s] for which a question can be answered
 MAX_SIDE = 1000  # [px] of the map's picture
 _MAX_TEXT = 250  # characters; Home Assistant accepts 255
@@ -76,14 +76,14 @@ class LabEntities:
         return f"{PREFIX}/+/{self.device}/+/config"
 
 
-def key_of(kind: str, name: str) -> str:
+def entity_key(kind: str, name: str) -> str:
     """Returns the key of a border, camera or robot: safe in a topic, and different for different names."""
     if not _KEY.fullmatch(name):
         name = hashlib.blake2b(name.encode("utf-8"), digest_size=8).hexdigest()
     return f"{kind}_{name}" if name else kind
 
 
-def describe(lab: LabEntities) -> Dict[str, Dict[str, Any]]:
+def describe_entities(lab: LabEntities) -> Dict[str, Dict[str, Any]]:
     """Returns the description of each entity, by its topic."""
 
     def title(code: str, **values: str) -> str:
@@ -116,12 +116,15 @@ def describe(lab: LabEntities) -> Dict[str, Dict[str, Any]]:
         entities["button", command] = {"name": title("command_" + command), **button(needs, "stopped", command)}
     problem = {"device_class": "problem", "entity_category": "diagnostic", "value_template": _flag("problem")}
     for camera in lab.cameras:
-        entities["binary_sensor", key_of("camera", camera)] = {"name": title("mqtt_camera", camera=camera), **problem}
+        entities["binary_sensor", entity_key("camera", camera)] = {
+            "name": title("mqtt_camera", camera=camera),
+            **problem,
+        }
     for robot in lab.robots or ():
         name = title("mqtt_robot", who=sentences.robot_placeholder(robot))
-        entities["binary_sensor", key_of("robot", robot)] = {"name": name, "needs": MONITOR, **problem}
+        entities["binary_sensor", entity_key("robot", robot)] = {"name": name, "needs": MONITOR, **problem}
     for identity, name in (lab.borders or {}).items():
-        key = key_of("border", identity)
+        key = entity_key("border", identity)
         entities["switch", key] = {
             "name": border_name(name, lab.language),
             "needs": INTEGRATOR,
@@ -139,17 +142,19 @@ def describe(lab: LabEntities) -> Dict[str, Dict[str, Any]]:
     }
 
 
-def leftovers(lab: LabEntities, described: Iterable[str]) -> List[str]:
+def find_stale_topics(lab: LabEntities, described: Iterable[str]) -> List[str]:
     """Returns the topics of descriptions on the broker whose entities no longer belong to the lab.
 
     Entities of a kind that is not known yet are kept.
     """
-    current = describe(lab)
+    current = describe_entities(lab)
     unknown = [kind for kind, names in (("border", lab.borders), ("robot", lab.robots)) if names is None]
-    return sorted(topic for topic in described if topic not in current and key_in(topic).split("_")[0] not in unknown)
+    return sorted(
+        topic for topic in described if topic not in current and key_from_topic(topic).split("_")[0] not in unknown
+    )
 
 
-def key_in(topic: str) -> str:
+def key_from_topic(topic: str) -> str:
     """Returns the key of the entity that a topic describes."""
     return topic.split("/")[3]
 
@@ -189,7 +194,7 @@ def _flag(field: str) -> str:
     return f"{{{{ 'ON' if value_json.{field} else 'OFF' }}}}"
 
 
-def state_value(message: Any, language: str) -> Dict[str, Any]:
+def state_payload(message: Any, language: str) -> Dict[str, Any]:
     """Converts vb_msgs/InteractionState to the state and the last answer."""
     return {
         "state": message.name,
@@ -201,18 +206,18 @@ def state_value(message: Any, language: str) -> Dict[str, Any]:
     }
 
 
-def stop_value(message: Any) -> Dict[str, Any]:
+def stop_payload(message: Any) -> Dict[str, Any]:
     """Converts vb_msgs/InteractionState to the stop and its number, which `resume` must name."""
     return {"stopped": bool(message.stopped), "stopped_by": message.stopped_by, "stop_number": message.stop_number}
 
 
-def question_value(message: Any, language: str) -> Dict[str, Any]:
+def question_payload(message: Any, language: str) -> Dict[str, Any]:
     """Converts vb_msgs/InteractionState to the open question, who was asked, and the command that answers yes."""
     answer_age = (message.header.stamp - message.last_answered).to_sec()
     is_open = message.last_code in QUESTIONS and answer_age <= QUESTION_TIME
     answer = mapping_from_values(message.last_values).get("answer", "") if is_open else ""
     return {
-        "question": sentence_in(message, language, "last_")[:_MAX_TEXT] if is_open else NOBODY_ASKS,
+        "question": sentence_in(message, language, "last_")[:_MAX_TEXT] if is_open else NO_QUESTION,
         "command": message.last_command if is_open else "",
         "asked": message.last_source if is_open else "",
         "answer": answer.replace(" ", "_"),
@@ -220,7 +225,7 @@ def question_value(message: Any, language: str) -> Dict[str, Any]:
     }
 
 
-def border_value(border: Any) -> Dict[str, Any]:
+def border_payload(border: Any) -> Dict[str, Any]:
     """Converts vb_msgs/VirtualBorder."""
     return {
         "enabled": bool(border.enabled),
@@ -244,7 +249,7 @@ def robot_problems(name: str, lines: Sequence[Notice], notices: Iterable[Notice]
     return [notice.sentence(language) for notice in problems]
 
 
-def notice_value(notice: Notice, language: str) -> Dict[str, Any]:
+def notice_payload(notice: Notice, language: str) -> Dict[str, Any]:
     """Converts a notice, for the list of notices and as an event."""
     about = {"robot": notice.robot, "border": notice.border_id, "camera": notice.camera}
     return {
@@ -255,7 +260,7 @@ def notice_value(notice: Notice, language: str) -> Dict[str, Any]:
     }
 
 
-def answer_value(sender_id: str, request_name: str, success: bool, code: str, text: str) -> Dict[str, Any]:
+def answer_payload(sender_id: str, request_name: str, success: bool, code: str, text: str) -> Dict[str, Any]:
     """Returns the event that reports the result of a command or a switch."""
     done, asked, refused = ANSWERS
     kind = done if success else (asked if code in QUESTIONS else refused)

@@ -5,10 +5,10 @@ message counts once, and only if it carries the time at which it was given. Only
 any form, unless it was retained: a stop too many does no harm. Whatever arrives, only a `Refusal` is raised.
 
 >>> inbox = Inbox(started=90.0)
->>> inbox.take(b'{"command": "save", "at": 99.5}', retained=False, now=100.0).age
+>>> inbox.accept_request(b'{"command": "save", "at": 99.5}', retained=False, now=100.0).age
 0.5
->>> inbox.take(b'{"command": "save", "at": 99.5}', retained=False, now=101.0)    # delivered twice
->>> inbox.take(b"stop", retained=False, now=102.0).command
+>>> inbox.accept_request(b'{"command": "save", "at": 99.5}', retained=False, now=101.0)    # delivered twice
+>>> inbox.accept_request(b"stop", retained=False, now=102.0).command
 'stop'
 """
 
@@ -27,7 +27,7 @@ from vb_core.rate_limiter import RateLimiter
 from vb_core.sentences import words_of_name
 from vb_core.vocabulary import ANSWERS, COMMANDS, STOP
 
-KNOWN = (*COMMANDS, *ANSWERS)
+ACCEPTED_COMMANDS = (*COMMANDS, *ANSWERS)
 MAX_AGE = 5.0  # [s] nobody expects an older request to be carried out
 MAX_BYTES = 2048
 RATE, BURST = 2.0, 10.0  # requests let through: [1/s] on average, and at once
@@ -54,7 +54,7 @@ class MqttRequest:
         sender_id: the sender's own id for it, which the answer repeats.
         command: the command's name; "": a border is to be switched.
         seen_stop: number of the newest stop that the sender was shown, see vb_msgs/Command.
-        border: key of the border to switch, see `entities.key_of`.
+        border: key of the border to switch, see `entities.entity_key`.
         enabled: whether to switch it on.
         age: [s] since it was given.
     """
@@ -80,7 +80,7 @@ class Inbox:
         self._accepted_ids: Deque[str] = deque(maxlen=256)  # more than the rate lets through within MAX_AGE
         self._limiter = RateLimiter(RATE, BURST)
 
-    def take(self, payload: bytes, retained: bool, now: float) -> Optional[MqttRequest]:
+    def accept_request(self, payload: bytes, retained: bool, now: float) -> Optional[MqttRequest]:
         """Returns the request in a message, or None if it was accepted before, or the message is empty.
 
         Args:
@@ -126,7 +126,7 @@ class Inbox:
             if not border or not isinstance(fields.get("enabled"), bool):
                 raise _bad("enabled" if border else "border")
             return MqttRequest(identity, sender_id, border=border, enabled=fields["enabled"], age=age)
-        if command not in KNOWN:
+        if command not in ACCEPTED_COMMANDS:
             raise _bad("command")
         return MqttRequest(identity, sender_id, command, _text(fields, "seen_stop"), age=age)
 

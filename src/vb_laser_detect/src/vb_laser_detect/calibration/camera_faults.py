@@ -39,7 +39,7 @@ Sighting = Tuple[float, float, float]  # stamp [s], x, y [m]
 
 
 @dataclass(frozen=True)
-class Report:
+class DetectorReport:
     """The part of a detector's status that is compared.
 
     Attributes:
@@ -55,7 +55,7 @@ class Report:
     age: float = 0.0
 
 
-class CameraWatch:
+class CameraFaultFinder:
     """Finds faults of the cameras that should be there. Not thread safe.
 
     Args:
@@ -64,12 +64,12 @@ class CameraWatch:
     """
 
     def __init__(self, cameras: Sequence[str], now: float) -> None:
-        self._reports = {name: Report(now + _START_TIMEOUT - _SILENCE_TIMEOUT) for name in cameras}
+        self._reports = {name: DetectorReport(now + _START_TIMEOUT - _SILENCE_TIMEOUT) for name in cameras}
         self._ages: Dict[str, Deque[float]] = {name: deque(maxlen=_CLOCK_REPORTS) for name in cameras}
         self._sightings: Dict[str, Deque[Sighting]] = {}
         self._pose_changes: Dict[str, float] = {}  # [s] when a camera got its present pose
 
-    def report(self, camera: str, report: Report) -> None:
+    def report(self, camera: str, report: DetectorReport) -> None:
         """Records a detector's report; that of an unexpected camera is ignored."""
         if camera in self._reports:
             self._reports[camera] = report
@@ -88,7 +88,7 @@ class CameraWatch:
         self._sightings.pop(camera, None)
         self._pose_changes[camera] = now
 
-    def missing_detectors(self, now: float) -> List[Notice]:
+    def find_missing_detectors(self, now: float) -> List[Notice]:
         """Returns a notice for each camera whose detector has not reported for too long at a time [s]."""
         return [
             Notice.from_error(CodedError("detector_missing"), Severity.ERROR, camera)
@@ -99,7 +99,7 @@ class CameraWatch:
     def _is_missing(self, camera: str, now: float) -> bool:
         return now - self._reports[camera].arrival > _SILENCE_TIMEOUT
 
-    def wrong_clocks(self, now: float) -> List[Notice]:
+    def find_wrong_clocks(self, now: float) -> List[Notice]:
         """Returns a notice for each camera on a computer whose clock differs from this one's at a time [s]."""
         notices = []
         for camera, ages in sorted(self._ages.items()):
@@ -109,27 +109,27 @@ class CameraWatch:
                 notices.append(Notice.from_error(CodedError("camera_clock", age=f"{age:.2f}"), Severity.ERROR, camera))
         return notices
 
-    def misfits(
-        self, files: Mapping[str, Union[CameraPose, CodedError]], kept: Sequence[str], now: float
+    def find_calibration_faults(
+        self, files: Mapping[str, Union[CameraPose, CodedError]], cameras_with_old_pose: Sequence[str], now: float
     ) -> List[Notice]:
         """Returns a notice for each camera whose calibration cannot be used, or does not fit its images.
 
         Args:
             files: each camera's calibration, or why it cannot be read.
-            kept: cameras whose earlier pose is still published.
+            cameras_with_old_pose: cameras whose earlier pose is still published.
             now: [s] present time.
         """
         frames = [report.frame for camera, report in self._reports.items() if not self._is_missing(camera, now)]
         notices = []
         for camera, file in sorted(files.items()):
             report = self._reports[camera]
-            fault = _misfit(camera, file, report, camera in kept)
+            fault = _calibration_fault(camera, file, report, camera in cameras_with_old_pose)
             # its detector says that another camera has the same frame: that must be resolved before the pose
             if fault is not None and not (report.frame and frames.count(report.frame) > 1):
                 notices.append(Notice.from_error(fault, Severity.ERROR, camera))
         return notices
 
-    def disagreements(self, now: float) -> List[Notice]:
+    def find_disagreements(self, now: float) -> List[Notice]:
         """Returns a notice for each pair of cameras that disagree on a spot: one was moved, or has another's pose."""
         recent = {
             camera: np.array(sorted(row for row in rows if 0.0 <= now - row[0] <= _SIGHTING_LIFETIME)).reshape(-1, 3)
@@ -173,7 +173,7 @@ def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, Union[CameraPos
     files: Dict[str, Union[CameraPose, CodedError]] = {}
     for camera in cameras:
         try:
-            files[camera] = pose_file.load(pose_file.calibration_path(folder, camera))
+            files[camera] = pose_file.read_pose(pose_file.calibration_path(folder, camera))
         except CodedError as error:
             files[camera] = error.without_traceback()
     frames = {camera: file.frame for camera, file in files.items() if isinstance(file, CameraPose)}
@@ -185,7 +185,9 @@ def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, Union[CameraPos
     return files
 
 
-def _misfit(camera: str, file: Union[CameraPose, CodedError], report: Report, is_kept: bool) -> Optional[CodedError]:
+def _calibration_fault(
+    camera: str, file: Union[CameraPose, CodedError], report: DetectorReport, is_kept: bool
+) -> Optional[CodedError]:
     """Returns the fault if a calibration cannot be used, or does not fit the camera's images; None if it fits."""
     name = f"{camera}.yaml"
     if isinstance(file, CodedError):

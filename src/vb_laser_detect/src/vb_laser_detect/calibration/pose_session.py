@@ -18,7 +18,7 @@ _STILL_PX = 3.0  # four fifths of the sightings of a still spot are this near to
 _SAME_PLACE_PX = 15.0  # a spot nearer than this to an earlier place was not moved
 
 
-class HeldSpot:
+class StillSpotFinder:
     """Finds a laser spot that is held still in the image."""
 
     def __init__(self) -> None:
@@ -32,7 +32,7 @@ class HeldSpot:
         self._newest = stamp
         self._sightings.extend((stamp, u, v) for u, v in spots)
 
-    def place(self) -> Tuple[float, float]:
+    def median_position(self) -> Tuple[float, float]:
         """Returns the spot's median position (u, v) [px] in the images of the last two seconds.
 
         Raises:
@@ -47,7 +47,7 @@ class HeldSpot:
         return float(median[0]), float(median[1])
 
 
-class CalibrationSession:
+class PoseCalibrationSession:
     """The places on the floor where a camera was shown a spot, whose map positions are known to `point_sigma` [m]."""
 
     def __init__(self, camera: CameraModel, point_sigma: float = POINT_SIGMA) -> None:
@@ -133,7 +133,7 @@ def describe_points(estimate: PoseEstimate, observed: Correspondences) -> List[s
     ]
 
 
-def parse_place(text: str) -> Optional[List[float]]:
+def parse_point(text: str) -> Optional[List[float]]:
     """Returns a line's two numbers, separated by spaces or commas; None for any other line."""
     try:
         values = [float(word) for word in text.replace(",", " ").split()]

@@ -53,17 +53,17 @@ class CapturedImage(NamedTuple):
     """One image of a camera, not decoded to pixels yet.
 
     Attributes:
-        taken: [s] since 1970, when it was taken, as exactly as the source can tell.
+        stamp: [s] since 1970, when it was taken, as exactly as the source can tell.
         jpeg: as it arrived; None if the camera sends another codec.
         frame: as decoded from another codec; None for a JPEG.
-        left_out: why each image just before it was not decoded: "late_image", or "bad_image" if it, or one that it
+        skipped_codes: why each image just before it was not decoded: "late_image", or "bad_image" if it, or one that it
             builds on, was damaged.
     """
 
-    taken: float
+    stamp: float
     jpeg: Optional[bytes] = None
     frame: Optional[av.VideoFrame] = None
-    left_out: Tuple[str, ...] = ()
+    skipped_codes: Tuple[str, ...] = ()
 
     def picture(self) -> AnyPicture:
         """Returns the image; a large one is decoded only as far as needed.
@@ -117,7 +117,7 @@ def is_file(address: str) -> bool:
     return not (is_device(address) or is_network(address))
 
 
-def printable(address: str) -> str:
+def without_password(address: str) -> str:
     """Returns an address without its password, which is before the host or in the query."""
     return re.sub(r"(password|pwd)=[^&]*", r"\1=***", re.sub(r"://[^/]*@", "://", address), flags=re.IGNORECASE)
 
@@ -158,7 +158,7 @@ class CameraSource:
     ) -> None:
         self.address, self.params = address, params
         self._handle, self._report = handle, report
-        self._left_out: List[str] = []
+        self._skipped_codes: List[str] = []
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
@@ -201,7 +201,7 @@ class CameraSource:
                     self._handle(shot)
         except (av.error.FFmpegError, OSError) as error:
             raise self._fault(error) from None
-        raise CodedError("camera_ended", source=printable(self.address))
+        raise CodedError("camera_ended", source=without_password(self.address))
 
     def _open(self) -> Any:
         if is_device(self.address):
@@ -226,7 +226,7 @@ class CameraSource:
 
     def _shots(self, container: Any) -> Iterator[CapturedImage]:
         if not container.streams.video:
-            raise CodedError("camera_no_stream", source=printable(self.address))
+            raise CodedError("camera_no_stream", source=without_password(self.address))
         stream = container.streams.video[0]
         # decoding in several threads would delay frames
         stream.thread_type, stream.codec_context.thread_count = "SLICE", 1
@@ -236,13 +236,13 @@ class CameraSource:
             return
         for packet, offset in packets:
             if packet.size:
-                yield CapturedImage(self._taken(packet, offset), jpeg=bytes(packet))
+                yield CapturedImage(self._stamp(packet, offset), jpeg=bytes(packet))
 
     def _decoded(self, packets: Iterator[Tuple[Any, Optional[float]]]) -> Iterator[CapturedImage]:
         """Decodes images that build on each other."""
         missing, newest, decoded = "", 0.0, time.monotonic()
         for packet, offset in packets:
-            at = self._taken(packet, offset)
+            at = self._stamp(packet, offset)
             late = not is_file(self.address) and time.time() - 1e-3 * self.params.delay_ms - at > _QUEUED
             # a keyframe twice a second is decoded however late: a network may have become slower for good
             if packet.is_keyframe and (not late or at - newest > _QUEUED):
@@ -254,18 +254,20 @@ class CameraSource:
             except av.error.InvalidDataError:
                 missing = "bad_image"
             if missing:
-                self._left_out.append(missing)
+                self._skipped_codes.append(missing)
                 if missing == "bad_image" and time.monotonic() - decoded > _STALL_TIMEOUT:
                     # when it is opened again, it begins with a keyframe
-                    raise CodedError("camera_stalled", source=printable(self.address), seconds=f"{_STALL_TIMEOUT:g}")
+                    raise CodedError(
+                        "camera_stalled", source=without_password(self.address), seconds=f"{_STALL_TIMEOUT:g}"
+                    )
                 continue
             newest = at
             for frame in frames:
-                yield CapturedImage(self._taken(frame, offset), frame=frame, left_out=tuple(self._left_out))
-                self._left_out.clear()
+                yield CapturedImage(self._stamp(frame, offset), frame=frame, skipped_codes=tuple(self._skipped_codes))
+                self._skipped_codes.clear()
             decoded = time.monotonic()
 
-    def _taken(self, item: Any, offset: Optional[float]) -> float:
+    def _stamp(self, item: Any, offset: Optional[float]) -> float:
         """Returns when a packet's or frame's image was taken [s]; the delay may change meanwhile."""
         known = offset is not None and item.pts is not None
         return (float(item.pts * item.time_base) + offset if known else time.time()) - 1e-3 * self.params.delay_ms
@@ -322,4 +324,4 @@ class CameraSource:
         told = (*type(error).__mro__, getattr(error, "errno", None))
         code = next((code for code, reasons in _REASONS.items() if set(reasons) & set(told)), "camera_fault")
         why = getattr(error, "strerror", "")
-        return CodedError(code, source=printable(self.address), seconds=f"{_STALL_TIMEOUT:g}", why=why)
+        return CodedError(code, source=without_password(self.address), seconds=f"{_STALL_TIMEOUT:g}", why=why)

@@ -18,7 +18,7 @@ BLOCK = 8  # [px] edge of a block
 _BAND_BYTES = 240_000  # [bytes] of one pixel row of all blocks in a band: small enough for a core's cache
 # half of a block's rows are read, in half the time: a spot covers several rows, and two Bayer rows hold all colours
 _COLOR_ROWS, _MOSAIC_ROWS = (1, 3, 5, 7), (1, 2, 5, 6)
-# [grey levels] limits of `Background.bright`, in very dark and very bright rooms
+# [grey levels] limits of `Background.bright_level`, in very dark and very bright rooms
 _DARKEST, _BRIGHTEST = 64.0, 191.0
 _BRIGHT = 99.0  # [%] of the background are darker than what counts as bright
 _NOISE_DEVIATIONS = 6.0  # how far a rise must exceed a block's own noise
@@ -47,7 +47,7 @@ class Changes(NamedTuple):
     darker: np.ndarray
 
     @property
-    def everywhere(self) -> bool:
+    def is_global_change(self) -> bool:
         """Returns whether so much changed that the background no longer holds.
 
         A person close to the camera darkens much of the image too, and must not become its background.
@@ -68,7 +68,7 @@ class Background:
     Attributes:
         image: the background itself, at the size searched.
         blocks: number of their rows and columns.
-        bright: [grey levels] of the brightest surfaces in it, see `SearchedImage`.
+        bright_level: [grey levels] of the brightest surfaces in it, see `SearchedImage`.
         motion: (3, 3) maps the background's pixels to those of the last image; None if the camera was stationary.
         reference: what the last image was compared with: the background as moved and lit in it.
     """
@@ -91,8 +91,8 @@ class Background:
         # Bayer image see different colours
         cells = image if image.ndim == 3 else cv2.dilate(image, np.ones((2, 2), np.uint8), anchor=(0, 0))
         bright = float(np.percentile(max_channel(sample_blocks(cells)), _BRIGHT))
-        self.bright = min(max(bright, _DARKEST), _BRIGHTEST)
-        self._min_change = _MIN_CHANGE * self.bright
+        self.bright_level = min(max(bright, _DARKEST), _BRIGHTEST)
+        self._min_change = _MIN_CHANGE * self.bright_level
 
     def compare(self, image: np.ndarray, motion: Optional[np.ndarray]) -> Changes:
         """Compares an image with the background, which flickering lamps may light row by row.
@@ -113,7 +113,7 @@ class Background:
             return Changes(self._rise, self._exceeds_noise(self._rise), np.zeros(self.blocks, bool))
         self.reference, now = self.image, sample_blocks(image)
         changes = self._changes(image, now, self._sample)
-        if changes.everywhere and self._relight_rows(now):
+        if changes.is_global_change and self._relight_rows(now):
             changes = self._changes(image, now, sample_blocks(self.reference))
         return changes
 
@@ -299,7 +299,7 @@ def sample_blocks(image: np.ndarray) -> np.ndarray:
     return cv2.resize(image[: rows * BLOCK, : columns * BLOCK], (columns, rows), interpolation=cv2.INTER_NEAREST)
 
 
-def brightest(image: np.ndarray, box: Box) -> float:
+def max_in_box(image: np.ndarray, box: Box) -> float:
     """Returns the brightest sample [grey levels] of a box."""
     left, top, right, bottom = box
     # columns and channels side by side

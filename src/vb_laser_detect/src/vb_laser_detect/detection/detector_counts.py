@@ -77,7 +77,7 @@ class DetectorCounts:
         self._frames.append((now, now - stamp, search_s))
         self._sums.update(processed=1, spots=spots)
 
-    def quality(self, foreign_clock: bool) -> List[CodedError]:
+    def find_image_faults(self, foreign_clock: bool) -> List[CodedError]:
         """Returns what is wrong with the images of the last seconds.
 
         Args:

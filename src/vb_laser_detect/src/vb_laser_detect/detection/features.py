@@ -18,7 +18,7 @@ from typing import Callable, Dict, List, NamedTuple, Optional, Tuple
 import cv2
 import numpy as np
 
-from vb_laser_detect.detection.background import BLOCK, blocks_around, brightest, max_channel, match_lighting
+from vb_laser_detect.detection.background import BLOCK, blocks_around, max_in_box, max_channel, match_lighting
 from vb_laser_detect.detection.stage_results import Box, Part, SearchedImage, Spot, shrink_box
 
 _EDGE = 0.35  # a blob consists of the pixels whose rise exceeds this share of the peak
@@ -113,9 +113,9 @@ def measure_blob(searched: SearchedImage, box: Box, max_diameter: float, max_wid
         cutout = _cut_out(picture.search_pixels, lambda part: searched.reference[part], small_box, *limits)
         if cutout.problem == "too_large":
             return _unmeasured(box, "too_large")
-    if brightest(picture.pixels, box) < searched.min_level:  # now that it is decoded whole
+    if max_in_box(picture.pixels, box) < searched.min_level:  # now that it is decoded whole
         return _unmeasured(box, "too_dark")
-    cutout = _cut_out(picture.pixels, searched.floor, box, max_diameter, max_width)
+    cutout = _cut_out(picture.pixels, searched.reference_part, box, max_diameter, max_width)
     if cutout.problem:
         return _unmeasured(box, cutout.problem)
     light = BlobLight(*cutout.images, picture.is_bayer)
@@ -189,12 +189,12 @@ def _features_of(light: BlobLight, u: float, v: float, diameter: float, searched
     """Computes the features that say how a blob's light differs from the floor and from other changes."""
     busy, may_be_ghost = _surroundings_of(u, v, diameter, searched)
     return {
-        "peak": math.log(max(cv2.minMaxLoc(light.rise, light.mask)[1], 1.0) / searched.bright),
-        "level": math.log(max(cv2.minMaxLoc(max_channel(light.now), light.mask)[1], 1.0) / searched.bright),
+        "peak": math.log(max(cv2.minMaxLoc(light.rise, light.mask)[1], 1.0) / searched.bright_level),
+        "level": math.log(max(cv2.minMaxLoc(max_channel(light.now), light.mask)[1], 1.0) / searched.bright_level),
         # a real spot on the edge of a white sheet could look like a ghost
         "edge": light.edge() if may_be_ghost else math.nan,
         # a light darkens no channel, paint does
-        "fall": max(0.0, float((light.floor_levels - light.levels).max())) / searched.bright,
+        "fall": max(0.0, float((light.floor_levels - light.levels).max())) / searched.bright_level,
         "diameter": math.log(diameter / searched.diagonal),
         # many webcams show a spot as white, mosaics show its colour: only there is a single blob's colour informative
         "chroma_mosaic": min(1.0, chroma(light.tint) / _ONE_MOSAIC) if searched.picture.is_bayer else math.nan,

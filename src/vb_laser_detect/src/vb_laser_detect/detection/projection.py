@@ -62,7 +62,7 @@ class FloorProjection:
         self.params = params or ProjectionParams()
         self.floor = floor
 
-    def on_plane(self, camera: CameraModel, T_map_camera: np.ndarray, u: float, v: float) -> FloorPoint:
+    def project_to_plane(self, camera: CameraModel, T_map_camera: np.ndarray, u: float, v: float) -> FloorPoint:
         """Projects a pixel [px] to the floor plane.
 
         Raises:
@@ -86,7 +86,7 @@ class FloorProjection:
         self._check_map(point)
         return FloorPoint(point, float(_scales(corner[None])[0]), GROUND_PLANE, distance)
 
-    def with_depth(
+    def project_with_depth(
         self,
         camera: CameraModel,
         T_map_camera: np.ndarray,
@@ -103,9 +103,9 @@ class FloorProjection:
             depth_camera: model of the depth image. None: the colour image's model, scaled to the depth image's size.
 
         Raises:
-            CodedError: as `on_plane`, and "not_on_floor" for a point above or below the floor.
+            CodedError: as `project_to_plane`, and "not_on_floor" for a point above or below the floor.
         """
-        plane, origin, ratio = self.on_plane(camera, T_map_camera, u, v), T_map_camera[:3, 3], None
+        plane, origin, ratio = self.project_to_plane(camera, T_map_camera, u, v), T_map_camera[:3, 3], None
         if depth is not None and depth.ndim == 2 and depth.size:
             model = depth_camera or camera.scaled_to(depth.shape[1], depth.shape[0])
             pixel = model.project(camera.pixels_to_rays(np.array([[u, v]])))[0]
@@ -238,9 +238,9 @@ class ImageGeometry:
         """
         depth = None if self._lookups is None else self._lookups.depth_at(self._frame_id, self._stamp)
         if depth is None:
-            point = self._floor_projection.on_plane(self._camera, self._pose, u, v)
+            point = self._floor_projection.project_to_plane(self._camera, self._pose, u, v)
         else:
-            point = self._floor_projection.with_depth(self._camera, self._pose, u, v, *depth)
+            point = self._floor_projection.project_with_depth(self._camera, self._pose, u, v, *depth)
         if self._robots is None:
             self._robots = self._lookups.robot_cylinders(self._stamp)
         if any(robot.occludes(self._pose[:3, 3], point.position) for robot in self._robots):

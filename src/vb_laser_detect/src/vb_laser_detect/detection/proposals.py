@@ -18,7 +18,14 @@ import cv2
 import numpy as np
 
 from vb_core.image_format import AnyPicture
-from vb_laser_detect.detection.background import BLOCK, GHOST_TIME, Background, blocks_around, brightest, match_lighting
+from vb_laser_detect.detection.background import (
+    BLOCK,
+    GHOST_TIME,
+    Background,
+    blocks_around,
+    max_in_box,
+    match_lighting,
+)
 from vb_laser_detect.detection.stage_results import Box, ExpectedSpot, ChangedRegion, SearchedImage, Spot, shrink_box
 
 # lowest level of a spot, as a share of what is bright in the room; only 3 of 464 known spots are darker, in darkened clips
@@ -129,18 +136,18 @@ class RegionProposer:
         if motion is not None:
             expected = [spot.moved(motion) for spot in expected]
         changes = None if self._background is None else self._background.compare(image, shift)
-        if changes is None or changes.everywhere:
+        if changes is None or changes.is_global_change:
             self._start(picture, expected)
             changes = self._background.compare(image, None)
-        background, min_level = self._background, _MIN_LEVEL * self._background.bright
+        background, min_level = self._background, _MIN_LEVEL * self._background.bright_level
         # the brightest first: a spot is white on any floor, but its rise depends on the floor, and a person beside it
         # rises more on a bright one
-        boxes = sorted(find_regions(changes.rise, changes.brighter), key=lambda box: -brightest(image, box))
+        boxes = sorted(find_regions(changes.rise, changes.brighter), key=lambda box: -max_in_box(image, box))
         regions = [_region(picture, box, min_level, expected) for box in boxes[:_MAX_REGIONS]]
         return SearchedImage(
             picture,
             diagonal=math.hypot(*picture.size),
-            bright=background.bright,
+            bright_level=background.bright_level,
             min_level=min_level,
             regions=regions,
             reference=background.reference,
@@ -193,9 +200,9 @@ def _region(picture: AnyPicture, box: Box, min_level: float, expected: Sequence[
         bottom = height
     box = left, top, right, bottom
     if picture.is_fully_decoded:
-        level = brightest(picture.pixels, box)
+        level = max_in_box(picture.pixels, box)
     else:  # the highest level that is possible
-        level = brightest(picture.search_pixels, shrink_box(box, picture.scale)) / _HALF_LEVEL
+        level = max_in_box(picture.search_pixels, shrink_box(box, picture.scale)) / _HALF_LEVEL
     return ChangedRegion(box, level >= min_level, next((spot for spot in expected if spot.overlaps(box)), None))
 
 

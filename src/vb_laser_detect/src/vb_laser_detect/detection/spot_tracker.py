@@ -22,7 +22,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from vb_laser_detect.detection.features import chroma
-from vb_laser_detect.detection.stage_results import Detection, ExpectedSpot, SearchedImage, Spot
+from vb_laser_detect.detection.stage_results import DetectionResult, ExpectedSpot, SearchedImage, Spot
 
 _SLACK_PX = 12.0  # [px] by which noise alone may move a spot between two images
 _BLINK = 1.5  # [s] a light that is absent for no longer than this counts as having stayed in its place
@@ -59,10 +59,10 @@ class Track:
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(2))
     hits: int = 0
     diameter: float = 0.0
-    confirmed: bool = False
-    published: bool = False
+    is_confirmed: bool = False
+    is_published: bool = False
     lit_s: float = 0.0
-    light: Optional[np.ndarray] = None  # the sum of its spots' tints
+    tint_sum: Optional[np.ndarray] = None  # over its spots
     unpublished: List[Spot] = field(default_factory=list)
 
 
@@ -98,14 +98,14 @@ class SpotTracker:
         gap = max(_GAP_TIME, _GAP_PERIODS * self.period)
         self._tracks = [track for track in self._tracks if stamp - track.stamp <= gap]
         self._lit_places = self._lit_places[self._lit_places[:, 3] + _BLINK + _MEMORY * self._lit_places[:, 2] >= stamp]
-        return [self._expect(track) for track in self._tracks if track.confirmed]
+        return [self._expect(track) for track in self._tracks if track.is_confirmed]
 
     def _expect(self, track: Track) -> ExpectedSpot:
         elapsed = self._since(track)
         reach = _SLACK_PX + 0.5 * elapsed * math.hypot(*track.velocity)
         return ExpectedSpot(track.pixel.tolist(), (track.velocity * elapsed).tolist(), reach, 2.0 * track.diameter)
 
-    def update(self, candidates: Sequence[Spot], searched: SearchedImage) -> Detection:
+    def update(self, candidates: Sequence[Spot], searched: SearchedImage) -> DetectionResult:
         """Adds the candidates of the image for which `predict` was called, except rejected ones."""
         self._diagonal, self._mosaic = searched.diagonal, searched.picture.is_bayer
         if searched.motion is not None:
@@ -122,12 +122,12 @@ class SpotTracker:
         self._choose_published_track(tracks)
         published, judged = [], [candidate for candidate in candidates if candidate.rejection] + lamps
         for track, (spot, _) in zip(tracks, followed):
-            reason = "" if track.published else "lower_confidence" if track.confirmed else "unconfirmed"
+            reason = "" if track.is_published else "lower_confidence" if track.is_confirmed else "unconfirmed"
             judged.append(replace(spot, track=track.number, rejection=reason))
-            if track.published:
+            if track.is_published:
                 published += [*track.unpublished, judged[-1]]
                 track.unpublished = []
-        return Detection(published, judged, published_lamps)
+        return DetectionResult(published, judged, published_lamps)
 
     def _record_light(self, spot: Spot) -> float:
         """Records light at a spot's place, and returns the time [s] for which that place has been lit."""
@@ -148,7 +148,7 @@ class SpotTracker:
             is_lamp = any(math.hypot(track.pixel[0] - lamp.u, track.pixel[1] - lamp.v) <= _SLACK_PX for lamp in lamps)
             if is_lamp and track.lit_s > _STEP_TIME:
                 self._tracks.remove(track)
-                published += track.published
+                published += track.is_published
         return published
 
     def _since(self, track: Track) -> float:
@@ -184,18 +184,18 @@ class SpotTracker:
         track.hits += 1
         track.diameter, track.lit_s = spot.diameter, lit_s
         if spot.tint is not None:
-            track.light = spot.tint if track.light is None else track.light + spot.tint
-        if track.hits >= self.confirm_frames and not track.confirmed:
-            track.confirmed = self._is_colored(track)
+            track.tint_sum = spot.tint if track.tint_sum is None else track.tint_sum + spot.tint
+        if track.hits >= self.confirm_frames and not track.is_confirmed:
+            track.is_confirmed = self._is_colored(track)
         oldest = self._stamp - max(_RECALL_TIME, (self.confirm_frames + 1) * self.period)
         track.unpublished = [earlier for earlier in track.unpublished if earlier.stamp >= oldest]
-        if not track.confirmed:
+        if not track.is_confirmed:
             track.unpublished.append(replace(spot, track=track.number))
 
     def _is_colored(self, track: Track) -> bool:
         """Returns whether a track has shown a laser's colour, or has lasted for so long that it needs none."""
         # a white glint on one pixel of a Bayer pattern looks coloured; its mean over several images does not
-        mean_chroma = 0.0 if track.light is None else chroma(track.light)
+        mean_chroma = 0.0 if track.tint_sum is None else chroma(track.tint_sum)
         lasting = _PALE if self._mosaic else 0.0
         min_chroma = lasting if self._stamp - track.created >= _STEP_TIME else _VIVID
         return self.confirm_frames <= 1 or mean_chroma >= min_chroma
@@ -207,12 +207,12 @@ class SpotTracker:
         """
         if self.confirm_frames <= 1:
             for track in self._tracks:
-                track.published = False
-        confirmed = [track for track in tracks if track.confirmed]
-        published = [track for track in self._tracks if track.published]
+                track.is_published = False
+        confirmed = [track for track in tracks if track.is_confirmed]
+        published = [track for track in self._tracks if track.is_published]
         # tracks that were elsewhere for most of their time
         moving = [track for track in confirmed if track.lit_s < 0.5 * (self._stamp - track.created)]
         if moving and published and all(track.lit_s > _STEP_TIME for track in published):
-            published[0].published, published = False, []
+            published[0].is_published, published = False, []
         if confirmed and not published:
-            (moving or confirmed)[0].published = True
+            (moving or confirmed)[0].is_published = True

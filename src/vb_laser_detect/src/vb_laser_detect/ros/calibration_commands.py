@@ -28,7 +28,7 @@ from vb_laser_detect.calibration.live_picture import LivePicture
 from vb_laser_detect.camera.lens_and_settings_files import save_lens, set_capture
 from vb_laser_detect.camera.delay import brightness, measure_delay
 from vb_laser_detect.camera.exposure import SPOT_LEVEL, Brightness, find_exposure, measure_brightness
-from vb_laser_detect.camera.camera_source import printable
+from vb_laser_detect.camera.camera_source import without_password
 from vb_laser_detect.detection.spot_detector import DetectorParams
 from vb_laser_detect.spot_detector_node_params import image_topic
 from vb_laser_detect.ros.camera_feed import ReceivedImage, lens_path, subscribe_images
@@ -117,7 +117,7 @@ class RunningCamera:
         client.close()
         refused = [name for name, value in values.items() if accepted[name] != value]
         if refused:
-            raise CodedError("control_refused", source=printable(self.params["source"]), why=", ".join(refused))
+            raise CodedError("control_refused", source=without_password(self.params["source"]), why=", ".join(refused))
 
     def write_settings(self, **values: Any) -> None:
         """Writes capture settings into the camera's settings file, or prints them if there is none."""

@@ -178,7 +178,7 @@ class CameraGeometry:
         self._cached_for = ("", (0, 0))  # frame and size at the last lookup
         self._cached_at = -math.inf  # [s] when that was
 
-    def geometry_of(self, frame_id: str, stamp: rospy.Time, size: Tuple[int, int]) -> ImageGeometry:
+    def geometry_at(self, frame_id: str, stamp: rospy.Time, size: Tuple[int, int]) -> ImageGeometry:
         """Returns an image's geometry. A moving camera's pose at the image's time is looked up only if needed.
 
         Args:

@@ -183,7 +183,7 @@ class DetectorDiagnostics:
 
     def _quality_faults(self) -> List[CodedError]:
         """Returns the faults of usable images. A value that hovers around its limit is reported continuously."""
-        faults = self._counts.quality(not self._own_source)
+        faults = self._counts.find_image_faults(not self._own_source)
         if self._saturated_share > TOO_BRIGHT:
             faults.append(CodedError("camera_too_bright", percent=f"{100 * self._saturated_share:.0f}"))
         if self._mobile and not self._color:
