@@ -6,7 +6,12 @@ import pytest
 from board_scene import CAMERA, POSE
 from refusals import refused
 from vb_core.camera_model import project_to_floor
-from vb_laser_detect.calibration.pose_session import PoseCalibrationSession, StillSpotFinder, describe, parse_point
+from vb_laser_detect.calibration.pose_session import (
+    PoseCalibrationSession,
+    StillSpotFinder,
+    describe_estimate,
+    parse_point,
+)
 
 
 def show(spot_finder, images, spots_of):
@@ -42,7 +47,7 @@ def test_session_guides_to_a_result_and_back():
         session.add(pixel, point)
     assert len(session) == 6
     assert "cm on the floor" in session.describe_progress()
-    assert "6 of 6" in "\n".join(describe(session.solve(), session.observed))
+    assert "6 of 6" in "\n".join(describe_estimate(session.solve(), session.observed))
     for _ in range(3):
         assert session.undo()
     with refused("too_few_calibration_points"):

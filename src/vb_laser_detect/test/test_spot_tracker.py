@@ -33,9 +33,10 @@ class Film:
         detection, tracks = self.tracker.update(sightings, self.image), []
         earlier = [round(spot.stamp / self.period) - 1 for spot in detection.spots[:-1]]
         for spot in detection.candidates:
-            confirmed, published = spot.rejection != "unconfirmed", not spot.rejection
-            tracks.append(SimpleNamespace(number=spot.track, confirmed=confirmed, published=published))
-            tracks[-1].backfilled = earlier if published else []
+            track = SimpleNamespace(number=spot.track, is_published=not spot.rejection)
+            track.is_confirmed = spot.rejection != "unconfirmed"
+            track.backfilled = earlier if track.is_published else []
+            tracks.append(track)
         return tracks
 
 

@@ -2,8 +2,8 @@
 
 Each entity has a retained message with its description (Home Assistant's MQTT discovery), and another one, with the
 same key, with its state. An empty message removes an entity that no longer exists, even one from an earlier process.
-A state holds only what people and automations use, and nothing that changes by itself: each change is an entry in the
-hub's history.
+A state holds only what people and automations use, and nothing that changes on its own, because each change is an entry
+in the hub's history.
 
 A button sends the time, and the number of the newest stop in its own attributes, so that `resume` releases only the
 stop that was on the screen.
@@ -30,12 +30,17 @@ from vb_core.zones import zone_by_number
 
 PREFIX = "homeassistant"  # topic below which Home Assistant searches for descriptions
 ONLINE, OFFLINE = "online", "offline"
-MANAGER, INTEGRATOR, MONITOR, CONFIRM = "manager", "integrator", "monitor", "confirm"  # in `health`, beside commands
+MANAGER, INTEGRATOR, MONITOR, CONFIRM = (
+    "manager",
+    "integrator",
+    "monitor",
+    "confirm",
+)  # fields of `health` next to the commands
 COMMAND, ANSWER, NOTICE = "command", "answer", "notice"  # topics of messages that are not states
 ANSWERS = ("done", "asked", "refused")  # outcomes of a command
 NOTICES = ("info", "warning", "error")
 _KEY = re.compile(r"[A-Za-z0-9_-]{0,48}")
-# what a button or switch sends besides its command: the time and an id; the stop or the answer that its state shows
+# what a button or switch sends besides its command: the time and an id, and the stop or the answer that its state shows
 _DATED = '"at": {{ now().timestamp() }}, "id": "{{ now().timestamp() }}-{{ range(100000) | random }}"'
 _SEEN_STOP = "{{ this.attributes.stop_number | default('', true) }}"
 _ANSWER = "{{ this.attributes.answer | default('', true) }}"
@@ -149,9 +154,8 @@ def find_stale_topics(lab: LabEntities, described: Iterable[str]) -> List[str]:
     """
     current = describe_entities(lab)
     unknown = [kind for kind, names in (("border", lab.borders), ("robot", lab.robots)) if names is None]
-    return sorted(
-        topic for topic in described if topic not in current and key_from_topic(topic).split("_")[0] not in unknown
-    )
+    stale = (topic for topic in described if topic not in current)
+    return sorted(topic for topic in stale if key_from_topic(topic).split("_")[0] not in unknown)
 
 
 def key_from_topic(topic: str) -> str:
@@ -172,11 +176,13 @@ def _complete(
     if platform != "switch":  # Home Assistant derives a border's id from its name
         config["default_entity_id"] = f"{platform}.{lab.device}_{key}"
     if platform != "button":
-        config["image_topic" if platform == "image" else "state_topic"] = lab.topic(key)
+        field = "image_topic" if platform == "image" else "state_topic"
+        config[field] = lab.topic(key)
     if platform not in ("event", "image"):
         config["json_attributes_topic"] = lab.topic(shows or key)
     if "command_template" in config:
-        config["command_topic"], config["qos"] = lab.topic(COMMAND), 1
+        config["command_topic"] = lab.topic(COMMAND)
+        config["qos"] = 1
     config["availability"] = [{"topic": lab.topic("availability")}]
     if needs:
         config["availability"].append({"topic": lab.topic("health"), "value_template": f"{{{{ value_json.{needs} }}}}"})
@@ -263,8 +269,14 @@ def notice_payload(notice: Notice, language: str) -> Dict[str, Any]:
 def answer_payload(sender_id: str, request_name: str, success: bool, code: str, text: str) -> Dict[str, Any]:
     """Returns the event that reports the result of a command or a switch."""
     done, asked, refused = ANSWERS
-    kind = done if success else (asked if code in QUESTIONS else refused)
-    return {"event_type": kind, "id": sender_id, "command": request_name, "code": code, "text": text[:_MAX_TEXT]}
+    outcome = asked if code in QUESTIONS else refused
+    return {
+        "event_type": done if success else outcome,
+        "id": sender_id,
+        "command": request_name,
+        "code": code,
+        "text": text[:_MAX_TEXT],
+    }
 
 
 def draw_map(prior: GridMap, posterior: GridMap, borders: Sequence[Any]) -> bytes:

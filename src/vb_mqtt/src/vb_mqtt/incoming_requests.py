@@ -30,9 +30,10 @@ from vb_core.vocabulary import ANSWERS, COMMANDS, STOP
 ACCEPTED_COMMANDS = (*COMMANDS, *ANSWERS)
 MAX_AGE = 5.0  # [s] nobody expects an older request to be carried out
 MAX_BYTES = 2048
-RATE, BURST = 2.0, 10.0  # requests let through: [1/s] on average, and at once
+RATE = 2.0  # [1/s] requests let through on average
+BURST = 10.0  # requests let through at once
 _TEXT = re.compile(r"[0-9A-Za-z_.-]{0,64}")
-_KINDS = (frozenset({"command", "seen_stop"}), frozenset({"border", "enabled"}))  # fields, beside `at` and `id`
+_KINDS = (frozenset({"command", "seen_stop"}), frozenset({"border", "enabled"}))  # fields, besides `at` and `id`
 
 
 class Refusal(CodedError):
@@ -91,7 +92,7 @@ class Inbox:
             Refusal: "mqtt_retained", "mqtt_bad_message", "mqtt_undated", "expired", "mqtt_clock", "mqtt_too_fast".
         """
         if not payload:
-            return None  # this is how a retained message is deleted
+            return None  # an empty message deletes a retained one
         if retained:
             raise Refusal("mqtt_retained")
         fields = _read(payload)
@@ -99,7 +100,7 @@ class Inbox:
         sender_id = sender_id if isinstance(sender_id, str) and _TEXT.fullmatch(sender_id) else ""
         digest = f"mqtt:{hashlib.blake2b(payload, digest_size=12).hexdigest()}"
         if fields.get("command") == STOP:
-            # a sender that gives each of its stops the same id must be obeyed all the same
+            # a sender must be obeyed even if it gives each of its stops the same id
             return MqttRequest(digest if {"id", "at"} <= set(fields) else f"mqtt:{uuid.uuid4().hex}", sender_id, STOP)
         try:
             # messages without an id are told apart by their contents, which include the time
@@ -115,6 +116,7 @@ class Inbox:
         return request
 
     def _check(self, fields: Dict[str, Any], identity: str, sender_id: str, now: float) -> MqttRequest:
+        """Returns the request in a message's fields, whose names and values must be right, or raises a Refusal."""
         allowed = next((kind for kind in _KINDS if kind & set(fields)), frozenset({"command"}))
         unknown = sorted(set(fields) - allowed - {"at", "id"})
         if unknown:

@@ -33,9 +33,11 @@ from vb_mqtt.entities import CONFIRM, INTEGRATOR, MANAGER, MONITOR, OFFLINE, ONL
 from vb_mqtt.incoming_requests import BURST, RATE, Inbox, MqttRequest
 
 SOURCE = "home_assistant"
-SWITCH_BORDER = "switch_border"  # its name in the queue of commands, which are carried out in the order given
+SWITCH_BORDER = "switch_border"  # name of a switch in the queue of commands, which are carried out in the order given
 _PERIOD = 1.0  # [s] between two rounds of publishing, and of looking for silent nodes
-_SILENCE = 4.0  # [s] until a node is silent; a detector publishes once a second, the interaction manager ten times
+_SILENCE = (
+    4.0  # [s] after which a node is silent; a detector publishes once a second, the interaction manager ten times
+)
 _GRACE = 5.0  # [s] without a broker before a notice says so
 _INTEGRATOR = "$map_integrator"
 
@@ -77,10 +79,11 @@ class MqttNode:
         self._language = params.language
         self._lab = LabEntities(params.device, params.language, tuple(params.cameras))
         self._lock = threading.Lock()
-        self._inbox, self._answer_limiter = Inbox(time.time()), RateLimiter(RATE, BURST)
+        self._inbox = Inbox(time.time())
+        self._answer_limiter = RateLimiter(RATE, BURST)
         self._refusal_counts: Dict[str, int] = {}  # by code
-        self._description_topics: Set[str] = set()  # of this lab's entities, on the broker
-        self._borders: Optional[Dict[str, VirtualBorder]] = None  # by key; None: not known yet
+        self._description_topics: Set[str] = set()  # what the broker holds of this lab's entities
+        self._borders: Optional[Dict[str, VirtualBorder]] = None  # by key, or None if not known yet
         self._grids: Dict[str, Any] = {}
         self._question_is_open = False
         self._last_heard: Dict[str, float] = {}  # [s] of the monotonic clock, last time by node or camera
@@ -95,7 +98,8 @@ class MqttNode:
         self._notice_publisher = NoticePublisher()
         self._notices = NoticeListener()
         self._robots = CapabilitiesListener()
-        self._maps, self._publish_timer = node.Mailbox(), node.WakeTimer(_PERIOD)
+        self._maps = node.Mailbox()
+        self._publish_timer = node.WakeTimer(_PERIOD)
         self._subscribe()
         self._broker.put(will[0], ONLINE.encode())
         self._publish_all()
@@ -162,7 +166,8 @@ class MqttNode:
         return time.monotonic() - self._last_heard.get(sender, -1e9) < _SILENCE
 
     def _put_health(self) -> None:
-        manager, robots = self._is_alive(MANAGER), self._robots.current()
+        manager = self._is_alive(MANAGER)
+        robots = self._robots.current()
         offered = effective_commands(robots[1], tuple(COMMANDS)) if robots is not None else COMMANDS
         health = {command: manager and command in offered for command in COMMANDS}
         health.update({MANAGER: manager, MONITOR: robots is not None, CONFIRM: manager and self._question_is_open})
@@ -171,15 +176,15 @@ class MqttNode:
 
     def _publish_all(self) -> None:
         """Publishes all entities with their availability and problems, and new notices."""
-        robots, borders, notices = self._robots.current(), self._borders, self._notices.current()
+        robots = self._robots.current()
+        borders = self._borders
+        notices = self._notices.current()
         if robots is not None:
             self._lab = replace(self._lab, robots=tuple(status.robot for status in robots[0].robots))
         if borders is not None:
             self._lab = replace(self._lab, borders={border.id: border.name for border in borders.values()})
         self._put_health()
-        problems = {
-            entity_key("camera", camera): self._camera_problems(camera, notices) for camera in self._lab.cameras
-        }
+        problems = {entity_key("camera", name): self._camera_problems(name, notices) for name in self._lab.cameras}
         for robot in self._lab.robots or ():
             lines = robots[1].robot_notices if robots is not None else ()
             problems[entity_key("robot", robot)] = entities.robot_problems(robot, lines, notices, self._language)
@@ -235,7 +240,9 @@ class MqttNode:
                 self._carry_out(request)
         except CodedError as error:
             if retained:
-                self._broker.put(self._lab.topic(entities.COMMAND), b"")  # or it would arrive again at each connection
+                self._broker.put(
+                    self._lab.topic(entities.COMMAND), b""
+                )  # otherwise it arrives again at each connection
             self._refuse(MqttRequest("", getattr(error, "sender_id", "")), error)
 
     def _carry_out(self, request: MqttRequest) -> None:
@@ -272,7 +279,7 @@ class MqttNode:
     def _send_answer(self, request: MqttRequest, success: bool, code: str, text: str) -> None:
         request_name = request.command or request.border
         rospy.loginfo_throttle_identical(1.0, f"{rospy.get_name()}: {request_name or 'a message'}: {text} [{code}]")
-        # the inbox limits requests with an id; a refusal without an answer is counted all the same
+        # the inbox limits requests with an id; a refusal is counted even if it is not answered
         if request.id or self._answer_limiter.allows("", time.time()):
             value = entities.answer_payload(request.sender_id, request_name, success, code, text)
             self._broker.send(self._lab.topic(entities.ANSWER), _json(value))

@@ -27,15 +27,16 @@ _MAX_FOCAL_CHANGE = 0.01  # lenses of one model differ by more, two calibrations
 # [m] extraction assumes that cameras agree within the hand's tremor; calibrated ones differ by one or two centimetres
 _MAX_DISAGREEMENT = 0.05
 _MAX_SIGHTINGS = 200  # per camera: enough for a median
-_SIGHTING_LIFETIME = 300.0  # [s] so that those from before a calibration soon no longer count
+_SIGHTING_LIFETIME = 300.0  # [s] sightings from before a calibration soon no longer count
 _MIN_COMMON = 20  # sightings that two cameras must share before they are compared
 # positions are interpolated over at most one lost image, and no longer than a straight part of a slow drawing lasts
-_MAX_GAP_PERIODS = 2.5  # of a camera's usual interval between sightings
+_MAX_GAP_PERIODS = 2.5  # in multiples of a camera's usual interval between sightings
 _MAX_GAP = 0.5  # [s]
 # [s] a detector looks up a fixed camera's pose twice a second: until then, spots may be located with the former one
 _POSE_LATENCY = 5.0
 
 Sighting = Tuple[float, float, float]  # stamp [s], x, y [m]
+PoseFile = Union[CameraPose, CodedError]  # a calibration, or why it cannot be read
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ class CameraFaultFinder:
         return notices
 
     def find_calibration_faults(
-        self, files: Mapping[str, Union[CameraPose, CodedError]], cameras_with_old_pose: Sequence[str], now: float
+        self, files: Mapping[str, PoseFile], cameras_with_old_pose: Sequence[str], now: float
     ) -> List[Notice]:
         """Returns a notice for each camera whose calibration cannot be used, or does not fit its images.
 
@@ -124,7 +125,7 @@ class CameraFaultFinder:
         for camera, file in sorted(files.items()):
             report = self._reports[camera]
             fault = _calibration_fault(camera, file, report, camera in cameras_with_old_pose)
-            # its detector says that another camera has the same frame: that must be resolved before the pose
+            # the detectors report a frame that two cameras have: that must be resolved before the pose
             if fault is not None and not (report.frame and frames.count(report.frame) > 1):
                 notices.append(Notice.from_error(fault, Severity.ERROR, camera))
         return notices
@@ -145,7 +146,7 @@ class CameraFaultFinder:
 
 
 def distance_between(a: np.ndarray, b: np.ndarray) -> float:
-    """Returns how far apart [m] two cameras see the same spot (median); NaN if they hardly saw it together.
+    """Returns how far apart [m] two cameras see the same spot (median), or NaN if they hardly saw it together.
 
     Cameras do not take their images at the same time, and a spot moves. So the second camera's position is interpolated
     to the first one's time, between two consecutive sightings at its usual rate.
@@ -158,9 +159,11 @@ def distance_between(a: np.ndarray, b: np.ndarray) -> float:
     intervals = np.diff(b[:, 0])
     previous = np.searchsorted(b[:, 0], a[:, 0], side="right") - 1  # row of b before each row of a
     is_between = (previous >= 0) & (previous < len(intervals))
-    a, previous = a[is_between], previous[is_between]
+    a = a[is_between]
+    previous = previous[is_between]
     is_short = intervals[previous] <= min(_MAX_GAP_PERIODS * float(np.median(intervals)), _MAX_GAP)
-    a, previous = a[is_short], previous[is_short]
+    a = a[is_short]
+    previous = previous[is_short]
     if len(a) < _MIN_COMMON:
         return math.nan
     share = ((a[:, 0] - b[previous, 0]) / intervals[previous])[:, None]
@@ -168,9 +171,9 @@ def distance_between(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.median(np.linalg.norm(interpolated - a[:, 1:], axis=1)))
 
 
-def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, Union[CameraPose, CodedError]]:
+def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, PoseFile]:
     """Reads each camera's calibration; gives the error if there is none, or its frame is also another camera's."""
-    files: Dict[str, Union[CameraPose, CodedError]] = {}
+    files: Dict[str, PoseFile] = {}
     for camera in cameras:
         try:
             files[camera] = pose_file.read_pose(pose_file.calibration_path(folder, camera))
@@ -185,10 +188,8 @@ def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, Union[CameraPos
     return files
 
 
-def _calibration_fault(
-    camera: str, file: Union[CameraPose, CodedError], report: DetectorReport, is_kept: bool
-) -> Optional[CodedError]:
-    """Returns the fault if a calibration cannot be used, or does not fit the camera's images; None if it fits."""
+def _calibration_fault(camera: str, file: PoseFile, report: DetectorReport, is_kept: bool) -> Optional[CodedError]:
+    """Returns the fault if a calibration cannot be used, or does not fit the camera's images, or None if it fits."""
     name = f"{camera}.yaml"
     if isinstance(file, CodedError):
         if file.code == "shared_frame":

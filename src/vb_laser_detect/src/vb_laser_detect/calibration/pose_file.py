@@ -43,7 +43,7 @@ def calibration_path(folder: str, camera: str) -> Path:
 
 
 def write_pose(path: Path, pose: CameraPose, report: Sequence[str]) -> None:
-    """Writes a calibration file, atomically; the previous one is kept beside it as *.old.
+    """Writes a calibration file, atomically, and keeps the previous one next to it as *.old.
 
     Args:
         report: lines that say when, how and how well the pose was found; they become comments.

@@ -14,7 +14,7 @@ from vb_core.errors import CodedError
 from vb_laser_detect.camera.v4l2_controls import CaptureParams, run_v4l2
 from vb_laser_detect.camera.camera_source import CameraSource, CapturedImage, is_device, without_password
 
-# codes of notices that the lines help to explain: a camera cannot be read, is slow, or refuses a setting
+# codes of notices that the lines help to explain, about a camera that cannot be read, is slow or refuses a setting
 REPORTED = frozenset(
     "camera_unplugged camera_busy camera_forbidden camera_unreachable camera_stalled camera_ended camera_password"
     " camera_no_stream camera_fault camera_silent camera_slow bad_image control_refused no_control".split()
@@ -69,7 +69,8 @@ def _watch(source: str, params: CaptureParams) -> List[str]:
     except CodedError as error:
         size = error
     stamps = np.array([shot.stamp for shot in shots])
-    intervals, ages = np.diff(stamps), np.array(arrival_times) - stamps
+    intervals = np.diff(stamps)
+    ages = np.array(arrival_times) - stamps
     return [
         *lines,
         f"{len(shots)} images in {_WATCH_TIME:g} s, as {'JPEG' if first.jpeg else 'video'}, {size} px",

@@ -1,6 +1,6 @@
 """Finds laser spots in a camera's images, one call per frame.
 
-Use it for any stationary or moving camera, with or without ROS: make one `SpotDetector` per camera and give it every
+Use it for any stationary or moving camera, with or without ROS. Make one `SpotDetector` per camera and give it every
 frame, including those without a spot, which show it what the floor looks like.
 
 `SpotDetector.detect` is the list of all stages, each a file in `detection`; `stage_results` is what they hand on.
@@ -152,7 +152,7 @@ class SpotDetector:
         return picture
 
     def _max_diameters(self, searched: SearchedImage, geometry: Optional[ImageGeometry]) -> Dict[Box, float]:
-        """Returns a spot's largest allowed diameter [px] in each box that may contain one; NaN where no floor is seen.
+        """Returns a spot's largest allowed diameter [px] in each box that may contain one, or NaN where no floor is seen.
 
         Only if there is such a box does the geometry look up a moving camera's pose.
         """

@@ -5,7 +5,7 @@ never span fewer than a few images, so that a camera of two images a second work
 stays published until it is lost, or until it rests while another track moves.
 
 A light that stays in one place is a lamp, even if it blinks. So the time for which each place was lit is counted
-independently of tracks: counting goes on while the light blinks, is crossed by another one, or is lost and found again.
+independently of tracks. Counting goes on while the light blinks, is crossed by another one, or is lost and found again.
 A stroke lights each of its places only for a moment, and they are soon forgotten.
 """
 
@@ -34,7 +34,7 @@ _GAP_TIME, _GAP_PERIODS = 0.35, 3.5
 _RECALL_TIME = 1.0  # [s] sightings older than this are not published when their track is confirmed
 _PERIODS = 15  # [images] over which the period is averaged
 _VIVID = 0.4  # mean chroma of a laser's light on a floor; webcams show less, but other bright things even less
-# the same on a nearly white floor; white glints in Bayer images have less, as a mean over half a second
+# mean chroma on a nearly white floor; that of white glints in Bayer images is lower over half a second
 _PALE = 0.25
 # [s] colourless light must last for longer to be confirmed: a glint on a shoe, a watch or a cup lasts for less than a
 # step, half a second. Nothing is lost, as the track's earlier spots are then published too
@@ -62,7 +62,7 @@ class Track:
     is_confirmed: bool = False
     is_published: bool = False
     lit_s: float = 0.0
-    tint_sum: Optional[np.ndarray] = None  # over its spots
+    tint_sum: Optional[np.ndarray] = None  # of all its spots
     unpublished: List[Spot] = field(default_factory=list)
 
 
@@ -84,14 +84,10 @@ class SpotTracker:
         self._lit_places = np.zeros((0, 4))  # each place: u, v [px], lit for [s], last lit at [s]
 
     def predict(self, stamp: float) -> List[ExpectedSpot]:
-        """Predicts where confirmed spots should be in the next image. Must be called before `update`.
-
-        Args:
-            stamp: [s] time of that image, later than the last one's.
-        """
+        """Predicts where confirmed spots should be at a later image's stamp [s]. Must be called before `update`."""
         if self._stamp is not None:
             self._periods.append(stamp - self._stamp)
-            # a mean, as some images arrive in bursts, without the longest interval, which may be a pause
+            # some images arrive in bursts, hence a mean; the longest interval may be a pause
             typical_periods = sorted(self._periods)[:-1] or self._periods
             self.period = sum(typical_periods) / len(typical_periods)
         self._stamp = stamp
@@ -120,10 +116,11 @@ class SpotTracker:
         for track, (spot, lit_s) in zip(tracks, followed):
             self._add_sighting(track, spot, lit_s)
         self._choose_published_track(tracks)
-        published, judged = [], [candidate for candidate in candidates if candidate.rejection] + lamps
+        published = []
+        judged = [candidate for candidate in candidates if candidate.rejection] + lamps
         for track, (spot, _) in zip(tracks, followed):
-            reason = "" if track.is_published else "lower_confidence" if track.is_confirmed else "unconfirmed"
-            judged.append(replace(spot, track=track.number, rejection=reason))
+            reason = "lower_confidence" if track.is_confirmed else "unconfirmed"
+            judged.append(replace(spot, track=track.number, rejection="" if track.is_published else reason))
             if track.is_published:
                 published += [*track.unpublished, judged[-1]]
                 track.unpublished = []
@@ -213,6 +210,7 @@ class SpotTracker:
         # tracks that were elsewhere for most of their time
         moving = [track for track in confirmed if track.lit_s < 0.5 * (self._stamp - track.created)]
         if moving and published and all(track.lit_s > _STEP_TIME for track in published):
-            published[0].is_published, published = False, []
+            published[0].is_published = False
+            published = []
         if confirmed and not published:
             (moving or confirmed)[0].is_published = True

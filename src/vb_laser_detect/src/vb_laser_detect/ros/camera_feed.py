@@ -113,7 +113,7 @@ class CameraFeed:
         rospy.Service(sibling_topic(image, "set_camera_info"), SetCameraInfo, self.lens.write)
         self._settings_lock = threading.Lock()
         self._source = CameraSource(params.source, params.capture, self._on_shot, self._on_source_state)
-        self._source.start()  # its thread may call back at once
+        self._source.start()  # the thread may call back at once
 
     def close(self) -> None:
         """Releases the camera."""
@@ -170,14 +170,11 @@ class CameraFeed:
 
 
 def subscribe_images(image: str, transport: str, frame: str, put: Callable[[ReceivedImage], Any]) -> str:
-    """Subscribes to a driver's images: <image> (sensor_msgs/Image) or <image>/compressed (sensor_msgs/CompressedImage).
+    """Subscribes to <image> (sensor_msgs/Image) or <image>/compressed (sensor_msgs/CompressedImage), and returns the topic.
 
     Args:
         transport: "compressed" or "raw".
         frame: replaces the images' own frame_id, unless it is empty.
-
-    Returns:
-        The topic.
     """
     reader = PixelReader()
 
