@@ -96,7 +96,7 @@ def test_depth_of_any_size_and_lens_meets_the_plane(color, own, dtype):
     depth, random = depth_image(T, own, dtype), np.random.default_rng(0)
     for u, v in random.uniform((20, 150), (620, 460), (40, 2)):
         plane = FloorProjection().project_to_plane(color, T, u, v)
-        point = FloorProjection().project_with_depth(color, T, u, v, depth, own if color is COLOR else None)
+        point = FloorProjection().project_with_depth(color, T, u, v, (depth, own if color is COLOR else None))
         assert point.source == DEPTH
         assert np.linalg.norm(point.position - plane.position) < 0.003
         assert point.meters_per_pixel == pytest.approx(plane.meters_per_pixel, rel=0.002)
@@ -108,7 +108,7 @@ PLANE = FloorProjection().project_to_plane(ROBOT, FORWARD, 320, 300)
 
 
 def locate(depth):
-    return FloorProjection().project_with_depth(ROBOT, FORWARD, 320, 300, depth)
+    return FloorProjection().project_with_depth(ROBOT, FORWARD, 320, 300, (depth, None))
 
 
 def test_holes_fall_back_to_the_plane():
@@ -150,7 +150,7 @@ def test_floor_depth_is_right_at_edges_and_beside_holes(place, seed, holes, dtyp
     missing[:, : random.integers(0, 160)] = True  # and everything on one side
     depth[missing] = hole if dtype == "m" else 0
     plane = FloorProjection().project_to_plane(ROBOT, FORWARD, *place)
-    point = FloorProjection().project_with_depth(ROBOT, FORWARD, *place, depth)
+    point = FloorProjection().project_with_depth(ROBOT, FORWARD, *place, (depth, None))
     assert np.linalg.norm(point.position - plane.position) < 0.002 + 0.001 * plane.range
 
 

@@ -146,9 +146,7 @@ class CameraDetector:
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._report.record_detector, queue_size=20)
         rospy.Subscriber(names.PHYSICAL_MAP, messages.NumpyOccupancyGrid, self._on_map, queue_size=1)
         self._reconfigure_servers = [
-            ReconfigureServer(
-                params.detector, f"{namespace}/detector", self._set_detector_params, fixed=("moving_camera",)
-            ),
+            ReconfigureServer(params.detector, f"{namespace}/detector", self._set_detector_params, ("moving_camera",)),
             ReconfigureServer(params.projection, f"{namespace}/projection", self._set_projection_params),
         ]
         if self._feed is not None:

@@ -30,12 +30,7 @@ from vb_core.zones import zone_by_number
 
 PREFIX = "homeassistant"  # topic below which Home Assistant searches for descriptions
 ONLINE, OFFLINE = "online", "offline"
-MANAGER, INTEGRATOR, MONITOR, CONFIRM = (
-    "manager",
-    "integrator",
-    "monitor",
-    "confirm",
-)  # fields of `health` next to the commands
+MANAGER, INTEGRATOR, MONITOR, CONFIRM = "manager", "integrator", "monitor", "confirm"  # in `health`, with the commands
 COMMAND, ANSWER, NOTICE = "command", "answer", "notice"  # topics of messages that are not states
 ANSWERS = ("done", "asked", "refused")  # outcomes of a command
 NOTICES = ("info", "warning", "error")
@@ -121,10 +116,8 @@ def describe_entities(lab: LabEntities) -> Dict[str, Dict[str, Any]]:
         entities["button", command] = {"name": title("command_" + command), **button(needs, "stopped", command)}
     problem = {"device_class": "problem", "entity_category": "diagnostic", "value_template": _flag("problem")}
     for camera in lab.cameras:
-        entities["binary_sensor", entity_key("camera", camera)] = {
-            "name": title("mqtt_camera", camera=camera),
-            **problem,
-        }
+        name = title("mqtt_camera", camera=camera)
+        entities["binary_sensor", entity_key("camera", camera)] = {"name": name, **problem}
     for robot in lab.robots or ():
         name = title("mqtt_robot", who=sentences.robot_placeholder(robot))
         entities["binary_sensor", entity_key("robot", robot)] = {"name": name, "needs": MONITOR, **problem}
@@ -181,17 +174,13 @@ def _complete(
     if platform not in ("event", "image"):
         config["json_attributes_topic"] = lab.topic(shows or key)
     if "command_template" in config:
-        config["command_topic"] = lab.topic(COMMAND)
-        config["qos"] = 1
+        config.update(command_topic=lab.topic(COMMAND), qos=1)
     config["availability"] = [{"topic": lab.topic("availability")}]
     if needs:
         config["availability"].append({"topic": lab.topic("health"), "value_template": f"{{{{ value_json.{needs} }}}}"})
     config["availability_mode"] = "all"
-    config["device"] = {
-        "identifiers": [lab.device],
-        "name": lab.device.replace("_", " ").capitalize(),
-        "model": "Virtual borders",
-    }
+    name = lab.device.replace("_", " ").capitalize()
+    config["device"] = {"identifiers": [lab.device], "name": name, "model": "Virtual borders"}
     config["origin"] = {"name": "vb_mqtt"}
     return config
 
@@ -269,14 +258,9 @@ def notice_payload(notice: Notice, language: str) -> Dict[str, Any]:
 def answer_payload(sender_id: str, request_name: str, success: bool, code: str, text: str) -> Dict[str, Any]:
     """Returns the event that reports the result of a command or a switch."""
     done, asked, refused = ANSWERS
-    outcome = asked if code in QUESTIONS else refused
-    return {
-        "event_type": done if success else outcome,
-        "id": sender_id,
-        "command": request_name,
-        "code": code,
-        "text": text[:_MAX_TEXT],
-    }
+    unsuccessful = asked if code in QUESTIONS else refused
+    outcome = done if success else unsuccessful
+    return {"event_type": outcome, "id": sender_id, "command": request_name, "code": code, "text": text[:_MAX_TEXT]}
 
 
 def draw_map(prior: GridMap, posterior: GridMap, borders: Sequence[Any]) -> bytes:

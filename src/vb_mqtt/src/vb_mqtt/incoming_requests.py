@@ -37,13 +37,9 @@ _KINDS = (frozenset({"command", "seen_stop"}), frozenset({"border", "enabled"}))
 
 
 class Refusal(CodedError):
-    """The refusal of a message.
+    """The refusal of a message."""
 
-    Attributes:
-        sender_id: the sender's own id for the message; "" if it has none.
-    """
-
-    sender_id = ""
+    sender_id = ""  # the sender's own id for the message, if it has one
 
 
 @dataclass(frozen=True)

@@ -35,9 +35,7 @@ from vb_mqtt.incoming_requests import BURST, RATE, Inbox, MqttRequest
 SOURCE = "home_assistant"
 SWITCH_BORDER = "switch_border"  # name of a switch in the queue of commands, which are carried out in the order given
 _PERIOD = 1.0  # [s] between two rounds of publishing, and of looking for silent nodes
-_SILENCE = (
-    4.0  # [s] after which a node is silent; a detector publishes once a second, the interaction manager ten times
-)
+_SILENCE = 4.0  # [s] after which a node is silent; a detector publishes once a second, the manager ten times
 _GRACE = 5.0  # [s] without a broker before a notice says so
 _INTEGRATOR = "$map_integrator"
 
@@ -240,9 +238,7 @@ class MqttNode:
                 self._carry_out(request)
         except CodedError as error:
             if retained:
-                self._broker.put(
-                    self._lab.topic(entities.COMMAND), b""
-                )  # otherwise it arrives again at each connection
+                self._broker.put(self._lab.topic(entities.COMMAND), b"")  # or it would arrive again at each connection
             self._refuse(MqttRequest("", getattr(error, "sender_id", "")), error)
 
     def _carry_out(self, request: MqttRequest) -> None:

@@ -91,11 +91,9 @@ class CameraFaultFinder:
 
     def find_missing_detectors(self, now: float) -> List[Notice]:
         """Returns a notice for each camera whose detector has not reported for too long at a time [s]."""
-        return [
-            Notice.from_error(CodedError("detector_missing"), Severity.ERROR, camera)
-            for camera in sorted(self._reports)
-            if self._is_missing(camera, now)
-        ]
+        error = CodedError("detector_missing")
+        cameras = [camera for camera in sorted(self._reports) if self._is_missing(camera, now)]
+        return [Notice.from_error(error, Severity.ERROR, camera) for camera in cameras]
 
     def _is_missing(self, camera: str, now: float) -> bool:
         return now - self._reports[camera].arrival > _SILENCE_TIMEOUT

@@ -133,13 +133,8 @@ def estimate_pose(camera: CameraModel, observed: Correspondences, point_sigma: f
     middle, worst = floor_uncertainty(camera, fit.T_map_camera, fit.covariance)
     if worst > _MAX_FLOOR_SIGMA:
         raise CodedError("uncertain", cm=f"{100 * worst:.1f}", most=f"{100 * _MAX_FLOOR_SIGMA:.0f}")
-    return PoseEstimate(
-        T_map_camera=fit.T_map_camera,
-        used=agreeing,
-        errors_px=np.linalg.norm(project(camera, fit.T_map_camera, observed.points) - observed.pixels, axis=1),
-        errors_m=errors,
-        floor_sigma=(middle, worst),
-    )
+    errors_px = np.linalg.norm(project(camera, fit.T_map_camera, observed.points) - observed.pixels, axis=1)
+    return PoseEstimate(fit.T_map_camera, agreeing, errors_px, errors, (middle, worst))
 
 
 def check_points(camera: CameraModel, observed: Correspondences) -> None:

@@ -189,11 +189,9 @@ class CameraSource:
         """Reads until the stream ends. A CodedError then says why."""
         try:
             with self._open() as container:
-                is_first = True
-                for shot in self._shots(container):
-                    if is_first:
+                for number, shot in enumerate(self._shots(container)):
+                    if number == 0:
                         self._report(None)
-                        is_first = False
                     if self._closed.is_set():
                         return
                     self._handle(shot)

@@ -84,10 +84,6 @@ def list_control_values(listing: str, params: CaptureParams) -> List[str]:
 
 
 def set_controls(device: str, params: CaptureParams) -> None:
-    """Sets exposure and white balance of a device.
-
-    Raises:
-        CodedError: what `run_v4l2` and `list_control_values` raise.
-    """
+    """Sets exposure and white balance of a device. Errors are those of `run_v4l2` and `list_control_values`."""
     for step in list_control_values(run_v4l2(device, "--list-ctrls"), params):
         run_v4l2(device, f"--set-ctrl={step}")

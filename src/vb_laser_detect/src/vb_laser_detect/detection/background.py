@@ -99,11 +99,10 @@ class Background:
     def compare(self, image: np.ndarray, motion: Optional[np.ndarray]) -> Changes:
         """Compares an image with the background, which flickering lamps may light row by row.
 
+        While the camera moves, no block counts as darker, as a new keyframe soon includes the change.
+
         Args:
             motion: (3, 3) maps the background's pixels to the image's; None: the camera is stationary.
-
-        Returns:
-            What changed. While the camera moves no block counts as darker: a new keyframe soon includes the change.
         """
         self.motion = motion
         if motion is not None:
@@ -156,7 +155,7 @@ class Background:
             self._deviation[:] = max(1.5, 1.5 * float(np.median(np.abs(rise - middle))))
             self._noise_known = True
         if self.motion is not None:
-            # a block's noise depends on the edges that it showed
+            # a block's noise depends on the edges that it showed: while the camera moves, the mean of all blocks counts
             return rise >= max(self._min_change, float((self._noise + _NOISE_DEVIATIONS * self._deviation).mean()))
         if self._limit is None:
             # in whole grey levels, like the rise: comparing bytes is four times faster
@@ -165,14 +164,11 @@ class Background:
         return cv2.compare(rise, self._limit, cv2.CMP_GE) > 0
 
     def update(self, image: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float) -> bool:
-        """Adds the image that was compared last.
+        """Adds the image that was compared last, and returns whether it became the keyframe.
 
         Args:
             changed, spots: (rows, columns) bool; blocks that changed, and blocks that show a spot.
             dt: [s] since the last image.
-
-        Returns:
-            Whether the image became the keyframe.
         """
         self._age += dt
         self._images += 1
@@ -204,7 +200,6 @@ class Background:
             return False
         keyframe = image.copy()
         self._changed_s[:] = 0.0
-        # a block's noise depends on the edges that it showed
         self._noise[:] = self._noise.mean()
         self._deviation[:] = self._deviation.mean()
         left, top, wide, high = cv2.boundingRect(spots.view(np.uint8))

@@ -80,11 +80,9 @@ class DetectorCounts:
         self._sums.update(processed=1, spots=spots)
 
     def find_image_faults(self, foreign_clock: bool) -> List[CodedError]:
-        """Returns what is wrong with the images of the last seconds.
+        """Returns what is wrong with the images of the last seconds. `foreign_clock`: whether another node stamped them.
 
-        Args:
-            foreign_clock: whether their stamps come from another node. A busy computer delays some images, clocks
-                that differ shift all of them: the quickest one counts.
+        A busy computer delays some images, clocks that differ shift all of them: the quickest one counts.
         """
         frames = np.array(self._frames, dtype=float).reshape(-1, 3)
         span = float(frames[-1, 0] - frames[0, 0]) if len(frames) else 0.0

@@ -60,14 +60,11 @@ class Blob:
 def examine_regions(
     searched: SearchedImage, max_diameters: Dict[Box, float], classifier: SpotClassifier, min_probability: float
 ) -> List[Spot]:
-    """Measures and classifies all regions of an image.
+    """Returns a spot or a rejected candidate for each region of an image, in the regions' order.
 
     Args:
         max_diameters: [px] a spot's largest diameter in each box of each bright region; NaN where no floor is seen.
         min_probability: least probability of a spot, according to the classifier.
-
-    Returns:
-        A spot or a rejected candidate for each region, in the regions' order.
     """
     candidates = []
     for region in searched.regions:
@@ -95,16 +92,13 @@ def _unmeasured(box: Box, problem: str) -> Blob:
 
 
 def measure_blob(searched: SearchedImage, box: Box, max_diameter: float, max_width: float) -> Blob:
-    """Measures the brightest blob of an image whose peak is in a box.
+    """Measures the brightest blob of an image whose peak is in a box; see the blob's `problem`.
 
     In an image searched at half its size, a blob that is too large for a spot there is not measured at full size.
 
     Args:
         max_diameter: [px] a spot's largest diameter; NaN if no floor is seen there.
         max_width: [px] width above which light is a change of the room's light, and belongs to the background.
-
-    Returns:
-        The blob; see its `problem`.
     """
     if math.isnan(max_diameter):
         return _unmeasured(box, "off_floor")
@@ -341,13 +335,9 @@ class SpotClassifier:
         self.curves, self.intercept = curves, intercept
 
     def classify(self, blob: Blob, expected: bool) -> Tuple[float, str]:
-        """Classifies a blob by its features. A feature that says nothing (NaN) adds nothing.
+        """Returns the probability that a blob is a spot, 0 ... 1, and the feature that speaks most against it.
 
-        Args:
-            expected: whether a tracked spot should be there.
-
-        Returns:
-            The probability that it is a spot, 0 ... 1, and the feature that speaks most against it.
+        A feature that says nothing (NaN) adds nothing. `expected`: whether a tracked spot should be there.
         """
         logit, smallest_part, reason = self.intercept, math.inf, ""
         for name, value in blob.features.items():

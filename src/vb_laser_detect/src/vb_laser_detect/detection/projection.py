@@ -66,8 +66,7 @@ class FloorProjection:
         """Projects a pixel [px] to the floor plane.
 
         Raises:
-            CodedError: "outside_image", "no_floor_intersection", "grazing_view", "too_far",
-                "spot_outside_map".
+            CodedError: "outside_image", "no_floor_intersection", "grazing_view", "too_far", "spot_outside_map".
         """
         p = self.params
         if not (math.isfinite(u) and math.isfinite(v)) or not camera.contains(np.array([[u, v]]))[0]:
@@ -87,30 +86,25 @@ class FloorProjection:
         return FloorPoint(point, float(_scales(corner[None])[0]), GROUND_PLANE, distance)
 
     def project_with_depth(
-        self,
-        camera: CameraModel,
-        T_map_camera: np.ndarray,
-        u: float,
-        v: float,
-        depth: Optional[np.ndarray],
-        depth_camera: Optional[CameraModel] = None,
+        self, camera: CameraModel, T_map_camera: np.ndarray, u: float, v: float, depth: Depth
     ) -> FloorPoint:
         """Projects a colour pixel [px] to the point that the depth image shows there.
 
         Args:
-            depth: (h, w) float [m] or uint16 [mm], registered to the colour image and of any size; 0 and NaN are
-                holes. None, or too few readings round the pixel: the floor plane is used, and `source` says so.
-            depth_camera: model of the depth image. None: the colour image's model, scaled to the depth image's size.
+            depth: image (h, w) float [m] or uint16 [mm], registered to the colour image and of any size; 0 and NaN are
+                holes. None, or too few readings round the pixel: the floor plane is used, and `source` says so. Without
+                a camera, the depth image has the colour image's model, scaled to its size.
 
         Raises:
             CodedError: as `project_to_plane`, and "not_on_floor" for a point above or below the floor.
         """
         plane = self.project_to_plane(camera, T_map_camera, u, v)
+        readings, depth_camera = depth
         ratio = None
-        if depth is not None and depth.ndim == 2 and depth.size:
-            model = depth_camera or camera.scaled_to(depth.shape[1], depth.shape[0])
+        if readings is not None and readings.ndim == 2 and readings.size:
+            model = depth_camera or camera.scaled_to(readings.shape[1], readings.shape[0])
             pixel = model.project(camera.pixels_to_rays(np.array([[u, v]])))[0]
-            ratio = depth_over_plane(depth, pixel, model, T_map_camera, self.params.floor_height)
+            ratio = depth_over_plane(readings, pixel, model, T_map_camera, self.params.floor_height)
         if ratio is None:
             return FloorPoint(plane.position, plane.meters_per_pixel, GROUND_PLANE_FALLBACK, plane.range)
         origin = T_map_camera[:3, 3]
@@ -154,12 +148,7 @@ def depth_over_plane(
 # ------------------------------------------------------------------ one image
 @dataclass(frozen=True)
 class RobotCylinder:
-    """An upright cylinder on the floor.
-
-    Attributes:
-        x, y: [m] position of the axis, map frame.
-        radius, height: [m]
-    """
+    """An upright cylinder on the floor, in metres, whose axis is at (x, y) in the map frame."""
 
     x: float
     y: float
@@ -167,12 +156,7 @@ class RobotCylinder:
     height: float
 
     def occludes(self, origin: np.ndarray, floor: np.ndarray) -> bool:
-        """Returns whether a ray passes through the cylinder.
-
-        Args:
-            origin: (3,) [m] position of the camera, above the floor.
-            floor: (3,) [m] point where the ray meets the floor.
-        """
+        """Returns whether a ray from the camera `origin` (3,) [m] to a point `floor` (3,) [m] passes through it."""
         # seen from above: the distance from the axis to the part of the ray that is not higher than the cylinder
         share = min(1.0, self.height / (origin[2] - floor[2]))
         ray = share * (origin - floor)[:2]
@@ -245,7 +229,7 @@ class ImageGeometry:
         if depth is None:
             point = self._floor_projection.project_to_plane(self._camera, self._pose, u, v)
         else:
-            point = self._floor_projection.project_with_depth(self._camera, self._pose, u, v, *depth)
+            point = self._floor_projection.project_with_depth(self._camera, self._pose, u, v, depth)
         if self._robots is None:
             self._robots = self._lookups.robot_cylinders(self._stamp)
         if any(robot.occludes(self._pose[:3, 3], point.position) for robot in self._robots):

@@ -34,12 +34,8 @@ _MIN_CORNERS = 12  # corners needed to estimate a motion
 _AGREE_PX = 0.7  # [px of the small image] corners that are farther off do not agree
 _MIN_AGREEING = 0.35  # least share of corners that must agree
 _MIN_MOTION_PX = 0.35  # [px] if no part of the image has moved this far, the camera is stationary
-_FLOW = dict(
-    winSize=(11, 11),
-    maxLevel=2,
-    criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 0.02),
-    flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-)
+_FLOW_END = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 0.02)
+_FLOW = dict(winSize=(11, 11), maxLevel=2, criteria=_FLOW_END, flags=cv2.OPTFLOW_USE_INITIAL_FLOW)
 
 
 class ImageRegistration:

@@ -151,7 +151,6 @@ def calibrate_lens(arguments: argparse.Namespace) -> int:
             problem = error.message
         _draw_progress(image, calibration, pixels, problem)
         picture.show(image)
-        # the view may have been the last one needed
         try:
             lens, rms = calibration.solve()
         except CodedError:

@@ -86,10 +86,7 @@ class DetectorDiagnostics:
             self._faults[error.code] = _Fault(self._notice(error, severe), rospy.Time.now(), False)
 
     def set_source_fault(self, error: Optional[CodedError], is_silent: bool) -> None:
-        """Reports what is wrong with a camera that the detector reads directly, and whether it is silent because of that.
-
-        The report lasts until the next call.
-        """
+        """Reports, until the next call, what is wrong with a camera read directly, and whether it is silent because of it."""
         with self._lock:
             self._source_fault = None
             if error is not None:
