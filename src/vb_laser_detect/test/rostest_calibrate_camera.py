@@ -48,7 +48,8 @@ class Player:
 
     def show(self, spot, seconds):
         """Puts the spot at a point (x, y) of the floor, or nowhere (None), for `seconds` by the images' own clock."""
-        self._spot, since = spot, self._latest
+        self._spot = spot
+        since = self._latest
         wait_until(lambda: (self._latest - since).to_sec() > seconds, "the camera's images")
 
 

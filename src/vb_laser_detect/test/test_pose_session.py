@@ -6,12 +6,8 @@ import pytest
 from board_scene import CAMERA, POSE
 from refusals import refused
 from vb_core.camera_model import project_to_floor
-from vb_laser_detect.calibration.pose_session import (
-    PoseCalibrationSession,
-    StillSpotFinder,
-    describe_estimate,
-    parse_point,
-)
+from vb_laser_detect.calibration.pose_session import PoseCalibrationSession, StillSpotFinder
+from vb_laser_detect.calibration.pose_session import describe_estimate, parse_point
 
 
 def show(spot_finder, images, spots_of):

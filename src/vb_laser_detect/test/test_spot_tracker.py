@@ -24,7 +24,8 @@ class Film:
     def __init__(self, rate=25.0, mosaic=False, confirm_frames=3):
         self.tracker = SpotTracker(confirm_frames, max_dwell_time=25.0)
         self.image = SimpleNamespace(motion=None, diagonal=800.0, picture=SimpleNamespace(is_bayer=mosaic))
-        self.period, self.now = 1.0 / rate, 0.0
+        self.period = 1.0 / rate
+        self.now = 0.0
 
     def see(self, *sightings):
         """Shows the tracker an image with these sightings, and returns the state of each one's track."""
@@ -42,9 +43,8 @@ class Film:
 
 @pytest.mark.parametrize("rate", [2.0, 4.0, 8.0, 25.0, 60.0])
 def test_a_stroke_is_confirmed_and_keeps_its_number_at_every_rate(rate):
-    film, tracks = Film(rate), []
-    for i in range(20):
-        tracks += film.see(sighting(0.4 * i / rate))
+    film = Film(rate)
+    tracks = [film.see(sighting(0.4 * i / rate))[0] for i in range(20)]
     assert [track.is_published for track in tracks] == [False, False] + [True] * 18
     assert tracks[2].backfilled == [0, 1] and not any(track.backfilled for track in tracks[3:])
     assert len({track.number for track in tracks}) == 1
@@ -68,7 +68,7 @@ def test_a_newcomer_takes_nobodys_place():
     for i in range(5, 60):
         tracks = film.see(sighting(0.01 * i, 0.5, confidence=0.99), sighting(0.01 * i, confidence=0.5))
         assert [track.is_published for track in tracks] == [False, True] and tracks[1].number == laser.number
-    # not even while the laser is hidden; once that is lost, the other one is published, without its earlier sightings
+    # not even while the laser is hidden; once that is lost, the other one is published without its earlier sightings
     assert not film.see(sighting(0.6, 0.5))[0].is_published
     later = [film.see(sighting(0.6, 0.5))[0] for _ in range(20)]
     assert later[-1].is_published and not any(track.backfilled for track in later)

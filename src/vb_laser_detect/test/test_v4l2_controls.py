@@ -22,10 +22,8 @@ OLD_LISTING = OLD_LISTING.replace("white_balance_automatic", "white_balance_temp
 
 
 def test_settings_not_asked_for_are_the_camera_s_own():
-    assert v4l2_controls.list_control_values(LISTING, CaptureParams()) == [
-        "auto_exposure=3",
-        "white_balance_automatic=1",
-    ]
+    found = v4l2_controls.list_control_values(LISTING, CaptureParams())
+    assert found == ["auto_exposure=3", "white_balance_automatic=1"]
     ribbon = LISTING.replace("min=0 max=3 default=3 value=3", "min=0 max=1 default=0 value=1")  # only two modes
     assert v4l2_controls.list_control_values(ribbon, CaptureParams())[0] == "auto_exposure=0"
     assert v4l2_controls.list_control_values("", CaptureParams()) == []

@@ -50,7 +50,8 @@ def test_all_entities_are_one_device_with_unique_ids():
         topic_field = {"button": None, "image": "image_topic"}.get(platform, "state_topic")
         topics = {field: config[field] for field in ("state_topic", "image_topic") if field in config}
         assert topics == ({topic_field: f"lab1/{key}"} if topic_field else {})
-        assert config["availability"][0] == {"topic": "lab1/availability"} and config["availability_mode"] == "all"
+        assert config["availability"][0] == {"topic": "lab1/availability"}
+        assert config["availability_mode"] == "all"
 
 
 def test_every_part_of_the_lab_has_its_entity():
@@ -108,7 +109,7 @@ def test_leftover_descriptions_are_those_of_known_kinds():
     topics = list(describe_entities(LAB))
     removed = {key_from_topic(topic) for topic in find_stale_topics(fewer, topics)}
     assert removed == {"camera_green", "robot", "border_b1", entity_key("border", "ü/#+")}
-    # until the borders and robots are known, their descriptions are left alone
+    # descriptions of borders and robots are left alone until these are known
     unknown = LabEntities("lab1", "en", ("red",))
     assert {key_from_topic(topic) for topic in find_stale_topics(unknown, topics)} == {"camera_green"}
     assert find_stale_topics(LAB, topics) == []
@@ -141,9 +142,8 @@ def test_a_borders_state_has_its_name_area_and_zone():
 
 
 def test_a_robots_problems_are_its_own():
-    lines = derive_capabilities(
-        Connections((ConnectedRobot("ada", driver=True, localized=True), ConnectedRobot("bob")))
-    ).robot_notices
+    robots = ConnectedRobot("ada", driver=True, localized=True), ConnectedRobot("bob")
+    lines = derive_capabilities(Connections(robots)).robot_notices
     notices = [Notice("robot_stopped", Severity.WARNING, robot="ada", values={"who": "ada"})]
     notices.append(Notice("camera_silent", Severity.ERROR, camera="red", values={"camera": "red"}))
     assert entities.robot_problems("ada", lines, notices, "en") == [notices[0].sentence()]
