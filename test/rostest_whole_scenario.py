@@ -77,7 +77,7 @@ class WholeScenario(unittest.TestCase):
         collected = f"{observer.progress.border_spots} of {len(spots)} spots were collected"
         left_out = np.array([(p.x, p.y) for p in observer.progress.left_out]).reshape(-1, 2)
         self.assertLess(directed_hausdorff(spots, np.vstack([line, left_out]))[0], NEAR, collected)
-        self.assertLess(observer.progress.unused_spot_count, 0.2 * len(spots))
+        self.assertLess(observer.progress.left_out_spots, 0.2 * len(spots))
         self.assertTrue(not len(left_out) or "strokes_left_out" in codes_heard, codes_heard)
         self.assertLess(directed_hausdorff(line[[0, -1]], spots)[0], NEAR)
         self.assertTrue({"red", "green"} & set(observer.progress.cameras), observer.progress.cameras)

@@ -147,7 +147,7 @@ class BorderFusionTest(unittest.TestCase):
 
         self.enter(BORDER, "doubtful")
         draw_two()  # stamps up to 8 s ahead: the pointer counts as still seen
-        self.progress.wait(lambda seen: seen.unused_spot_count, "the spots that are left out")
+        self.progress.wait(lambda seen: seen.left_out_spots, "the spots that are left out")
         self.assertNotIn("strokes_left_out", self.next_told())
         self.enter(SEED, "doubtful")
         self.wait_notice("strokes_left_out", "the doubt in Seed")

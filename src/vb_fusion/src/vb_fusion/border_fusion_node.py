@@ -201,7 +201,7 @@ class BorderFusionNode:
         if chain is not None:
             message.chain = points_from_array(chain.points)
             message.closed = chain.closed
-            message.unused_spot_count = chain.unused_spot_count
+            message.left_out_spots = chain.unused_spot_count
             message.left_out = points_from_array(subsample_evenly(chain.left_out))
             message.code, message.message = "ok", chain.reason
             message.values = values_from_mapping(chain.closure.values)

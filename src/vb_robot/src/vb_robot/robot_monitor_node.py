@@ -263,7 +263,7 @@ class RobotMonitorNode:
         goal = (request.goal.x, request.goal.y)
         if self._stops.stopped:
             refusal: Optional[Notice] = robot.notice("goal_while_stopped", Severity.WARNING)
-        elif robot.name not in self._capabilities.goes or not np.isfinite(goal).all():
+        elif robot.name not in self._capabilities.sendable_robots or not np.isfinite(goal).all():
             refusal = robot.notice("robot_cannot_be_sent", Severity.WARNING)
         else:
             with self._lock:
