@@ -185,8 +185,7 @@ def test_what_a_robot_hides_is_rejected_and_robots_are_asked_for_once():
 
 
 def test_a_pose_is_looked_up_once_and_without_it_no_floor_is_seen():
-    lookups = Mock()
-    lookups.pose_at.side_effect = [down(), CodedError("no_transform")]
+    lookups = Mock(pose_at=Mock(side_effect=[down(), CodedError("no_transform")]))
     middle = np.array([[950.0, 545.0]])
     truth = FloorProjection().project_to_plane(CAMERA, down(), *middle[0])
     frame = ImageGeometry(CAMERA, FloorProjection(), None, lookups, "red_optical_frame", 7.0)

@@ -260,9 +260,8 @@ class MqttTest(unittest.TestCase):
         done = {identity: times for identity, times in done.items() if times}
         ages = [times[0] - given_times[identity] for identity, times in done.items()]
         twice = [identity for identity, times in done.items() if len(times) > 1]
-        commands = (
-            f"{len(given_times) - stops} commands given, {len(done)} done, {len(twice)} twice, oldest {max(ages):.2f} s"
-        )
+        given = len(given_times) - stops
+        commands = f"{given} commands given, {len(done)} done, {len(twice)} twice, oldest {max(ages):.2f} s"
         text = f"\nbroker killed {KILLS} times, seed {SEED}: {commands}; {stops} stops given, {len(stopped)} done"
         print(text, file=sys.stderr)
         self.assertEqual(twice, [])
