@@ -242,7 +242,7 @@ class BlobLight:
 
     @cached_property
     def tint(self) -> Optional[np.ndarray]:
-        """Each channel's share (C,) of the light, 1 for the strongest, or None in grey images.
+        """Each channel's share (C,) of the light: 1 for the strongest, or for all if it is white. None in grey images.
 
         It is the rise over the floor, but no more coloured than the image looks. White paper on a brown floor rises most
         in blue, and still looks white. Where the core is white because every channel is saturated, the light around it
