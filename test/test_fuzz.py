@@ -177,7 +177,7 @@ READERS = {
     "borders.geojson": (read_borders, borders_to_geojson(BORDERS).encode()),
     "world.yaml": (lambda path: load_world(str(path)), WORLD),
     "robot.yaml": (lambda path: RobotProfile.load(path), PROFILE),
-    "camera.yaml": (pose_file.load, POSE),
+    "camera.yaml": (pose_file.read_pose, POSE),
 }
 
 

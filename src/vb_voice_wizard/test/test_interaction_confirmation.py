@@ -48,7 +48,11 @@ def test_one_press_that_comes_by_topic_and_as_a_command_is_one_stop():
     interaction = Interaction()
     interaction.command(STOP, "page 1a2b", 1.0, identity="press")
     assert interaction.command(STOP, "page", 20.0, identity="press").code == "stopped"
-    assert (interaction.latch.by, interaction.last_source, interaction.last_answered) == ("page 1a2b", "page 1a2b", 1.0)
+    assert (interaction.latch.stopped_by, interaction.last_source, interaction.last_answered) == (
+        "page 1a2b",
+        "page 1a2b",
+        1.0,
+    )
 
 
 def test_a_press_that_comes_again_after_resume_stops_nothing():

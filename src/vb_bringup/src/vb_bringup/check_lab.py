@@ -38,7 +38,7 @@ from vb_core.ros.messages import NumpyOccupancyGrid, grid_from_message
 from vb_core.ros.node import wait_for_publishers
 from vb_core.ros.notices import NoticeListener
 from vb_core.ros.robot_status import connections_from_message
-from vb_laser_detect.camera.camera_report import REPORTED, describe, describing_command
+from vb_laser_detect.camera.camera_report import REPORTED, describe_camera, describe_camera_command
 from vb_laser_detect.camera.v4l2_controls import CaptureParams
 
 READY, FAULTS, NO_MASTER = 0, 1, 3
@@ -211,9 +211,9 @@ def print_camera(camera: str) -> None:
     # a detector that has just ended has no address, and is taken for one of this computer
     service = rosservice.get_service_uri(f"/spot_detector_{camera}/capture/set_parameters")
     host = urlparse(service or "").hostname
-    lines = [f"what this prints on {host}:", describing_command(source)]
+    lines = [f"what this prints on {host}:", describe_camera_command(source)]
     if is_local_address(host):
-        lines = ["these:", *describe(source, CaptureParams.from_mapping(parameters.get("capture"), "capture"))]
+        lines = ["these:", *describe_camera(source, CaptureParams.from_mapping(parameters.get("capture"), "capture"))]
     print(f"\nIf the camera {camera} still does not work, report the lines above, and", "\n".join(lines))
 
 
@@ -243,7 +243,7 @@ def run(arguments: List[str]) -> int:
     parser.add_argument("--camera", metavar="SOURCE", help="only describe a camera, given as to new_lab; without a lab")
     options = parser.parse_args(arguments)
     if options.camera:
-        print("\n".join(describe(parse_source(options.camera), CaptureParams())))
+        print("\n".join(describe_camera(parse_source(options.camera), CaptureParams())))
         return READY
     if not rosgraph.is_master_online():
         print(

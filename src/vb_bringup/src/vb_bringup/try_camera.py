@@ -42,7 +42,7 @@ from vb_laser_detect.calibration import pose_file
 from vb_laser_detect.calibration.pose_file import CameraPose
 from vb_laser_detect.calibration.pose import PosedCamera, project, click_uncertainty, estimate_camera_from_rectangle
 from vb_laser_detect.camera.lens_and_settings_files import save_lens
-from vb_laser_detect.camera.camera_report import describing_command
+from vb_laser_detect.camera.camera_report import describe_camera_command
 from vb_laser_detect.camera.camera_source import CameraSource, CapturedImage, is_file
 from vb_laser_detect.camera.v4l2_controls import CaptureParams
 from vb_map_integration.border import VirtualBorder, borders_to_geojson
@@ -105,7 +105,7 @@ def write_camera_lab(folder: Path, source: str, view: PosedCamera, profiles: Pat
     write_lab(folder, {CAMERA: source}, "", folder.parent / "floor.yaml", profiles)
     save_lens(folder / "lenses" / f"{CAMERA}.yaml", CAMERA, view.camera)
     pose = CameraPose(CAMERA, names.MAP_FRAME, f"{CAMERA}_optical_frame", view.T_map_camera, view.camera.focal_px)
-    pose_file.save(folder / "calibration" / f"{CAMERA}.yaml", pose, ["from a rectangle on the floor"])
+    pose_file.write_pose(folder / "calibration" / f"{CAMERA}.yaml", pose, ["from a rectangle on the floor"])
 
 
 # ------------------------------------------------------------- the page that asks for the corners
@@ -122,7 +122,7 @@ class CornerPage:
         fault = None if error is None else CodedError(error.code, **{**error.values, "camera": "1"})
         if fault is not None and str(fault) != str(self.fault):
             print(f"  {fault.message}\n  If this does not help, end it with Ctrl-C, and report what this prints:")
-            print(f"    . scripts/env.sh; {describing_command(self._source.address)}", flush=True)
+            print(f"    . scripts/env.sh; {describe_camera_command(self._source.address)}", flush=True)
         self.fault = fault
 
     async def ask(self, port: int) -> PosedCamera:
