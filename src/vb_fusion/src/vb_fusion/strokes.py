@@ -19,8 +19,7 @@ So a gap crossed at the speed of a hand is cheap, and a tremor is free. As hands
 logarithmically, like the negative log likelihood of a heavy-tailed error: a rest after a flick belongs to the stroke.
 
 Dynamic programming finds the best track, cluster by cluster in order of time. Its time bins and its floor are then
-removed; the best track of the remaining clusters is the next stroke. The line is the widest stroke, with those joined to
-it that continue from its ends.
+removed. The best track of the rest is the next stroke. The line is the widest stroke and those that continue its ends.
 """
 
 from __future__ import annotations
@@ -78,7 +77,7 @@ def find_drawn_line(observations: Observations, widest_gap: float, min_expansion
     """
     clusters = find_clusters(observations)
     strokes, ends = find_strokes(observations, clusters, widest_gap)
-    # strokes that could be a line alone, widest first: moving back and forth explains much floor, but is not a border
+    # strokes that could be a line alone. The widest comes first, as moving back and forth also explains much floor
     sized = [(geometry.bounding_diagonal(observations.points[stroke]), stroke) for stroke in strokes]
     candidates = [
         stroke
@@ -223,8 +222,7 @@ def _join_strokes(
     """Joins to the first stroke those that continue from its ends; strokes are the indices of their observations.
 
     Returns:
-        The indices of the line's observations, in the order in which it runs; the strokes left out; whether several
-        strokes were joined.
+        The line's observations as indices, in the order in which it runs; the strokes left out; whether any was joined.
     """
     line, *others = strokes
     while others:
@@ -277,8 +275,7 @@ def _stationary_times(
 ) -> np.ndarray:
     """Returns for how long [s] light stayed at each node. Light that moved on slowly counts less, or not at all.
 
-    Args:
-        nodes, shares: (4, P) the nodes around each cluster, and its share in each.
+    `nodes` and `shares` are (4, P), as `_lattice_shares` returns them.
     """
     node, share = nodes.ravel(), shares.ravel()
     time, x, y = (np.tile(values - values.mean(), len(nodes)) for values in (stamps, *points.T))
@@ -310,7 +307,7 @@ def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
         offset = np.hypot(*(points[before] + share[:, None] * (points[after] - points[before]) - points[middle]).T)
         half_distance = 0.5 * np.hypot(*(points[after] - points[before]).T)
         straight = np.exp(-((offset / np.maximum(0.3 * half_distance, TREMOR)) ** 2))
-        # two clusters, one of them seen twice, do not form a row: there the middle one is seen halfway in time
+        # in a row, the middle cluster is seen halfway in time; if one of only two is seen twice, it is not
         row = np.maximum(half_distance - TREMOR, 0.0) * straight * 4.0 * share * (1.0 - share)
         row[(whole > dropout) | (2.0 * half_distance > UNSEEN_SPEED * whole)] = 0.0
         # the row's ends too, where the stroke may begin or end

@@ -210,9 +210,8 @@ def _looks_closed(points: np.ndarray) -> bool:
 
 # ------------------------------------------------------------------ GeoJSON
 _WALL = "virtual_wall"
-_PROPERTIES = tuple(
-    field.name for field in dataclasses.fields(VirtualBorder) if field.name not in ("points", "seed", "closed", "wall")
-)
+_FIELDS = [field.name for field in dataclasses.fields(VirtualBorder)]
+_PROPERTIES = tuple(name for name in _FIELDS if name not in ("points", "seed", "closed", "wall"))
 
 
 def border_to_feature(border: VirtualBorder) -> Dict[str, Any]:

@@ -1,7 +1,6 @@
 """The region of the map that a virtual border restricts, which integrates the border into the map (paper, Sect. 3).
 
-M_posterior is M_prior with the region on the seed's side of the border raised to delta. Physical obstacles keep
-their value; the prior itself is never changed.
+M_posterior is a copy of M_prior with the seed's side of the border raised to delta, where obstacles keep their value.
 
 `map_integrator.MapIntegrator` handles several borders, undo, and maps that change.
 

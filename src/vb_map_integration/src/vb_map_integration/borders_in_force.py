@@ -3,8 +3,7 @@
 A border is identified by the floor that it closes off as well as by its line:
 
 - On the map on which a person accepted it, it is in force as drawn.
-- On any other map, it is the same border if the walls round it are where they should be and it closes off the same
-  floor; else it waits for a person.
+- On any other map, it waits for a person unless the walls round it are in place and it closes off the same floor.
 - While it waits, it closes off more rather than less: the floor that it closed off where it was accepted, its second
   possible position and, unless that is much more, the floor here. If none of these is on the map, it is not in force.
 """
@@ -147,8 +146,7 @@ def compute_in_force(
         grid: the physical map.
         borders: the stored borders, in the frame of their place.
         locate: finds where a border is on the map.
-        before: the previous result for the same map and the same `locate`: the statuses of unchanged borders are taken
-            from it.
+        before: the previous result for the same map and `locate`, from which unchanged borders take their statuses.
         known_region: the region of one of these borders, if it was just computed on this map: it is not computed again.
     """
     earlier = before.statuses if before else {}
@@ -264,4 +262,7 @@ def _describe_place(name: str, borders: Iterable[VirtualBorder]) -> Dict[str, st
 
 def _names(borders: Sequence[VirtualBorder]) -> str:
     """Lists the names of the first few borders."""
-    return ", ".join(border.name for border in borders[:_NAMED]) + (", ..." if len(borders) > _NAMED else "")
+    listed = [border.name for border in borders[:_NAMED]]
+    if len(borders) > _NAMED:
+        listed.append("...")
+    return ", ".join(listed)

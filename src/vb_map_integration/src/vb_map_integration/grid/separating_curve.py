@@ -32,9 +32,9 @@ _ASIDE = 1.6  # [cells] how far from the curve the samples on both sides are
 # where the end of a chain is sampled to find its direction, as shares of the fitted length
 _SAMPLES = np.linspace(0.0, 1.0, 16)
 FindSeed = Callable[[np.ndarray, Optional[np.ndarray]], Tuple[int, int]]
-# values of cells in the working copy of the map: free, reached from the seed, blocked, and blocked pieces that were
-# met from the curve's start, its end, or both
+# values of cells in the working copy of the map: free, reached from the seed and blocked
 _FREE, _FILLED, _BLOCKED = 0, 128, 255
+# from where a blocked piece was met: from the curve's start, from its end or from both
 _MET_BY_START, _MET_BY_END, _MET_BY_BOTH = 1, 2, 3
 
 
@@ -94,8 +94,7 @@ def separate(
     """Cuts a separating curve into the map and fills the seed's side.
 
     Args:
-        cells: (H + 2, W + 2) uint8, 255 where the fill may not enter, else 0, with a frame of 255 round the map;
-            changed in place.
+        cells: (H + 2, W + 2) uint8, changed in place: 255 on the frame and where the fill may not enter, else 0.
         points: (N, 2) (column, row), the drawn chain.
         fit_length: [cells] length of the chain's ends that gives the directions of the extensions.
         tolerance: [cells] how far a drawn end may lie from the wall that it belongs to; less than any robot's width.

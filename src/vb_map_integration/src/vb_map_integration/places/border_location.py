@@ -178,7 +178,8 @@ def _fit(radius: float, old: WallMap, new: WallMap, expected: Transform, outline
     here, *aside = _scores(sample, new, expected, np.concatenate([[[0.0, 0.0]], _SHIFTS_ASIDE]))
     share, _ = compare_walls(expected.apply(walls), new)
     if share >= _NO_SEARCH_SHARE and max(aside) <= (1.0 - _MIN_MARGIN) * here:
-        best, margin = expected, 1.0 - max(aside) / here
+        best = expected
+        margin = 1.0 - max(aside) / here
     else:
         best, margin = _search(sample, new, expected, center)
         new_walls = new.walls_near(best.apply(outline), radius)

@@ -22,8 +22,9 @@ from vb_map_integration.border import MAX_NAME, VirtualBorder, border_from_featu
 from vb_map_integration.places.transform import IDENTITY, Transform
 from vb_map_integration.storage.durable_values import DurableValues
 
-# how many are kept: changes that can be undone, requests, maps of a place besides its first and current ones
-MAX_CHANGES, MAX_REQUESTS, MAX_MAPS = 100, 100, 6
+MAX_CHANGES = 100  # changes that are kept and can be undone
+MAX_REQUESTS = 100  # requests that are kept
+MAX_MAPS = 6  # maps of a place that are kept besides its first and current ones
 _PLACE, _NEXT = "facts/last_place", "facts/next_number"
 
 
