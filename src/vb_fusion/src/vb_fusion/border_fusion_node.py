@@ -158,8 +158,8 @@ class BorderFusionNode:
         if drawn.chain is not None and drawn.chain.unused_spot_count:
             doubts["strokes_left_out"] = {"spots": str(drawn.chain.unused_spot_count)}
         # a right-angled corner that an unseen piece hides is off that piece by at most half its length
-        if drawn.chain is not None and drawn.chain.unseen > 0.5 * self._params.extraction.eps:
-            doubts["piece_unseen"] = {"length": f"{drawn.chain.unseen:.1f}"}
+        if drawn.chain is not None and drawn.chain.longest_unseen_gap > 0.5 * self._params.extraction.eps:
+            doubts["piece_unseen"] = {"length": f"{drawn.chain.longest_unseen_gap:.1f}"}
         if drawn.competing_dwell is not None:
             doubts["seed_held_elsewhere"] = {"seconds": f"{drawn.competing_dwell.seconds:.0f}"}
         return [Notice(code, Severity.WARNING, values=values) for code, values in doubts.items()]

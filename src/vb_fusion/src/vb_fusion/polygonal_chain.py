@@ -47,13 +47,13 @@ MIN_DETAIL = 0.005  # [m] vertices whose loss moves the chain by less are droppe
 MAX_SLIP_RATIO = 0.02  # of the area that a self-crossing line encloses; smaller loops are slips of the hand
 
 
-def make_chain(line: Observations, joined: bool, widest_gap: float) -> Tuple[np.ndarray, Closure]:
+def make_chain(line: Observations, joined: bool, max_gap: float) -> Tuple[np.ndarray, Closure]:
     """Makes the polygonal chain along the drawn line.
 
     Args:
         line: the observations in the order in which the line runs, without their cameras' offsets.
         joined: whether the line consists of several strokes.
-        widest_gap: [m] widest gap between the line's ends that may hide a corner.
+        max_gap: [m] widest gap between the line's ends that may hide a corner.
 
     Returns:
         The chain's vertices (M, 2) [m], and the decision whether it is closed.
@@ -70,7 +70,7 @@ def make_chain(line: Observations, joined: bool, widest_gap: float) -> Tuple[np.
     within = slice(closure.first, closure.last + 1)
     trimmed = ResampledStroke(stroke.points[within], stroke.trust[within], tremor)
     # a gap that was crossed unseen may hide a corner; a wider one was left by the hand and gets a straight side
-    vertices = fit_sides(trimmed, closure.closed and (joined or closure.gap <= widest_gap))  # stage 5
+    vertices = fit_sides(trimmed, closure.closed and (joined or closure.gap <= max_gap))  # stage 5
     if len(vertices) < 3:
         closure = classify_closure(vertices)
     return simplify(vertices, closure.closed), closure  # stage 6

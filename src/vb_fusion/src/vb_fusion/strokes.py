@@ -63,12 +63,12 @@ class DrawnLine:
     dropout: float
 
 
-def find_drawn_line(observations: Observations, widest_gap: float, min_expansion: float, min_spots: int) -> DrawnLine:
+def find_drawn_line(observations: Observations, max_gap: float, min_expansion: float, min_spots: int) -> DrawnLine:
     """Finds the line that was drawn among all observations.
 
     Args:
         observations: observations in order of time.
-        widest_gap: [m] widest gap that is bridged, within a stroke or between two.
+        max_gap: [m] widest gap that is bridged, within a stroke or between two.
         min_expansion: [m] diagonal of the bounding box of the shortest line.
         min_spots: least number of spots of a line.
 
@@ -76,7 +76,7 @@ def find_drawn_line(observations: Observations, widest_gap: float, min_expansion
         CodedError: "no_line".
     """
     clusters = find_clusters(observations)
-    strokes, ends = find_strokes(observations, clusters, widest_gap)
+    strokes, ends = find_strokes(observations, clusters, max_gap)
     # strokes that could be a line alone. The widest comes first, as moving back and forth also explains much floor
     sized = [(geometry.bounding_diagonal(observations.points[stroke]), stroke) for stroke in strokes]
     candidates = [
@@ -86,7 +86,7 @@ def find_drawn_line(observations: Observations, widest_gap: float, min_expansion
     ]
     if not candidates:
         raise CodedError("no_line", spots=int(observations.spots.sum()), shortest=f"{min_expansion:g}")
-    line, unjoined, joined = _join_strokes(observations, candidates, widest_gap)
+    line, unjoined, joined = _join_strokes(observations, candidates, max_gap)
     left_out = np.setdiff1d(np.concatenate([np.zeros(0, dtype=int), *unjoined, *ends]), line)
     return DrawnLine(observations.select(line), observations.select(left_out), joined, clusters.dropout)
 
@@ -109,14 +109,14 @@ def find_clusters(observations: Observations) -> Observations:
 
 
 def find_strokes(
-    observations: Observations, clusters: Observations, widest_gap: float
+    observations: Observations, clusters: Observations, max_gap: float
 ) -> Tuple[List[np.ndarray], List[np.ndarray]]:
     """Finds the strokes that were drawn.
 
     Args:
         observations: observations in order of time.
         clusters: clusters of these observations, in order of time.
-        widest_gap: [m] widest gap between two clusters of one stroke.
+        max_gap: [m] widest gap between two clusters of one stroke.
 
     Returns:
         The indices of the observations of each stroke, in order of time; and those of each glint before or after them,
@@ -137,7 +137,7 @@ def find_strokes(
         if gain < CLUSTER_WIDTH:
             break
         line = free[track]
-        pieces, glints = _divide(line, points[line], stamps[line], explained[line], dropout, widest_gap + TREMOR)
+        pieces, glints = _divide(line, points[line], stamps[line], explained[line], dropout, max_gap + TREMOR)
         if pieces and not strokes:
             ends = [_observations_near(observations, clusters, glint) for glint in glints]
         strokes += [_observations_near(observations, clusters, piece) for piece in pieces]
@@ -217,7 +217,7 @@ def _observations_near(observations: Observations, clusters: Observations, line:
 
 
 def _join_strokes(
-    observations: Observations, strokes: List[np.ndarray], widest_gap: float
+    observations: Observations, strokes: List[np.ndarray], max_gap: float
 ) -> Tuple[np.ndarray, List[np.ndarray], bool]:
     """Joins to the first stroke those that continue from its ends; strokes are the indices of their observations.
 
@@ -230,7 +230,7 @@ def _join_strokes(
         line_ends = observations.points[line[[0, -1]]]
         distances = np.array([cdist(line_ends, observations.points[other[[0, -1]]]) for other in others])
         number, line_end, other_end = np.unravel_index(int(np.argmin(distances)), distances.shape)
-        if distances[number, line_end, other_end] > widest_gap + TREMOR:
+        if distances[number, line_end, other_end] > max_gap + TREMOR:
             break
         # the stroke must run away from the line's end, or up to its start
         other = others.pop(number)

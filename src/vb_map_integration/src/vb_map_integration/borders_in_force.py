@@ -197,7 +197,7 @@ def _find_region(
     """Finds the region that a border restricts; else returns None and the code that says why there is none."""
     # on its way to the frame of its place and back a border may have moved by a rounding error: then it is not the same
     if known_region and known_region.prior is grid and known_region.value == border.value:
-        if known_region.border.same_area(border):
+        if known_region.border.has_same_area(border):
             return known_region, ""
     try:
         return compute_region(grid, border), ""
@@ -207,12 +207,12 @@ def _find_region(
 
 def transfer_accepted_region(location: BorderLocation, grid: GridMap) -> Optional[Region]:
     """Transfers what a border restricted on the map where it was accepted to the free cells of a map; None if none."""
-    assert location.accepted is not None and location.accepted_on is not None
+    assert location.accepted is not None and location.accepted_map is not None
     try:
-        accepted = compute_region(location.accepted_on, location.accepted)
+        accepted = compute_region(location.accepted_map, location.accepted)
     except IntegrationError:  # accepted by an earlier version with other limits
         return None
-    corners = location.accepted_on.grid_to_world([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    corners = location.accepted_map.grid_to_world([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     start, *ends = grid.world_to_grid(location.transform.apply(corners))
     matrix = np.column_stack([*(end - start for end in ends), start])
     cells = cv2.warpAffine(accepted.restricted_cells.view(np.uint8), matrix, grid.shape[::-1], flags=cv2.INTER_NEAREST)

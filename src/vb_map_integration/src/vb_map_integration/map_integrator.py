@@ -26,7 +26,7 @@ from vb_map_integration.storage.border_database import BorderChange, Change, Dat
 
 
 @dataclass(frozen=True)
-class CheckResult:
+class BorderCheck:
     """Effect of adding or changing a border.
 
     Attributes:
@@ -224,7 +224,7 @@ class MapIntegrator:
             self._make_change(tuple(changes))
         return ChangeResult()  # which borders were accepted is no news
 
-    def check(self, border: VirtualBorder, robot_positions: Sequence[Sequence[float]] = ()) -> CheckResult:
+    def check(self, border: VirtualBorder, robot_positions: Sequence[Sequence[float]] = ()) -> BorderCheck:
         """Checks what adding a border, or replacing the one with the same id, would do; changes nothing.
 
         Args:
@@ -246,7 +246,7 @@ class MapIntegrator:
             issues.append(warning("splits_free_space"))
         if after == 0 < self._free_parts:
             issues.append(warning("no_free_space_left"))
-        return CheckResult(region, tuple(issues), after)
+        return BorderCheck(region, tuple(issues), after)
 
     def _check_robots(self, border: VirtualBorder) -> None:
         """Refuses a border that names unknown robots, if names are configured."""
@@ -294,10 +294,10 @@ class MapIntegrator:
         if place != self._recognition.place:
             raise CodedError("on_another_map", id=border.id)
         self._check_robots(border)
-        check: Optional[CheckResult] = None
+        check: Optional[BorderCheck] = None
         name = border.name or before.name
         after = border.replace(name=name, created=before.created, modified=now, map_id=before.map_id)
-        if border.same_area(in_force.statuses[border.id].map_border):
+        if border.has_same_area(in_force.statuses[border.id].map_border):
             after = after.replace(points=before.points, seed=before.seed)
         else:
             check = self.check(border, robot_positions)
@@ -376,7 +376,7 @@ class MapIntegrator:
         kind: str = "new",
         request_id: str = "",
         place: int = 0,
-        check: Optional[CheckResult] = None,
+        check: Optional[BorderCheck] = None,
     ) -> ChangeResult:
         """Makes a change completely, or raises CodedError and changes nothing.
 

@@ -76,7 +76,7 @@ def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[CellWind
 
 
 @dataclass(frozen=True)
-class Trace:
+class ChainCells:
     """The cells that a chain runs through; neighbours share an edge, except where the chain was outside the map.
 
     Attributes:
@@ -92,12 +92,12 @@ class Trace:
     segment: np.ndarray
     arc: np.ndarray
 
-    def between(self, first: int, last: int) -> "Trace":
+    def between(self, first: int, last: int) -> "ChainCells":
         """Returns the part from one cell to another, both included."""
-        return Trace(*(values[first : last + 1] for values in vars(self).values()))
+        return ChainCells(*(values[first : last + 1] for values in vars(self).values()))
 
 
-def trace_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> Trace:
+def rasterize_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> ChainCells:
     """Finds the cells along a chain (N, 2) (column, row), clipped to one cell beyond the map's rim."""
     start = vertices[:-1]
     step = vertices[1:] - start
@@ -137,7 +137,7 @@ def trace_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> Trace:
     rows, columns, segment, t = rows[twice], columns[twice], segment[twice], t[twice]
     rows[extra] = rows[extra - 1]
     points = start[segment] + t[:, None] * step[segment]
-    return Trace(rows, columns, points, segment, arc_start[segment] + t * length[segment])
+    return ChainCells(rows, columns, points, segment, arc_start[segment] + t * length[segment])
 
 
 def count_free_parts(grid: GridMap, radius: float) -> int:

@@ -16,7 +16,7 @@ import numpy as np
 
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_map_integration.places.border_location import BorderLocator, wall_map_of
-from vb_map_integration.places.registration import Registration, WallMap, measure, register
+from vb_map_integration.places.registration import Registration, WallMap, measure, register_maps
 from vb_map_integration.places.transform import IDENTITY, Transform
 from vb_map_integration.storage.border_database import Database, KnownMap
 
@@ -163,7 +163,7 @@ class PlaceRecognizer:
         """Registers one stored map in the new map; returns None if one of them has no walls."""
         reference = wall_map_of(stored_map)
         guesses = [IDENTITY, start.transform.after(stored_map.transform.inverse)]
-        registration = register(reference, wall_map, guesses)
+        registration = register_maps(reference, wall_map, guesses)
         if registration is None:
             return None
         other = None

@@ -228,7 +228,7 @@ def _known_part(grid: GridMap) -> GridMap:
     return GridMap(np.ascontiguousarray(cells), grid.resolution, (float(x), float(y), grid.origin[2]))
 
 
-def register(old: WallMap, new: WallMap, guesses: Sequence[Transform] = (IDENTITY,)) -> Optional[Registration]:
+def register_maps(old: WallMap, new: WallMap, guesses: Sequence[Transform] = (IDENTITY,)) -> Optional[Registration]:
     """Finds the old map in the new one: returns the best hypothesis; None if one of the maps has no walls.
 
     Args:
@@ -291,7 +291,7 @@ def _search(old: WallMap, new: WallMap) -> List[Transform]:
             # a shift to the left or downwards has wrapped round
             shift = np.array([n if n < size - len(old_image) else n - size for n in cell_of_peak])
             center_in_new = new.center + (shift + middle - len(new_image) // 2) * cell
-            peaks.append((score, Transform.turning(old.center, center_in_new, math.radians(angle))))
+            peaks.append((score, Transform.rotation_about(old.center, center_in_new, math.radians(angle))))
             cv2.circle(scores, cell_of_peak, max(2, int(0.6 / cell)), 0.0, -1)
     chosen: List[Transform] = []
     for _, transform in sorted(peaks, key=lambda peak: -peak[0]):
@@ -343,7 +343,7 @@ def refine(
         step = np.clip(np.linalg.solve(normal_matrix, -weighted.T @ distances), -_MAX_STEP, _MAX_STEP)
         center_in_new = center_in_new + step[:2]
         yaw += float(step[2])
-    return Transform.turning(center, center_in_new, yaw)
+    return Transform.rotation_about(center, center_in_new, yaw)
 
 
 def _cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
