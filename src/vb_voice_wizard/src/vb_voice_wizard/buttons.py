@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Dict, List, Mapping, Sequence
 
 from vb_core.errors import ParameterError
-from vb_core.vocabulary import COMMANDS, STATES, normalize
+from vb_core.vocabulary import COMMANDS, STATES, command_name_from_text
 
 
 class ButtonMap:
@@ -42,14 +42,16 @@ class ButtonMap:
 
 
 def _read(key: str, mapping: object) -> Dict[int, str]:
+    """Converts the mapping in parameter `key`, from commands to their buttons, to the command of each button."""
     if not isinstance(mapping, Mapping):
         raise ParameterError(key, f"expected commands with their buttons, got {mapping!r}")
     result: Dict[int, str] = {}
     for name, buttons in mapping.items():
-        command = normalize(str(name))
+        command = command_name_from_text(str(name))
         if command not in COMMANDS:
             raise ParameterError(f"{key}/{name}", f"unknown command; known are {', '.join(COMMANDS)}")
-        for button in buttons if isinstance(buttons, (list, tuple)) else [buttons]:
+        indices = buttons if isinstance(buttons, (list, tuple)) else [buttons]
+        for button in indices:
             if isinstance(button, bool) or not isinstance(button, int) or button < 0:
                 raise ParameterError(f"{key}/{name}", f"expected the index of a button, 0 or more, got {button!r}")
             if result.get(button, command) != command:
