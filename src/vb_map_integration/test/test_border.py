@@ -31,7 +31,7 @@ def test_properties_of_other_programs_are_left_out():
     # a geographic information system exports every attribute of every border, even the empty ones
     empty = dict.fromkeys((field.name for field in dataclasses.fields(VirtualBorder)))
     exported = feature({"type": "Polygon", "coordinates": [RING]}, **{**empty, "id": 7})
-    assert borders_from_geojson(json.dumps(exported))[0].same_area(VirtualBorder(RING, (2, 2), closed=True))
+    assert borders_from_geojson(json.dumps(exported))[0].has_same_area(VirtualBorder(RING, (2, 2), closed=True))
 
 
 def feature(geometry, **properties):

@@ -217,7 +217,7 @@ def test_the_newest_sound_copy_is_used_and_the_loss_reported(tmp_path):
     (tmp_path / FILE).write_bytes(b"?" * 9000)
     shutil.rmtree(str(tmp_path / "copies"))
     values = DurableValues(tmp_path)
-    assert values.of_kind("x") == {} and [notice.code for notice in values.notices] == ["borders_lost"]
+    assert values.values_of_kind("x") == {} and [notice.code for notice in values.notices] == ["borders_lost"]
     values.close()
 
 

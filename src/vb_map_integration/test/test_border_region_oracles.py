@@ -50,7 +50,7 @@ SHAPE = (9, 12)  # of the map on which chains are traced
 def test_a_traced_point_is_on_its_segment_and_in_its_cell(chain):
     steps = np.hypot(*np.diff(chain, axis=0).T)
     assume(steps.min() > 1e-3)
-    trace, arc = raster.trace_chain(chain, SHAPE), np.concatenate([[0.0], np.cumsum(steps)])
+    trace, arc = raster.rasterize_chain(chain, SHAPE), np.concatenate([[0.0], np.cumsum(steps)])
     assert trace.points.shape == (len(trace.rows), 2)
     assert (np.diff(trace.arc) >= -1e-9).all()
     share = (trace.arc - arc[trace.segment]) / steps[trace.segment]
@@ -66,7 +66,7 @@ def test_a_traced_point_is_on_its_segment_and_in_its_cell(chain):
 @given(CHAINS)
 def test_a_traced_chain_leaves_no_gap(chain):
     assume(np.hypot(*np.diff(chain, axis=0).T).min() > 1e-3)
-    trace = raster.trace_chain(chain, SHAPE)
+    trace = raster.rasterize_chain(chain, SHAPE)
     # every cell of the map that a densely sampled chain meets is traced, and none more than one cell off the map
     dense = np.vstack([a + np.linspace(0.0, 1.0, 800)[:, None] * (b - a) for a, b in zip(chain[:-1], chain[1:])])
     is_inner = np.abs(dense - np.round(dense)).max(axis=1) < 0.2  # not near corners, which the samples may miss
@@ -87,11 +87,11 @@ def test_a_traced_chain_leaves_no_gap(chain):
     st.integers(0, 100),
     st.booleans(),
 )
-def test_painting_raises_what_is_under_the_mask_and_lowers_nothing(cells, mask, value, over_unknown):
+def test_painting_raises_what_is_under_the_mask_and_lowers_nothing(cells, mask, value, covers_unknown):
     painted = np.array(cells, np.int8).reshape(3, 4)
     covered = 255 * np.array(mask, np.uint8).reshape(3, 4)
-    Region((slice(0, 3), slice(0, 4)), covered, value, over_unknown, 1.0).apply(painted)
-    wanted = [max(cell, value) if under and (cell >= 0 or over_unknown) else cell for cell, under in zip(cells, mask)]
+    Region((slice(0, 3), slice(0, 4)), covered, value, covers_unknown, 1.0).apply(painted)
+    wanted = [max(cell, value) if under and (cell >= 0 or covers_unknown) else cell for cell, under in zip(cells, mask)]
     assert painted.ravel().tolist() == wanted
 
 
@@ -103,7 +103,7 @@ def test_a_wall_covers_half_its_width_on_each_side_of_its_chain(points, noise):
     grid = GridMap(cells, resolution)
     chain = np.array(points)
     assume(np.hypot(*np.diff(chain, axis=0).T).min() > 0.01)
-    trace = raster.trace_chain(grid.world_to_grid(chain), cells.shape)
+    trace = raster.rasterize_chain(grid.world_to_grid(chain), cells.shape)
     core = [cell for cell in zip(trace.rows, trace.columns) if 0 <= cell[0] < 20 and 0 <= cell[1] < 30]
     reach = int(WALL_WIDTH / 2.0 / resolution + 1e-6)
     wanted = np.zeros(cells.shape, bool)

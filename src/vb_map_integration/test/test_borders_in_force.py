@@ -224,7 +224,7 @@ def test_a_border_that_no_longer_fits_where_accepted_waits():
     keeper = integrator(grid=flat())
     keeper.add(DOOR, 1.0)
     accepted = keeper.borders[0].replace(seed=(-50.0, -50.0))
-    place = BorderLocation(keeper.borders[0], accepted=accepted, accepted_on=flat())
+    place = BorderLocation(keeper.borders[0], accepted=accepted, accepted_map=flat())
     assert transfer_accepted_region(place, flat(seed=1)) is None
     in_force = compute_in_force(flat(seed=1), [keeper.borders[0]], lambda _border: place)
     assert in_force.statuses["b1"].code == "to_be_confirmed" and in_force.outlines("b1")[0].shape == (0, 2)

@@ -16,7 +16,7 @@ from vb_map_integration.places.transform import Transform
 
 # ----------------------------------------------------------------- registration
 def register(old, new):
-    return registration.register(WallMap(old), WallMap(new))
+    return registration.register_maps(WallMap(old), WallMap(new))
 
 
 @pytest.mark.parametrize("resolution", [0.03, 0.05])  # [m] of the new map; the old one's is 0.05

@@ -109,8 +109,7 @@ class BorderFusionNode:
     def _work(self) -> None:
         """Publishes progress and notices until the node ends.
 
-        The rate uses wall time, because it limits the load on processors and must survive pauses and jumps of simulated
-        time.
+        The rate uses wall time: it limits the load on processors and must survive jumps of simulated time.
         """
         while not rospy.is_shutdown():
             state_changed = self._changed.wait(1.0 / RATE)
@@ -159,8 +158,8 @@ class BorderFusionNode:
         if drawn.chain is not None and drawn.chain.unused_spot_count:
             doubts["strokes_left_out"] = {"spots": str(drawn.chain.unused_spot_count)}
         # a right-angled corner that an unseen piece hides is off that piece by at most half its length
-        if drawn.chain is not None and drawn.chain.unseen > 0.5 * self._params.extraction.eps:
-            doubts["piece_unseen"] = {"length": f"{drawn.chain.unseen:.1f}"}
+        if drawn.chain is not None and drawn.chain.longest_unseen_gap > 0.5 * self._params.extraction.eps:
+            doubts["piece_unseen"] = {"length": f"{drawn.chain.longest_unseen_gap:.1f}"}
         if drawn.competing_dwell is not None:
             doubts["seed_held_elsewhere"] = {"seconds": f"{drawn.competing_dwell.seconds:.0f}"}
         return [Notice(code, Severity.WARNING, values=values) for code, values in doubts.items()]
@@ -169,7 +168,8 @@ class BorderFusionNode:
         """Extracts and publishes the border so far if there is a reason to; returns whether there was."""
         with self._lock:
             collecting = bool(self._collector.state.collects)
-            new_spots, self._new_spots = self._new_spots, False
+            new_spots = self._new_spots
+            self._new_spots = False
             now = time.monotonic()
             due = now - self._published >= HEARTBEAT_PERIOD
             if not self._collector.interaction_id or not (state_changed or (collecting and (new_spots or due))):
@@ -216,7 +216,8 @@ class BorderFusionNode:
 
     def _on_get_drawn_border(self, request) -> GetDrawnBorderResponse:
         with self._lock:
-            collection, lost = self._collector.collection(), self._collector.lost
+            collection = self._collector.collection()
+            lost = self._collector.lost
         interaction = request.interaction_id or collection.interaction_id
         try:
             if not interaction or interaction != collection.interaction_id:

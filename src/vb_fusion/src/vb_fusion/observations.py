@@ -1,8 +1,7 @@
 """Stage 0: the spots as observations, checked, merged where they repeat each other, and in order of time.
 
-All later stages work on observations. An observation is what one camera saw at one position within a time bin: about
-ten a second from a camera that sees a hand draw, more only where the pointer is quick. A million spots become a few
-thousand.
+All later stages work on observations: what one camera saw at one position within a time bin. A camera that sees a hand
+draw gives about ten a second, and more only where the pointer is quick. A million spots become a few thousand.
 """
 
 from __future__ import annotations
@@ -51,7 +50,8 @@ class Observations:
     def dropout(self) -> float:
         """The time [s] within which a moving pointer is seen again: a few usual intervals between occupied time bins."""
         pauses = np.diff(np.unique(self.bins))
-        return MAX_DROPOUTS * TIME_BIN * (float(np.median(pauses)) if len(pauses) else 1.0)
+        usual_pause = float(np.median(pauses)) if len(pauses) else 1.0
+        return MAX_DROPOUTS * TIME_BIN * usual_pause
 
     def select(self, rows) -> "Observations":
         """Returns the observations that `rows` selects: a mask (N,) or indices."""

@@ -15,8 +15,7 @@ Ends that cross or run past each other are cut there; half of the length cut off
 
 Stage 5, sides: dynamic programming divides the samples into the fewest straight sides that explain them. A corner is
 kept if leaving it out would lose a detail larger than the hand's tremor, or a smaller one where the pointer stopped.
-Least squares then moves the corners to where the sides fit all samples best. So a corner lies where its sides meet,
-even if no camera saw it.
+Least squares then moves the corners to where the sides fit all samples best, even where no camera saw a corner.
 
 Stage 6, vertices: those that change nothing are dropped, and a closed chain becomes a polygon that does not cross itself.
 """
@@ -42,20 +41,19 @@ MAX_OPENING_RATIO = 0.5  # opening in diameters of the figure: the end is nearer
 CORNER_MISFIT = 1.5  # tremors^3: squared distance times length that a corner must explain
 MAX_BEND = 1.5  # chords: no side's arc is longer; a semicircle's is 1.57
 MIN_SPIKE = 2.0  # tremors there and back: a shorter spike may be noise
-# strength with which a vertex is held in place, in tremors of line length; where its sides turn, the samples outweigh it
-VERTEX_PRIOR = 0.3
+VERTEX_PRIOR = 0.3  # tremors of line that hold a vertex in place; where its sides turn, the samples outweigh them
 MIN_FIGURE_SIZE = 8.0  # tremors across; a smaller line that curls could be open or closed
 MIN_DETAIL = 0.005  # [m] vertices whose loss moves the chain by less are dropped; a map cell is ten times as large
 MAX_SLIP_RATIO = 0.02  # of the area that a self-crossing line encloses; smaller loops are slips of the hand
 
 
-def make_chain(line: Observations, joined: bool, widest_gap: float) -> Tuple[np.ndarray, Closure]:
+def make_chain(line: Observations, joined: bool, max_gap: float) -> Tuple[np.ndarray, Closure]:
     """Makes the polygonal chain along the drawn line.
 
     Args:
         line: the observations in the order in which the line runs, without their cameras' offsets.
         joined: whether the line consists of several strokes.
-        widest_gap: [m] widest gap between the line's ends that may hide a corner.
+        max_gap: [m] widest gap between the line's ends that may hide a corner.
 
     Returns:
         The chain's vertices (M, 2) [m], and the decision whether it is closed.
@@ -71,8 +69,8 @@ def make_chain(line: Observations, joined: bool, widest_gap: float) -> Tuple[np.
         raise CodedError("figure_too_small", size=f"{size:.2f}", needed=f"{MIN_FIGURE_SIZE * tremor:.2f}")
     within = slice(closure.first, closure.last + 1)
     trimmed = ResampledStroke(stroke.points[within], stroke.trust[within], tremor)
-    # a gap that was crossed unseen may hide a corner; a wider one, left by the hand, is closed by a straight side
-    vertices = fit_sides(trimmed, closure.closed and (joined or closure.gap <= widest_gap))  # stage 5
+    # a gap that was crossed unseen may hide a corner; a wider one was left by the hand and gets a straight side
+    vertices = fit_sides(trimmed, closure.closed and (joined or closure.gap <= max_gap))  # stage 5
     if len(vertices) < 3:
         closure = classify_closure(vertices)
     return simplify(vertices, closure.closed), closure  # stage 6
@@ -136,8 +134,11 @@ def resample_stroke(line: Observations, tremor: float) -> ResampledStroke:
     number, count, x, y = 0, 0, 0.0, 0.0
     for row, (px, py) in enumerate(calm.tolist()):
         if count and (px - x / count) ** 2 + (py - y / count) ** 2 > tremor**2:
-            number, count, x, y = number + 1, 0, 0.0, 0.0
-        count, x, y = count + 1, x + px, y + py
+            number += 1
+            count, x, y = 0, 0.0, 0.0
+        count += 1
+        x += px
+        y += py
         sample[row] = number
     stroke = _means(line.points, line.weights, sample, tremor)
     # the line ends where the spot was seen first and last
@@ -291,7 +292,8 @@ def _divide(stroke: ResampledStroke) -> np.ndarray:
         turns_back = arc[end - 1] - arc[starts] > MAX_BEND * chord + 2.0 * MIN_SPIKE * stroke.tremor
         cost = np.where(turns_back, np.inf, explained)
         start = int(cost.argmin())
-        best[end], predecessor[end] = cost[start] + corner[end - 1], starts[start]
+        best[end] = cost[start] + corner[end - 1]
+        predecessor[end] = starts[start]
         # a start that is worse than a corner here will never be the best one (PELT, Killick et al. 2012)
         starts = starts[explained <= best[end] + 1e-9]
     firsts = [int(predecessor[count])]
@@ -301,14 +303,11 @@ def _divide(stroke: ResampledStroke) -> np.ndarray:
 
 
 def _misfit(sums: np.ndarray) -> np.ndarray:
-    """Returns the squared distance from the best straight line, times the length [m^3].
-
-    Args:
-        sums: (6, ...) weighted sums of 1, x, y, xx, yy and xy.
-    """
+    """Returns the best line's squared distance times length [m^3] by weighted sums (6, ...) of 1, x, y, xx, yy, xy."""
     w, x, y, xx, yy, xy = sums
-    xx, yy, xy = xx - x * x / w, yy - y * y / w, xy - x * y / w
-    return np.maximum(0.5 * (xx + yy - np.hypot(xx - yy, 2.0 * xy)), 0.0)
+    spread_x, spread_y = xx - x * x / w, yy - y * y / w
+    mixed = xy - x * y / w
+    return np.maximum(0.5 * (spread_x + spread_y - np.hypot(spread_x - spread_y, 2.0 * mixed)), 0.0)
 
 
 def _fit_vertices(stroke: ResampledStroke, starts: np.ndarray, joined: bool) -> np.ndarray:

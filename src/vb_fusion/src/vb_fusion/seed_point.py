@@ -1,9 +1,8 @@
 """The seed point: the last place where the pointer dwelt.
 
 The pointer's track is found as for the border (strokes.py): the sequence of clusters that explains most with the
-least effort. Here, however, the pointer dwells instead of moving, and may be switched off on its way. So a
-cluster's gain is high if no light was seen there before, and a jump costs about the gain of one such cluster, so that
-single flashes do not attract the track.
+least effort. Here the pointer dwells instead of moving, and may be switched off on its way. So a cluster's gain is high
+if no light was seen there before, and a jump costs about that gain. Single flashes then do not attract the track.
 """
 
 from __future__ import annotations
@@ -109,7 +108,8 @@ def find_dwells(
     dwells: List[Dwell] = []
     for stay in _find_stays(path_patch, clusters.bins[track]):
         last = stay[-1]
-        point, seconds = _middle(path, last), TIME_BIN * len(stay)
+        point = _middle(path, last)
+        seconds = TIME_BIN * len(stay)
         arrival = int(np.argmax(path_patch == path_patch[last]))
         followed = arrival > 0 and math.dist(path[arrival], path[arrival - 1]) <= MAX_STEP
         if dwells and math.dist(point, dwells[-1].point) <= HAND_RADIUS:
@@ -167,7 +167,8 @@ def _floor_patches(positions: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         distances = np.hypot(*(middles[: count + 1] - point).T)
         patch[cluster] = int(np.argmin(distances))
         if distances[patch[cluster]] > HAND_RADIUS:
-            patch[cluster], middles[count] = count, point
+            patch[cluster] = count
+            middles[count] = point
             count += 1
         earlier[cluster] = counts[patch[cluster]]
         counts[patch[cluster]] += 1

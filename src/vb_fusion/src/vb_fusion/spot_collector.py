@@ -36,8 +36,7 @@ SPOT = np.dtype([("points", float, 2), ("stamps", float), ("cameras", int), ("co
 class SpotStore:
     """Stores at most MAX_SPOTS spots.
 
-    When it is full, every other spot of each camera is dropped, so that memory is bounded and neither a part of the
-    drawing nor a camera is lost.
+    When it is full, every other spot of each camera is dropped: no part of the drawing and no camera is lost.
     """
 
     def __init__(self) -> None:
@@ -101,7 +100,8 @@ class CameraClocks:
         self._previous[camera] = stamp
         if stamp < previous - CLOCK_STEP:
             return None
-        set_back, setbacks = self._set_back.get(camera, 0.0), self._set_back.values()
+        set_back = self._set_back.get(camera, 0.0)
+        setbacks = self._set_back.values()
         step = self._newest.get(camera, max(self._newest.values(), default=-math.inf)) - stamp
         if step - set_back > CLOCK_STEP and camera in self._newest:
             # cameras on one computer share its clock: the camera with the newest spot gives the best estimate

@@ -19,8 +19,7 @@ So a gap crossed at the speed of a hand is cheap, and a tremor is free. As hands
 logarithmically, like the negative log likelihood of a heavy-tailed error: a rest after a flick belongs to the stroke.
 
 Dynamic programming finds the best track, cluster by cluster in order of time. Its time bins and its floor are then
-removed; the best track of the remaining clusters is the next stroke. The line is the widest stroke, with those joined to
-it that continue from its ends.
+removed. The best track of the rest is the next stroke. The line is the widest stroke and those that continue its ends.
 """
 
 from __future__ import annotations
@@ -64,12 +63,12 @@ class DrawnLine:
     dropout: float
 
 
-def find_drawn_line(observations: Observations, widest_gap: float, min_expansion: float, min_spots: int) -> DrawnLine:
+def find_drawn_line(observations: Observations, max_gap: float, min_expansion: float, min_spots: int) -> DrawnLine:
     """Finds the line that was drawn among all observations.
 
     Args:
         observations: observations in order of time.
-        widest_gap: [m] widest gap that is bridged, within a stroke or between two.
+        max_gap: [m] widest gap that is bridged, within a stroke or between two.
         min_expansion: [m] diagonal of the bounding box of the shortest line.
         min_spots: least number of spots of a line.
 
@@ -77,8 +76,8 @@ def find_drawn_line(observations: Observations, widest_gap: float, min_expansion
         CodedError: "no_line".
     """
     clusters = find_clusters(observations)
-    strokes, ends = find_strokes(observations, clusters, widest_gap)
-    # strokes that could be a line alone, widest first: moving back and forth explains much floor, but is not a border
+    strokes, ends = find_strokes(observations, clusters, max_gap)
+    # strokes that could be a line alone. The widest comes first, as moving back and forth also explains much floor
     sized = [(geometry.bounding_diagonal(observations.points[stroke]), stroke) for stroke in strokes]
     candidates = [
         stroke
@@ -87,7 +86,7 @@ def find_drawn_line(observations: Observations, widest_gap: float, min_expansion
     ]
     if not candidates:
         raise CodedError("no_line", spots=int(observations.spots.sum()), shortest=f"{min_expansion:g}")
-    line, unjoined, joined = _join_strokes(observations, candidates, widest_gap)
+    line, unjoined, joined = _join_strokes(observations, candidates, max_gap)
     left_out = np.setdiff1d(np.concatenate([np.zeros(0, dtype=int), *unjoined, *ends]), line)
     return DrawnLine(observations.select(line), observations.select(left_out), joined, clusters.dropout)
 
@@ -110,14 +109,14 @@ def find_clusters(observations: Observations) -> Observations:
 
 
 def find_strokes(
-    observations: Observations, clusters: Observations, widest_gap: float
+    observations: Observations, clusters: Observations, max_gap: float
 ) -> Tuple[List[np.ndarray], List[np.ndarray]]:
     """Finds the strokes that were drawn.
 
     Args:
         observations: observations in order of time.
         clusters: clusters of these observations, in order of time.
-        widest_gap: [m] widest gap between two clusters of one stroke.
+        max_gap: [m] widest gap between two clusters of one stroke.
 
     Returns:
         The indices of the observations of each stroke, in order of time; and those of each glint before or after them,
@@ -138,7 +137,7 @@ def find_strokes(
         if gain < CLUSTER_WIDTH:
             break
         line = free[track]
-        pieces, glints = _divide(line, points[line], stamps[line], explained[line], dropout, widest_gap + TREMOR)
+        pieces, glints = _divide(line, points[line], stamps[line], explained[line], dropout, max_gap + TREMOR)
         if pieces and not strokes:
             ends = [_observations_near(observations, clusters, glint) for glint in glints]
         strokes += [_observations_near(observations, clusters, piece) for piece in pieces]
@@ -218,13 +217,12 @@ def _observations_near(observations: Observations, clusters: Observations, line:
 
 
 def _join_strokes(
-    observations: Observations, strokes: List[np.ndarray], widest_gap: float
+    observations: Observations, strokes: List[np.ndarray], max_gap: float
 ) -> Tuple[np.ndarray, List[np.ndarray], bool]:
     """Joins to the first stroke those that continue from its ends; strokes are the indices of their observations.
 
     Returns:
-        The indices of the line's observations, in the order in which it runs; the strokes left out; whether several
-        strokes were joined.
+        The line's observations as indices, in the order in which it runs; the strokes left out; whether any was joined.
     """
     line, *others = strokes
     while others:
@@ -232,7 +230,7 @@ def _join_strokes(
         line_ends = observations.points[line[[0, -1]]]
         distances = np.array([cdist(line_ends, observations.points[other[[0, -1]]]) for other in others])
         number, line_end, other_end = np.unravel_index(int(np.argmin(distances)), distances.shape)
-        if distances[number, line_end, other_end] > widest_gap + TREMOR:
+        if distances[number, line_end, other_end] > max_gap + TREMOR:
             break
         # the stroke must run away from the line's end, or up to its start
         other = others.pop(number)
@@ -277,8 +275,7 @@ def _stationary_times(
 ) -> np.ndarray:
     """Returns for how long [s] light stayed at each node. Light that moved on slowly counts less, or not at all.
 
-    Args:
-        nodes, shares: (4, P) the nodes around each cluster, and its share in each.
+    `nodes` and `shares` are (4, P), as `_lattice_shares` returns them.
     """
     node, share = nodes.ravel(), shares.ravel()
     time, x, y = (np.tile(values - values.mean(), len(nodes)) for values in (stamps, *points.T))
@@ -310,7 +307,7 @@ def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
         offset = np.hypot(*(points[before] + share[:, None] * (points[after] - points[before]) - points[middle]).T)
         half_distance = 0.5 * np.hypot(*(points[after] - points[before]).T)
         straight = np.exp(-((offset / np.maximum(0.3 * half_distance, TREMOR)) ** 2))
-        # two clusters, one of them seen twice, do not form a row: there the middle one is seen halfway in time
+        # in a row, the middle cluster is seen halfway in time; if one of only two is seen twice, it is not
         row = np.maximum(half_distance - TREMOR, 0.0) * straight * 4.0 * share * (1.0 - share)
         row[(whole > dropout) | (2.0 * half_distance > UNSEEN_SPEED * whole)] = 0.0
         # the row's ends too, where the stroke may begin or end

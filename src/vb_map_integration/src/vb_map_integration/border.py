@@ -157,7 +157,7 @@ class VirtualBorder:
             return self
         return self.replace(points=transform.apply(self.points), seed=transform.apply(self.seed)[0])
 
-    def same_area(self, other: "VirtualBorder") -> bool:
+    def has_same_area(self, other: "VirtualBorder") -> bool:
         """Returns whether both borders restrict the same cells on any map, whatever their occupancy."""
         return (
             self.closed == other.closed
@@ -170,7 +170,7 @@ class VirtualBorder:
         if not isinstance(other, VirtualBorder):
             return NotImplemented
         plain = [field.name for field in dataclasses.fields(self) if field.name not in ("points", "seed")]
-        return self.same_area(other) and all(getattr(self, key) == getattr(other, key) for key in plain)
+        return self.has_same_area(other) and all(getattr(self, key) == getattr(other, key) for key in plain)
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -210,9 +210,8 @@ def _looks_closed(points: np.ndarray) -> bool:
 
 # ------------------------------------------------------------------ GeoJSON
 _WALL = "virtual_wall"
-_PROPERTIES = tuple(
-    field.name for field in dataclasses.fields(VirtualBorder) if field.name not in ("points", "seed", "closed", "wall")
-)
+_FIELDS = [field.name for field in dataclasses.fields(VirtualBorder)]
+_PROPERTIES = tuple(name for name in _FIELDS if name not in ("points", "seed", "closed", "wall"))
 
 
 def border_to_feature(border: VirtualBorder) -> Dict[str, Any]:

@@ -14,7 +14,7 @@ from vb_core.ros import messages
 from vb_core.zones import ZONES
 from vb_map_integration.border import IntegrationError, VirtualBorder
 
-# for each kind, whether the chain is closed; None: decided by the gap between its ends
+# whether the chain of each kind is closed; None if the gap between its ends decides
 KINDS = {
     BorderMessage.AUTO: None,
     BorderMessage.POLYGON: True,

@@ -1,7 +1,6 @@
 """The region of the map that a virtual border restricts, which integrates the border into the map (paper, Sect. 3).
 
-M_posterior is M_prior with the region on the seed's side of the border raised to delta. Physical obstacles keep
-their value; the prior itself is never changed.
+M_posterior is a copy of M_prior with the seed's side of the border raised to delta, where obstacles keep their value.
 
 `map_integrator.MapIntegrator` handles several borders, undo, and maps that change.
 
@@ -52,14 +51,14 @@ class Region:
         window: the part of the map that contains it.
         mask: (h, w) uint8 of that window, 0 or 255; obstacles are left out.
         value: 0 .. 100, the occupancy that the cells are raised to.
-        over_unknown: whether unknown cells are raised too.
+        covers_unknown: whether unknown cells are raised too.
         area_m2: [m^2].
     """
 
     window: raster.CellWindow
     mask: np.ndarray = field(repr=False)
     value: int
-    over_unknown: bool
+    covers_unknown: bool
     area_m2: float
 
     def outline(self, grid: GridMap) -> np.ndarray:
@@ -72,7 +71,7 @@ class Region:
     def apply(self, cells: np.ndarray) -> None:
         """Raises the cells (H, W) int8 of the map in place; none is lowered."""
         part, level = cells[self.window], np.uint8(self.value)
-        if self.over_unknown:  # as int8, unknown is -1, the lowest value
+        if self.covers_unknown:  # as int8, unknown is -1, the lowest value
             np.maximum(part, np.bitwise_or(np.invert(self.mask), level).view(np.int8), out=part)
         else:  # as uint8 it is 255, the highest value
             as_bytes = part.view(np.uint8)
@@ -148,7 +147,7 @@ def join_regions(possible: Sequence[Optional[Region]]) -> Optional[Region]:
     first = regions[0]
     cell = max(region.area_m2 / max(1, cv2.countNonZero(region.mask)) for region in regions)
     area = cell * cv2.countNonZero(mask)
-    return Region(window, mask, first.value, first.over_unknown, area)  # type: ignore[arg-type]
+    return Region(window, mask, first.value, first.covers_unknown, area)  # type: ignore[arg-type]
 
 
 def compute_region(prior: GridMap, border: VirtualBorder) -> BorderRegion:
@@ -210,7 +209,7 @@ class _BorderOnGrid:
             window=window,
             mask=mask,
             value=border.value,
-            over_unknown=border.closed is True and border.value >= OCCUPIED_THRESHOLD,
+            covers_unknown=border.closed is True and border.value >= OCCUPIED_THRESHOLD,
             area_m2=restricted * self.prior.resolution**2,
             prior=self.prior,
             border=border,
@@ -261,7 +260,7 @@ class _BorderOnGrid:
     def fill_wall(self) -> Tuple[raster.CellWindow, np.ndarray]:
         """Returns the free cells of a band along a chain: a window, and its (h, w) uint8 mask."""
         cells = self.cells
-        trace = raster.trace_chain(self.points, cells.shape)
+        trace = raster.rasterize_chain(self.points, cells.shape)
         is_on_map = self.prior.contains_cells(np.column_stack([trace.rows, trace.columns]))
         rows, columns = trace.rows[is_on_map], trace.columns[is_on_map]
         if len(rows) == 0:

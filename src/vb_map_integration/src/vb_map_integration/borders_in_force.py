@@ -3,8 +3,7 @@
 A border is identified by the floor that it closes off as well as by its line:
 
 - On the map on which a person accepted it, it is in force as drawn.
-- On any other map, it is the same border if the walls round it are where they should be and it closes off the same
-  floor; else it waits for a person.
+- On any other map, it waits for a person unless the walls round it are in place and it closes off the same floor.
 - While it waits, it closes off more rather than less: the floor that it closed off where it was accepted, its second
   possible position and, unless that is much more, the floor here. If none of these is on the map, it is not in force.
 """
@@ -147,8 +146,7 @@ def compute_in_force(
         grid: the physical map.
         borders: the stored borders, in the frame of their place.
         locate: finds where a border is on the map.
-        before: the previous result for the same map and the same `locate`: the statuses of unchanged borders are taken
-            from it.
+        before: the previous result for the same map and `locate`, from which unchanged borders take their statuses.
         known_region: the region of one of these borders, if it was just computed on this map: it is not computed again.
     """
     earlier = before.statuses if before else {}
@@ -199,7 +197,7 @@ def _find_region(
     """Finds the region that a border restricts; else returns None and the code that says why there is none."""
     # on its way to the frame of its place and back a border may have moved by a rounding error: then it is not the same
     if known_region and known_region.prior is grid and known_region.value == border.value:
-        if known_region.border.same_area(border):
+        if known_region.border.has_same_area(border):
             return known_region, ""
     try:
         return compute_region(grid, border), ""
@@ -209,12 +207,12 @@ def _find_region(
 
 def transfer_accepted_region(location: BorderLocation, grid: GridMap) -> Optional[Region]:
     """Transfers what a border restricted on the map where it was accepted to the free cells of a map; None if none."""
-    assert location.accepted is not None and location.accepted_on is not None
+    assert location.accepted is not None and location.accepted_map is not None
     try:
-        accepted = compute_region(location.accepted_on, location.accepted)
+        accepted = compute_region(location.accepted_map, location.accepted)
     except IntegrationError:  # accepted by an earlier version with other limits
         return None
-    corners = location.accepted_on.grid_to_world([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    corners = location.accepted_map.grid_to_world([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     start, *ends = grid.world_to_grid(location.transform.apply(corners))
     matrix = np.column_stack([*(end - start for end in ends), start])
     cells = cv2.warpAffine(accepted.restricted_cells.view(np.uint8), matrix, grid.shape[::-1], flags=cv2.INTER_NEAREST)
@@ -264,4 +262,7 @@ def _describe_place(name: str, borders: Iterable[VirtualBorder]) -> Dict[str, st
 
 def _names(borders: Sequence[VirtualBorder]) -> str:
     """Lists the names of the first few borders."""
-    return ", ".join(border.name for border in borders[:_NAMED]) + (", ..." if len(borders) > _NAMED else "")
+    listed = [border.name for border in borders[:_NAMED]]
+    if len(borders) > _NAMED:
+        listed.append("...")
+    return ", ".join(listed)

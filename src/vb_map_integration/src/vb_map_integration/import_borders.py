@@ -40,9 +40,8 @@ def import_borders() -> int:
         request = AddBorderRequest(source="import", request_id=str(uuid4()), disabled=not border.enabled)
         request.border, request.frame_id = message_from_border(border.replace(id="")), names.MAP_FRAME
         try:
-            answer = services.call(
-                names.ADD_BORDER, AddBorder, request, "the map integrator", response_timeout=_TIMEOUT
-            )
+            provider = "the map integrator"
+            answer = services.call(names.ADD_BORDER, AddBorder, request, provider, response_timeout=_TIMEOUT)
         except CodedError as error:
             print(error, file=sys.stderr)
             return 1

@@ -26,7 +26,7 @@ from vb_map_integration.storage.border_database import BorderChange, Change, Dat
 
 
 @dataclass(frozen=True)
-class CheckResult:
+class BorderCheck:
     """Effect of adding or changing a border.
 
     Attributes:
@@ -224,7 +224,7 @@ class MapIntegrator:
             self._make_change(tuple(changes))
         return ChangeResult()  # which borders were accepted is no news
 
-    def check(self, border: VirtualBorder, robot_positions: Sequence[Sequence[float]] = ()) -> CheckResult:
+    def check(self, border: VirtualBorder, robot_positions: Sequence[Sequence[float]] = ()) -> BorderCheck:
         """Checks what adding a border, or replacing the one with the same id, would do; changes nothing.
 
         Args:
@@ -241,12 +241,12 @@ class MapIntegrator:
         if self._free_parts is None:
             self._free_parts = count_free_parts(self.map_with_borders, self._robot_radius)
         new_map = self.in_force.draw_map(without=[border.id], also=[region])
-        before, after = self._free_parts, count_free_parts(new_map, self._robot_radius)
-        if after > before:
+        after = count_free_parts(new_map, self._robot_radius)
+        if after > self._free_parts:
             issues.append(warning("splits_free_space"))
-        if after == 0 < before:
+        if after == 0 < self._free_parts:
             issues.append(warning("no_free_space_left"))
-        return CheckResult(region, tuple(issues), after)
+        return BorderCheck(region, tuple(issues), after)
 
     def _check_robots(self, border: VirtualBorder) -> None:
         """Refuses a border that names unknown robots, if names are configured."""
@@ -255,7 +255,7 @@ class MapIntegrator:
             raise IntegrationError("unknown_robot", robot=", ".join(unknown), known=", ".join(self._robots))
 
     # ------------------------------------------------------------- changes
-    # `expected` is the revision that the caller last saw; 0: any
+    # `expected` is the revision that the caller last saw, or 0 for any
     def add(
         self,
         border: VirtualBorder,
@@ -274,7 +274,7 @@ class MapIntegrator:
             return ChangeResult((earlier,))
         self._check_revision(expected)
         new = self._database.new_border(border.replace(map_id=self.map_id), now, self._recognition.place)
-        # again, even after a preview: the map, the borders or the robots may have changed since
+        # a preview is not enough: the map, the borders or the robots may have changed since
         check = self.check(new, robot_positions)
         self._check_confirmed()
         self._store_map()
@@ -284,10 +284,9 @@ class MapIntegrator:
     def update(
         self, border: VirtualBorder, now: float, robot_positions: Sequence[Sequence[float]] = (), expected: int = 0
     ) -> ChangeResult:
-        """Replaces the border with the same id; raises CodedError if it is refused; then nothing has changed.
+        """Replaces the border with the same id. Raises CodedError if it is refused; then nothing has changed.
 
-        If points and seed are unchanged, the border is not checked against the map again: even one that does not fit
-        the map can be renamed.
+        A border with unchanged points and seed is not checked against the map: one that does not fit can be renamed.
         """
         in_force = self.in_force
         self._check_revision(expected)
@@ -295,10 +294,10 @@ class MapIntegrator:
         if place != self._recognition.place:
             raise CodedError("on_another_map", id=border.id)
         self._check_robots(border)
-        check: Optional[CheckResult] = None
+        check: Optional[BorderCheck] = None
         name = border.name or before.name
         after = border.replace(name=name, created=before.created, modified=now, map_id=before.map_id)
-        if border.same_area(in_force.statuses[border.id].map_border):
+        if border.has_same_area(in_force.statuses[border.id].map_border):
             after = after.replace(points=before.points, seed=before.seed)
         else:
             check = self.check(border, robot_positions)
@@ -377,22 +376,22 @@ class MapIntegrator:
         kind: str = "new",
         request_id: str = "",
         place: int = 0,
-        check: Optional[CheckResult] = None,
+        check: Optional[BorderCheck] = None,
     ) -> ChangeResult:
         """Makes a change completely, or raises CodedError and changes nothing.
 
         Args:
-            check: the check of the single border in this change; None for other changes, whose warnings are the
-                statuses of their borders.
+            check: the check of a single border; None for changes whose warnings are the statuses of their borders.
         """
-        physical, place = self.physical, place or self._recognition.place
+        physical = self.physical
+        place = place or self._recognition.place
         self._database.commit(place, change, kind, request_id)
-        ids, issues = tuple(entry.id for entry in change), ()
+        issues = ()
         if place == self._recognition.place:
             self._recompute_borders(physical, check.region if check else None)
             statuses = [self.in_force.statuses[entry.id] for entry in change if entry.after is not None]
             issues = tuple(warning(status.code, **status.values) for status in statuses if status.code)
-        return ChangeResult(ids, check.issues if check else issues)
+        return ChangeResult(tuple(entry.id for entry in change), check.issues if check else issues)
 
     # ------------------------------------------------------------- files
     def save(self, folder: Path, name: str, raw: bool) -> List[Path]:

@@ -123,7 +123,8 @@ class MapIntegratorNode:
         try:
             if frame and frame != names.MAP_FRAME:
                 raise CodedError("map_wrong_frame", topic=names.PHYSICAL_MAP, frame=frame, expected=names.MAP_FRAME)
-            grid, self._map_notices = messages.grid_from_message(message), []
+            grid = messages.grid_from_message(message)
+            self._map_notices = []
         except CodedError as error:
             self._map_notices = [Notice.from_error(error, Severity.ERROR)]
             self._show_notices()

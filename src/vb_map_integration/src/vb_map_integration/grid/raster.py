@@ -1,8 +1,7 @@
 """Polygons, chains and regions on the cells of a grid, and the parts into which borders split its free floor.
 
 Coordinates are (column, row) as from `GridMap.world_to_grid`: whole numbers are the centres of cells.
-Masks are uint8, 0 or 255, as OpenCV uses them; most cover only a window of the map, since work on all of a large map
-is slow.
+Masks are uint8, 0 or 255, as OpenCV uses them. Most cover only a window of the map, as all of a large map is slow.
 """
 
 from __future__ import annotations
@@ -35,8 +34,7 @@ def filled(shape: Tuple[int, int], value: int) -> np.ndarray:
 def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[CellWindow, np.ndarray]:
     """Finds the cells whose centre is in a polygon, clipped to the map.
 
-    Where the outline crosses itself, everything that it winds round is inside (nonzero rule), so that an
-    overshoot at the closing point leaves no hole.
+    By the nonzero rule, all that the outline winds round is inside: an overshoot at the closing point leaves no hole.
 
     Args:
         vertices: (N, 2) (column, row), the first one not repeated.
@@ -66,7 +64,8 @@ def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[CellWind
     slope = np.divide(end[:, 0] - start[:, 0], y1 - y0, out=np.zeros(len(start)), where=counts > 0)
     x = start[edge, 0] + (row - y0[edge]) * slope[edge]
     order = np.lexsort((x, row))
-    row, x = row[order], x[order]
+    row = row[order]
+    x = x[order]
     winding = np.cumsum(np.where(y1 > y0, 1, -1)[edge[order]])
     # in each row the windings add up to zero, so no span reaches into the next one
     spans = np.flatnonzero(winding[:-1] != 0)
@@ -77,7 +76,7 @@ def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[CellWind
 
 
 @dataclass(frozen=True)
-class Trace:
+class ChainCells:
     """The cells that a chain runs through; neighbours share an edge, except where the chain was outside the map.
 
     Attributes:
@@ -93,12 +92,12 @@ class Trace:
     segment: np.ndarray
     arc: np.ndarray
 
-    def between(self, first: int, last: int) -> "Trace":
+    def between(self, first: int, last: int) -> "ChainCells":
         """Returns the part from one cell to another, both included."""
-        return Trace(*(values[first : last + 1] for values in vars(self).values()))
+        return ChainCells(*(values[first : last + 1] for values in vars(self).values()))
 
 
-def trace_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> Trace:
+def rasterize_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> ChainCells:
     """Finds the cells along a chain (N, 2) (column, row), clipped to one cell beyond the map's rim."""
     start = vertices[:-1]
     step = vertices[1:] - start
@@ -138,7 +137,7 @@ def trace_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> Trace:
     rows, columns, segment, t = rows[twice], columns[twice], segment[twice], t[twice]
     rows[extra] = rows[extra - 1]
     points = start[segment] + t[:, None] * step[segment]
-    return Trace(rows, columns, points, segment, arc_start[segment] + t * length[segment])
+    return ChainCells(rows, columns, points, segment, arc_start[segment] + t * length[segment])
 
 
 def count_free_parts(grid: GridMap, radius: float) -> int:
@@ -161,7 +160,6 @@ def count_free_parts(grid: GridMap, radius: float) -> int:
 def _coarser(free: np.ndarray, factor: int) -> np.ndarray:
     """Makes a mask (H, W) uint8 with cells `factor` times as large; a coarse cell is set only if all its cells are."""
     rows, columns = (-(-size // factor) for size in free.shape)
-    padded = cv2.copyMakeBorder(
-        free, 0, rows * factor - free.shape[0], 0, columns * factor - free.shape[1], cv2.BORDER_CONSTANT, value=0
-    )
+    below, right = rows * factor - free.shape[0], columns * factor - free.shape[1]
+    padded = cv2.copyMakeBorder(free, 0, below, 0, right, cv2.BORDER_CONSTANT, value=0)
     return cv2.inRange(cv2.resize(padded, (columns, rows), interpolation=cv2.INTER_AREA), 255, 255)

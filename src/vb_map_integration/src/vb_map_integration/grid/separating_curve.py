@@ -32,9 +32,9 @@ _ASIDE = 1.6  # [cells] how far from the curve the samples on both sides are
 # where the end of a chain is sampled to find its direction, as shares of the fitted length
 _SAMPLES = np.linspace(0.0, 1.0, 16)
 FindSeed = Callable[[np.ndarray, Optional[np.ndarray]], Tuple[int, int]]
-# values of cells in the working copy of the map: free, reached from the seed, blocked, and blocked pieces that were
-# met from the curve's start, its end, or both
+# values of cells in the working copy of the map: free, reached from the seed and blocked
 _FREE, _FILLED, _BLOCKED = 0, 128, 255
+# from where a blocked piece was met: from the curve's start, from its end or from both
 _MET_BY_START, _MET_BY_END, _MET_BY_BOTH = 1, 2, 3
 
 
@@ -94,8 +94,7 @@ def separate(
     """Cuts a separating curve into the map and fills the seed's side.
 
     Args:
-        cells: (H + 2, W + 2) uint8, 255 where the fill may not enter, else 0, with a frame of 255 round the map;
-            changed in place.
+        cells: (H + 2, W + 2) uint8, changed in place: 255 on the frame and where the fill may not enter, else 0.
         points: (N, 2) (column, row), the drawn chain.
         fit_length: [cells] length of the chain's ends that gives the directions of the extensions.
         tolerance: [cells] how far a drawn end may lie from the wall that it belongs to; less than any robot's width.
@@ -110,7 +109,7 @@ def separate(
     reach = 2.0 * sum(shape) + float(np.abs(points).max())
     directions = end_direction(points[::-1], fit_length), end_direction(points, fit_length)
     outer = [points[0] + reach * directions[0], points[-1] + reach * directions[1]]
-    trace = raster.trace_chain(np.concatenate([outer[:1], points, outer[1:]]), shape)
+    trace = raster.rasterize_chain(np.concatenate([outer[:1], points, outer[1:]]), shape)
     drawn_length = float(np.hypot(*(points[1:] - points[:-1]).T).sum())
     before = -(trace.arc - reach)  # [cells] how far each cell lies before the chain's start
     after = -before - drawn_length
@@ -125,13 +124,13 @@ def separate(
         if stop.inset is None:  # beside the end: go straight there
             outer[index] = np.array(stop.cell[::-1], dtype=float)
     chain = np.concatenate([outer[:1], points, outer[1:]])
-    trace = raster.trace_chain(chain, shape)
+    trace = raster.rasterize_chain(chain, shape)
     between_stops = trace.between(start.inset or 0, len(trace.arc) - 1 - (end.inset or 0))
     return _cut(cells, chain, between_stops, seed, find_seed)
 
 
 def _stops(
-    cells: np.ndarray, trace: raster.Trace, beyond: np.ndarray, point: np.ndarray, tolerance: float, outwards: int
+    cells: np.ndarray, trace: raster.ChainCells, beyond: np.ndarray, point: np.ndarray, tolerance: float, outwards: int
 ) -> List[_Stop]:
     """Finds where an end of the curve may stop, the nearest first; within the tolerance, stops ahead come first.
 
@@ -184,7 +183,7 @@ def _stops_on_one_piece(cells: np.ndarray, starts: List[_Stop], ends: List[_Stop
     return None
 
 
-def _cut(cells: np.ndarray, chain: np.ndarray, trace: raster.Trace, seed: np.ndarray, find_seed: FindSeed) -> Cut:
+def _cut(cells: np.ndarray, chain: np.ndarray, trace: raster.ChainCells, seed: np.ndarray, find_seed: FindSeed) -> Cut:
     """Blocks the cells of a curve between its stops, and fills the seed's side of it.
 
     Args:
@@ -221,7 +220,7 @@ def _cut(cells: np.ndarray, chain: np.ndarray, trace: raster.Trace, seed: np.nda
     return Cut(window, region, line, stops)  # type: ignore[arg-type]
 
 
-def _way_to(seed: np.ndarray, chain: np.ndarray, normals: np.ndarray, trace: raster.Trace) -> Optional[np.ndarray]:
+def _way_to(seed: np.ndarray, chain: np.ndarray, normals: np.ndarray, trace: raster.ChainCells) -> Optional[np.ndarray]:
     """Returns the direction (2,) that leads from the curve to a seed in one of its cells; None for any other seed."""
     hits = np.flatnonzero((trace.columns == math.floor(seed[0] + 0.5)) & (trace.rows == math.floor(seed[1] + 0.5)))
     if not len(hits):

@@ -56,8 +56,8 @@ class BorderLocation:
         walls_agree: whether the walls round it confirm the position.
         floor_is_known: whether the map knows the floor there; until it does, no person is asked about the border.
         others: the border at other possible positions, until a person says where it is.
-        accepted: the border as a person accepted it, on `accepted_on`; None if that is the current map.
-        accepted_on: the map on which it was accepted.
+        accepted: the border as a person accepted it, on `accepted_map`; None if that is the current map.
+        accepted_map: the map on which it was accepted.
         transform: transform from that map's frame to the current one's.
     """
 
@@ -66,7 +66,7 @@ class BorderLocation:
     floor_is_known: bool = True
     others: Tuple[VirtualBorder, ...] = ()
     accepted: Optional[VirtualBorder] = None
-    accepted_on: Optional[GridMap] = None
+    accepted_map: Optional[GridMap] = None
     transform: Transform = Transform()
 
 
@@ -178,7 +178,8 @@ def _fit(radius: float, old: WallMap, new: WallMap, expected: Transform, outline
     here, *aside = _scores(sample, new, expected, np.concatenate([[[0.0, 0.0]], _SHIFTS_ASIDE]))
     share, _ = compare_walls(expected.apply(walls), new)
     if share >= _NO_SEARCH_SHARE and max(aside) <= (1.0 - _MIN_MARGIN) * here:
-        best, margin = expected, 1.0 - max(aside) / here
+        best = expected
+        margin = 1.0 - max(aside) / here
     else:
         best, margin = _search(sample, new, expected, center)
         new_walls = new.walls_near(best.apply(outline), radius)
@@ -195,12 +196,12 @@ def _search(walls: np.ndarray, new: WallMap, expected: Transform, center: np.nda
     count = round(_SEARCH_REACH / _SEARCH_STEP)
     steps = np.arange(-count, count + 1) * _SEARCH_STEP
     shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    transforms = [Transform.turning(center, expected_center, expected.yaw + turn) for turn in _SEARCH_YAWS]
+    transforms = [Transform.rotation_about(center, expected_center, expected.yaw + turn) for turn in _SEARCH_YAWS]
     scores = np.array([_scores(walls, new, transform, shifts) for transform in transforms])
     turn, shift = np.unravel_index(int(np.argmax(scores)), scores.shape)
     is_apart = np.linalg.norm(shifts - shifts[shift], axis=1) > _MIN_SEPARATION
     margin = 1.0 - float(scores[:, is_apart].max()) / max(1e-9, float(scores[turn, shift]))
-    return Transform.turning(center, expected_center + shifts[shift], expected.yaw + _SEARCH_YAWS[turn]), margin
+    return Transform.rotation_about(center, expected_center + shifts[shift], expected.yaw + _SEARCH_YAWS[turn]), margin
 
 
 def _scores(walls: np.ndarray, new: WallMap, transform: Transform, shifts: np.ndarray) -> np.ndarray:

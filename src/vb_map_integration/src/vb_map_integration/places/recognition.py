@@ -16,7 +16,7 @@ import numpy as np
 
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_map_integration.places.border_location import BorderLocator, wall_map_of
-from vb_map_integration.places.registration import Registration, WallMap, measure, register
+from vb_map_integration.places.registration import Registration, WallMap, measure, register_maps
 from vb_map_integration.places.transform import IDENTITY, Transform
 from vb_map_integration.storage.border_database import Database, KnownMap
 
@@ -163,9 +163,10 @@ class PlaceRecognizer:
         """Registers one stored map in the new map; returns None if one of them has no walls."""
         reference = wall_map_of(stored_map)
         guesses = [IDENTITY, start.transform.after(stored_map.transform.inverse)]
-        registration, other = register(reference, wall_map, guesses), None
+        registration = register_maps(reference, wall_map, guesses)
         if registration is None:
             return None
+        other = None
         if not (registration.is_certain or registration.is_clearly_best):
             registration, other = self._prefer_unmoved(reference, wall_map, registration, guesses)
         other = other.after(stored_map.transform) if other else None
@@ -187,8 +188,9 @@ class PlaceRecognizer:
         still = max(unmoved, key=lambda registration: registration.agreement)
         moves = registration.agreement >= max(_PLAUSIBLE_AGREEMENT, still.agreement + _DOUBT)
         proposed, other = (registration, still) if moves else (still, registration)
-        possible = other.agreement >= _POSSIBLE_AGREEMENT and other.transform != proposed.transform
-        return proposed, other.transform if possible else None
+        if other.agreement >= _POSSIBLE_AGREEMENT and other.transform != proposed.transform:
+            return proposed, other.transform
+        return proposed, None
 
 
 def is_extension(before: GridMap, after: GridMap) -> bool:

@@ -46,7 +46,7 @@ _SAME_ANGLE = math.radians(6.0)  # [rad] and by less than this
 
 _REFINED_POINTS = 1500  # wall cells of each map that are matched
 _REACHES = (0.6, 0.6, 0.4, 0.4, 0.3, 0.3, 0.2, 0.2, 0.15, 0.15, 0.15)  # [m] `reaches` of `refine`
-# damping per pair, of x, y and yaw: the step stays short in a direction in which the walls decide nothing
+# damping per pair of x, y and yaw: the step stays short in a direction in which the walls decide nothing
 _DAMPING = np.diag([0.002, 0.002, 0.004])
 _MAX_STEP = np.array([0.3, 0.3, 0.05])  # [m], [m], [rad] the longest step of a refinement
 
@@ -228,7 +228,7 @@ def _known_part(grid: GridMap) -> GridMap:
     return GridMap(np.ascontiguousarray(cells), grid.resolution, (float(x), float(y), grid.origin[2]))
 
 
-def register(old: WallMap, new: WallMap, guesses: Sequence[Transform] = (IDENTITY,)) -> Optional[Registration]:
+def register_maps(old: WallMap, new: WallMap, guesses: Sequence[Transform] = (IDENTITY,)) -> Optional[Registration]:
     """Finds the old map in the new one: returns the best hypothesis; None if one of the maps has no walls.
 
     Args:
@@ -291,7 +291,7 @@ def _search(old: WallMap, new: WallMap) -> List[Transform]:
             # a shift to the left or downwards has wrapped round
             shift = np.array([n if n < size - len(old_image) else n - size for n in cell_of_peak])
             center_in_new = new.center + (shift + middle - len(new_image) // 2) * cell
-            peaks.append((score, Transform.turning(old.center, center_in_new, math.radians(angle))))
+            peaks.append((score, Transform.rotation_about(old.center, center_in_new, math.radians(angle))))
             cv2.circle(scores, cell_of_peak, max(2, int(0.6 / cell)), 0.0, -1)
     chosen: List[Transform] = []
     for _, transform in sorted(peaks, key=lambda peak: -peak[0]):
@@ -325,7 +325,9 @@ def refine(
         center: (2,) [m] centre of rotation in the old map, which keeps rotation and shift decoupled.
         reaches: [m] one value per iteration.
     """
-    (old_walls, new_walls), center_in_new, yaw = walls, start.apply(center)[0], start.yaw
+    old_walls, new_walls = walls
+    center_in_new = start.apply(center)[0]
+    yaw = start.yaw
     for reach in reaches:
         rotation = Transform(yaw=yaw).rotation
         arms = (old_walls - center) @ rotation.T  # from the centre to each wall, in the new map's frame
@@ -339,8 +341,9 @@ def refine(
         weighted = jacobian * np.square(np.maximum(0.0, 1.0 - np.square(distances / reach)))[:, None]
         normal_matrix = weighted.T @ jacobian + len(distances) * _DAMPING
         step = np.clip(np.linalg.solve(normal_matrix, -weighted.T @ distances), -_MAX_STEP, _MAX_STEP)
-        center_in_new, yaw = center_in_new + step[:2], yaw + float(step[2])
-    return Transform.turning(center, center_in_new, yaw)
+        center_in_new = center_in_new + step[:2]
+        yaw += float(step[2])
+    return Transform.rotation_about(center, center_in_new, yaw)
 
 
 def _cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -49,7 +49,7 @@ class Transform(NamedTuple):
         return Transform(float(x), float(y), math.remainder(self.yaw + first.yaw, 2.0 * math.pi))
 
     @classmethod
-    def turning(cls, center: np.ndarray, destination: np.ndarray, yaw: float) -> "Transform":
+    def rotation_about(cls, center: np.ndarray, destination: np.ndarray, yaw: float) -> "Transform":
         """Returns the motion that turns about a centre (2,) [m] by a yaw [rad], and takes it to a destination (2,) [m]."""
         x, y = destination - cls(yaw=yaw).apply(center)[0]
         return cls(float(x), float(y), math.remainder(yaw, 2.0 * math.pi))

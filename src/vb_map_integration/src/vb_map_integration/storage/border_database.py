@@ -22,8 +22,9 @@ from vb_map_integration.border import MAX_NAME, VirtualBorder, border_from_featu
 from vb_map_integration.places.transform import IDENTITY, Transform
 from vb_map_integration.storage.durable_values import DurableValues
 
-# how many are kept: changes that can be undone, requests, maps of a place besides its first and current ones
-MAX_CHANGES, MAX_REQUESTS, MAX_MAPS = 100, 100, 6
+MAX_CHANGES = 100  # changes that are kept and can be undone
+MAX_REQUESTS = 100  # requests that are kept
+MAX_MAPS = 6  # maps of a place that are kept besides its first and current ones
 _PLACE, _NEXT = "facts/last_place", "facts/next_number"
 
 
@@ -83,7 +84,7 @@ class Database(DurableValues):
         """Lists all maps, the oldest first."""
         return [
             KnownMap(values["id"], values["place"], key, Transform(*values["transform"]), values)
-            for key, values in self.of_kind("maps").items()
+            for key, values in self.values_of_kind("maps").items()
         ]
 
     def maps_of(self, place: int) -> Dict[str, KnownMap]:
@@ -126,7 +127,7 @@ class Database(DurableValues):
 
     def find_place(self, name: str) -> int:
         """Returns the place that has a name and borders; 0 if there is none."""
-        places = (int(place) for place, other in self.of_kind("names").items() if name == other)
+        places = (int(place) for place, other in self.values_of_kind("names").items() if name == other)
         return next(filter(self.borders, places), 0)
 
     def rename_place(self, place: int, name: str) -> None:
@@ -137,7 +138,7 @@ class Database(DurableValues):
 
     def _name_changes(self, place: int, name: str) -> Dict[str, Any]:
         """Returns the changes that name a place; a place without borders that has the name loses it."""
-        others = {f"names/{other}": None for other, taken in self.of_kind("names").items() if taken == name}
+        others = {f"names/{other}": None for other, taken in self.values_of_kind("names").items() if taken == name}
         return {**others, f"names/{place}": name or None}
 
     def check_name(self, name: str, place: int = 0) -> None:
@@ -204,7 +205,7 @@ class Database(DurableValues):
 
     def _history(self, place: int, change: Change, kind: str) -> Dict[str, Any]:
         """Returns the values that record a change, so that it can be undone or redone."""
-        changes = self.of_kind("changes")
+        changes = self.values_of_kind("changes")
         if kind in ("undo", "redo"):
             number = self._newest(place, kind)
             return {f"changes/{number}": {**changes[number], "undone": kind == "undo"}}
@@ -218,12 +219,12 @@ class Database(DurableValues):
 
     def available_commands(self, place: int) -> List[str]:
         """Lists "undo" and "redo", each only if there is something to undo or redo."""
-        undone = {change["undone"] for change in self.of_kind("changes").values() if change["place"] == place}
+        undone = {change["undone"] for change in self.values_of_kind("changes").values() if change["place"] == place}
         return [("undo", "redo")[is_undone] for is_undone in sorted(undone)]
 
     def _newest(self, place: int, kind: str) -> str:
         """Returns the number of the change that undo would revert, or redo repeat."""
-        changes = self.of_kind("changes")
+        changes = self.values_of_kind("changes")
         of_place = {number: change for number, change in changes.items() if change["place"] == place}
         numbers = [number for number, change in of_place.items() if change["undone"] == (kind == "redo")]
         if not numbers:

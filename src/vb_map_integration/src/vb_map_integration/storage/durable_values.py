@@ -89,7 +89,7 @@ class DurableValues:
         """Lists the names of one kind, the oldest first."""
         return [key[len(kind) + 1 :] for key in self._values if key.startswith(f"{kind}/")]
 
-    def of_kind(self, kind: str) -> Dict[str, Any]:
+    def values_of_kind(self, kind: str) -> Dict[str, Any]:
         """Returns the values of one kind by their names."""
         return {name: self.get(f"{kind}/{name}") for name in self.names(kind)}
 
