@@ -14,7 +14,7 @@ from vb_sim.cameras.camera_calibration import calibrated_pose
 from vb_sim.rendering.ceiling_view import CeilingView
 from vb_sim.rendering.floor_texture import render_floor
 from vb_sim.cameras.frame_clock import FrameSchedule, SmoothClock
-from vb_sim.lab_history import History, Snapshot
+from vb_sim.lab_history import LabHistory, Snapshot
 from vb_sim.rendering.mesh import DepthBuffer, RayGrid, world_mesh
 from vb_sim.model_params import CameraNoise, Models, Optics, RobotCamera
 from vb_sim.rendering.robot_view import RobotView
@@ -241,7 +241,7 @@ def test_a_thing_of_which_one_pixel_is_in_the_image_is_drawn():
 
 # ------------------------------------------------------------------ time
 def test_history_interpolates_and_forgets():
-    history = History()
+    history = LabHistory()
     assert history.at(5.0).person is None
     for step in range(10):
         t = 5.0 + 0.02 * step

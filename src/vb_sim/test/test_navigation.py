@@ -16,7 +16,7 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap
 from vb_sim.robot.path_planner import COST_FACTOR, INFLATION, INSCRIBED, LETHAL, NEUTRAL_COST, NO_INFORMATION, Costmap
 from vb_sim.robot.path_planner import Planner
-from vb_sim.robot.navigator import GOAL_ANGLE, GOAL_DISTANCE, MAX_TURN_RATE, Follower
+from vb_sim.robot.navigator import GOAL_ANGLE, GOAL_DISTANCE, MAX_TURN_RATE, PathFollower
 from vb_sim.robot.robot_body import advance
 
 RADIUS = 0.18
@@ -162,7 +162,7 @@ STRAIGHT = np.column_stack([np.linspace(0.0, 3.0, 61), np.zeros(61)])
 
 
 def follow(path, goal, pose, obstacles=lambda pose: np.zeros((0, 2)), limit=60.0, dt=0.1):
-    follower, poses, motions = Follower(), [pose], []
+    follower, poses, motions = PathFollower(), [pose], []
     follower.set_goal(goal)
     follower.set_path(path)
     for _ in range(int(limit / dt)):

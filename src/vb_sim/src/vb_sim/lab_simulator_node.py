@@ -212,7 +212,7 @@ class LabSimulatorNode:
         model = self._lab.models.localisation
         for body, connection in zip(self._lab.robots, self._robots):
             with self._lock:
-                estimate = body.estimate()
+                estimate = body.estimated_pose()
             message = PoseWithCovarianceStamped(header=Header(0, now, names.MAP_FRAME))
             message.pose.pose = messages.message_from_pose2d(*estimate)
             sigmas = [model.position_sigma, model.position_sigma, 0.0, 0.0, 0.0, model.yaw_sigma]

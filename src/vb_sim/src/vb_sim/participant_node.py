@@ -19,7 +19,7 @@ from vb_msgs.msg import BorderProgress, InteractionState, LabState, LaserSpot, N
 from vb_sim.model_params import load_models
 from vb_sim.person.participant_methods import SCRIPTS, make_script
 from vb_sim.person.participant_script import ParticipantScript
-from vb_sim.person.person import HOLD_STILL, Action, CommandReply, Perception
+from vb_sim.person.person import HOLD_STILL, Action, CommandAnswer, Perception
 from vb_sim.world import load_world
 
 
@@ -100,7 +100,7 @@ class ParticipantNode:
             elif message.source not in self._sources_asking_to_hold:
                 # a notice is repeated each second, but a person notices it when it appears
                 self._sources_asking_to_hold.add(message.source)
-                self._percept.hold_requested = self._percept.now
+                self._percept.hold_requested_at = self._percept.now
 
     def _on_state(self, message: InteractionState) -> None:
         with self._lock:
@@ -113,12 +113,12 @@ class ParticipantNode:
         with self._lock:
             if not self._sees_state:
                 return
-            percept = self._percept
-            percept.now = now.to_sec()
+            perception = self._percept
+            perception.now = now.to_sec()
             if lab.robot_poses:
                 pose = lab.robot_poses[0]
-                percept.robot = (pose.x, pose.y, pose.theta)
-            snapshot = replace(percept)
+                perception.robot = (pose.x, pose.y, pose.theta)
+            snapshot = replace(perception)
         was_finished = bool(self._script.outcome)
         action = self._script.step(snapshot)
         with self._lock:
@@ -141,9 +141,9 @@ class ParticipantNode:
     def _command(self, action: Action) -> None:
         try:
             response = commands.send(commands.make_request(action.command, action.source, 18.0), 3.0, 15.0)
-            answer = CommandReply(response.success, response.code, response.message)
+            answer = CommandAnswer(response.success, response.code, response.message)
         except CodedError as error:
-            answer = CommandReply(False, error.code, error.message)
+            answer = CommandAnswer(False, error.code, error.message)
         rospy.loginfo("%s: %s: %s", rospy.get_name(), action.command, answer.message or answer.code)
         with self._lock:
             self._percept.answer, self._percept.answered = answer, action.number

@@ -49,7 +49,7 @@ class DistanceField:
         high = d[r + 1, c] * (1 - fc) + d[r + 1, c + 1] * fc
         return float(low * (1 - fr) + high * fr)
 
-    def cast(self, origin: Tuple[float, float], angles: np.ndarray, range_max: float) -> np.ndarray:
+    def cast_rays(self, origin: Tuple[float, float], angles: np.ndarray, range_max: float) -> np.ndarray:
         """Returns the ranges (N,) [m] of beams from `origin` [m] at `angles` (N,) [rad] in the map; inf without a hit.
 
         Uses sphere tracing: each beam advances by the distance that is known to be free. It may cross a hundred cells
@@ -119,7 +119,7 @@ class SimulatedLab:
         model = self.models.scan
         angles = -math.pi + 2.0 * math.pi / model.beams * np.arange(model.beams)
         x, y, yaw = self.robots[index].pose
-        ranges = self.field.cast((x, y), angles + yaw, model.range_max)
+        ranges = self.field.cast_rays((x, y), angles + yaw, model.range_max)
         discs = [(body.pose[:2], robot.radius) for body, robot in zip(self.robots, self.world.robots)]
         del discs[index]  # a robot does not see itself
         if self.person is not None:

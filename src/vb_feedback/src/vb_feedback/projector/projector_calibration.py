@@ -16,7 +16,7 @@ from vb_core.files import write_atomically
 
 # the markers' distance from the image's edges, as a share of its sides: near the corners, for the best accuracy
 _INSET = 0.12
-MARKERS = 4
+MARKER_COUNT = 4
 # [m] a click nearer than this to the line through its neighbours is a mistake, since markers are decimetres apart
 _MIN_DISTANCE = 0.10
 
@@ -89,8 +89,8 @@ def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> 
     return ProjectorCalibration(width, height, matrix / np.abs(matrix).max())
 
 
-def save(calibration: ProjectorCalibration, path: Path) -> None:
-    """Writes a calibration's YAML file. Inverse of `load`.
+def write_calibration(calibration: ProjectorCalibration, path: Path) -> None:
+    """Writes a calibration's YAML file. Inverse of `read_calibration`.
 
     Raises:
         CodedError: "cannot_write".
@@ -100,7 +100,7 @@ def save(calibration: ProjectorCalibration, path: Path) -> None:
     write_atomically(path, (head + yaml.safe_dump(values, sort_keys=False)).encode("utf-8"))
 
 
-def load(path: Path) -> ProjectorCalibration:
+def read_calibration(path: Path) -> ProjectorCalibration:
     """Reads a calibration's YAML file.
 
     Raises:

@@ -54,7 +54,7 @@ class Motion:
     path: Optional[np.ndarray] = None
 
 
-class Follower:
+class PathFollower:
     """Follows one path at a time by pure pursuit, and turns in place where the path requires it.
 
     A new path to the same goal does not reset its state.
@@ -148,7 +148,7 @@ class Navigator:
     def __init__(self, profile: RobotProfile) -> None:
         radius, limits = profile.radius, profile.limits
         self._radius = radius
-        self._follower = Follower(radius, limits.max_speed, limits.max_turn_rate)
+        self._follower = PathFollower(radius, limits.max_speed, limits.max_turn_rate)
         self._planner: Optional[Planner] = None  # on the static map
         self._goal: Pose = (0.0, 0.0, 0.0)
         self._reset()
