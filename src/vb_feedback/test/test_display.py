@@ -197,9 +197,8 @@ def test_a_border_that_waits_for_a_person_is_shown_before_and_after():
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     assert 1.5 < lengths.sum() < 2.5  # dashes cover about half of the outline
     assert len(after.points) == 8
-    assert not {"borders/before", "borders/after"} & {
-        shape.namespace for shape in scene.border_shapes(LAYOUT, [border()])
-    }
+    namespaces = {shape.namespace for shape in scene.border_shapes(LAYOUT, [border()])}
+    assert not {"borders/before", "borders/after"} & namespaces
 
 
 LONG_NAMES = ("Carpet in front of the fireplace and behind the sofa where the dog sleeps at night", "X" * 200, "")
@@ -376,5 +375,4 @@ def test_a_refusal_stands_out_for_every_eye():
     plate = [shape for shape in refusal if shape.kind == PLATE][0]
     answer = [shape for shape in refusal if shape.namespace == "words/answer"]
     assert plate.colors == (colors.YELLOW,) and all(shape.colors == (colors.BLACK,) for shape in answer)
-    box = text_boxes([plate])[0]
-    assert all(contains(box, text) for text in text_boxes(answer))
+    assert all(contains(text_boxes([plate])[0], text) for text in text_boxes(answer))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from vb_core import geometry
-from vb_sim.person.person import CommandAnswer, Perception
+from vb_sim.person.person import CommandReply, Perception
 from vb_sim.robot.robot_body import advance
 
 DT = 0.04  # [s] at half the real rate: the same behaviour in half the computing time
@@ -70,10 +70,10 @@ class System:
             self._answer_at = (self.perception.now + 0.1, action)
         if self._answer_at and self.perception.now >= self._answer_at[0]:
             action, self._answer_at = self._answer_at[1], None
-            answer = CommandAnswer(True, "ok", "")
+            answer = CommandReply(True, "ok", "")
             if action.command == "save":
                 code = self.refusals.pop(0) if self.refusals else ""
-                answer = CommandAnswer(not code, code or "ok", code)
+                answer = CommandReply(not code, code or "ok", code)
                 if not code:
                     self.perception.state = "default"
             elif action.command == "cancel":

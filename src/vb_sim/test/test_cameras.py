@@ -57,9 +57,8 @@ def robot(lab, models=QUIET):
 
 
 def expected_pixel(model, T_map_optical, x, y):
-    return model.project(geometry.transform_points(geometry.invert_transform(T_map_optical), np.array([[x, y, 0.0]])))[
-        0
-    ]
+    in_camera = geometry.transform_points(geometry.invert_transform(T_map_optical), np.array([[x, y, 0.0]]))
+    return model.project(in_camera)[0]
 
 
 def added_light(view, scene):
@@ -113,8 +112,7 @@ def test_a_fast_spot_is_smeared_over_the_exposure(lab):
     still = view.spot(Snapshot(1.0, laser=(2.0, 1.5)))
     fast = view.spot(Snapshot(1.0, laser=(2.0, 1.5), laser_velocity=(2.0, 0.0)))
     spread = [np.ptp(np.nonzero((spot.light > 100).any(axis=0))[0]) for spot in (still, fast)]
-    smear = 2.0 * 0.01 * view.model.focal_px / view.pose[2, 3]
-    assert spread[1] - spread[0] == pytest.approx(smear, abs=2.0)
+    assert spread[1] - spread[0] == pytest.approx(2.0 * 0.01 * view.model.focal_px / view.pose[2, 3], abs=2.0)
     assert fast.light.sum() == pytest.approx(still.light.sum(), rel=0.02)
 
 
@@ -223,9 +221,8 @@ def test_the_nearer_box_hides_the_other_whatever_the_order():
         view = RobotView(world.robots[0], RADII, render_floor(world, 3, 0.01), world_mesh(world), QUIET, 5)
         pictures.append(view.frame(scene))
     np.testing.assert_array_equal(*pictures)
-    in_camera = geometry.transform_points(
-        geometry.invert_transform(view.camera_pose(scene)), np.array([[1.85, 1.0, 0.25]])
-    )
+    to_camera = geometry.invert_transform(view.camera_pose(scene))
+    in_camera = geometry.transform_points(to_camera, np.array([[1.85, 1.0, 0.25]]))
     u, v = np.round(view.model.project(in_camera)[0]).astype(int)
     assert pictures[0][v, u, 0] > 80 and pictures[0][v, u, 2] < 20
 

@@ -144,8 +144,7 @@ def test_beams_agree_with_fine_sampling():
     origin, angles = (-1.0 + 2.01, 2.0 + 1.51), np.linspace(-math.pi, math.pi, 200)
     ranges = DistanceField(grid).cast_rays(origin, angles, 10.0)
     samples = np.arange(0.0, 6.0, 0.002)
-    directions = np.column_stack([np.cos(angles), np.sin(angles)])
-    points = origin + samples[:, None] * directions[:, None]
+    points = origin + samples[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])[:, None]
     blocked = sample(grid, grid.data, points.reshape(-1, 2), UNKNOWN).reshape(points.shape[:2]) != FREE
     expected = samples[blocked.argmax(axis=1)]
     # a beam may just graze a cell's corner

@@ -57,8 +57,7 @@ def test_inflation_is_that_of_costmap_2d():
 
 @pytest.mark.parametrize("value, cost", [(0, 0), (75, 190), (100, LETHAL), (UNKNOWN, NO_INFORMATION)])
 def test_map_values_cost_what_costmap_2ds_static_layer_says(value, cost):
-    grid = GridMap(np.full((3, 3), value, np.int8), 0.05)
-    assert (Costmap(grid, RADIUS).costs == cost).all()
+    assert (Costmap(GridMap(np.full((3, 3), value, np.int8), 0.05), RADIUS).costs == cost).all()
 
 
 # ------------------------------------------------------------ planner
@@ -114,8 +113,7 @@ def test_no_path_touches_a_blocked_cell(seed):
     cells = costmap.grid.world_to_cell(fine)
     # it never enters an obstacle, and the inscribed zone by less than a cell, where a line cuts its corner
     assert (costmap.costs[cells[:, 0], cells[:, 1]] != LETHAL).all()
-    blocked = ~costmap.traversable()
-    inside = distance_transform_edt(blocked)[cells[:, 0], cells[:, 1]]
+    inside = distance_transform_edt(~costmap.traversable())[cells[:, 0], cells[:, 1]]
     assert inside.max() <= 1.5
 
 
@@ -184,8 +182,7 @@ def test_goal_is_reached_from_any_heading(yaw):
     assert abs(geometry.wrap_angle(poses[-1, 2] - 1.0)) < GOAL_ANGLE
     assert max(abs(motion.speed) for motion in motions) <= 0.5
     assert max(abs(motion.turn_rate) for motion in motions) <= MAX_TURN_RATE + 1e-9
-    distances = np.linalg.norm(poses[:, None, :2] - path[None], axis=2).min(axis=1)
-    assert distances.max() < 0.15
+    assert np.linalg.norm(poses[:, None, :2] - path[None], axis=2).min(axis=1).max() < 0.15
 
 
 def test_it_stops_before_an_obstacle_and_says_so():

@@ -130,7 +130,8 @@ class DisplayMarkersNode:
     def _draw(self) -> bool:
         """Sends the changed shapes. Returns whether any keeps changing by itself."""
         with self._lock:
-            newcomers, self._newcomers = self._newcomers, []
+            newcomers = self._newcomers
+            self._newcomers = []
         inputs = self._inputs.current()
         physical, restricted = (self._grids.get(topic) for topic in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS))
         grid = restricted or physical
@@ -140,8 +141,7 @@ class DisplayMarkersNode:
             self._show_restricted(physical, restricted, inputs.region)
         if self._markers.get_num_connections() == 0 and not newcomers:
             return False
-        now = rospy.get_time()
-        shapes = self._compose(inputs, grid is not None, now)
+        shapes = self._compose(inputs, grid is not None, rospy.get_time())
         changed, removed = scene.find_changes(self._shown, shapes)
         self._shown = {shape.key: shape for shape in shapes}
         message = MarkerArray([Marker(ns=namespace, id=number, action=Marker.DELETE) for namespace, number in removed])
@@ -156,7 +156,8 @@ class DisplayMarkersNode:
         return any(shape.lifetime for shape in shapes)
 
     def _show_restricted(self, physical: GridMap, map_with_borders: GridMap, region: Optional[GridMap]) -> None:
-        previous, self._overlay_inputs = self._overlay_inputs, (physical, map_with_borders, region)
+        previous = self._overlay_inputs
+        self._overlay_inputs = (physical, map_with_borders, region)
         if all(old is new for old, new in zip(previous, self._overlay_inputs)):
             return
         if not physical.same_geometry(map_with_borders):

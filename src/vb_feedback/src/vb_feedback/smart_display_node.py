@@ -119,4 +119,5 @@ def main() -> None:
     name = rospy.get_name().strip("/").replace("/", "_")
     rospy.signal_shutdown("RViz takes over")
     _install_fonts(name)
-    os.execvp("rviz", ["rviz", *(["--fullscreen"] if params.full_screen else []), "-d", path, *arguments])
+    screen_options = ["--fullscreen"] if params.full_screen else []
+    os.execvp("rviz", ["rviz", *screen_options, "-d", path, *arguments])

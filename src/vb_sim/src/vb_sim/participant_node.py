@@ -19,7 +19,7 @@ from vb_msgs.msg import BorderProgress, InteractionState, LabState, LaserSpot, N
 from vb_sim.model_params import load_models
 from vb_sim.person.participant_methods import SCRIPTS, make_script
 from vb_sim.person.participant_script import ParticipantScript
-from vb_sim.person.person import HOLD_STILL, Action, CommandAnswer, Perception
+from vb_sim.person.person import HOLD_STILL, Action, CommandReply, Perception
 from vb_sim.world import load_world
 
 
@@ -141,9 +141,9 @@ class ParticipantNode:
     def _command(self, action: Action) -> None:
         try:
             response = commands.send(commands.make_request(action.command, action.source, 18.0), 3.0, 15.0)
-            answer = CommandAnswer(response.success, response.code, response.message)
+            answer = CommandReply(response.success, response.code, response.message)
         except CodedError as error:
-            answer = CommandAnswer(False, error.code, error.message)
+            answer = CommandReply(False, error.code, error.message)
         rospy.loginfo("%s: %s: %s", rospy.get_name(), action.command, answer.message or answer.code)
         with self._lock:
             self._percept.answer, self._percept.answered = answer, action.number

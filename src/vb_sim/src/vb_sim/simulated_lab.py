@@ -68,7 +68,8 @@ class DistanceField:
             steps = self._steps[rows * self._columns + (start_x + ranges * direction_x).astype(np.int32)]
             free = steps > 0.0  # a step of 0 marks an obstacle
             result[beams[~free]] = ranges[~free]
-            beams, ranges = beams[free], ranges[free] + steps[free]
+            beams = beams[free]
+            ranges = ranges[free] + steps[free]
             direction_x, direction_y = direction_x[free], direction_y[free]
         result[result > range_max] = np.inf
         return result

@@ -22,8 +22,9 @@ STRIP_HEIGHT = 0.23  # height of the strip, as a share of the view's height
 MAP_MARGIN = 0.015  # free margin around the map, as a share of the view's height
 MAX_PANEL_WIDTH = 0.38  # share of the view's width, for screens hardly wider than they are high
 LINE_SPACING = 1.2  # line spacing, in letter heights
-_USUAL_GAP, _MIN_GAP = 0.1, 1e-6  # gaps between labels, in heights of the moved one: usual, and where space is scarce
-# Latin with all accents, Greek and Cyrillic, dashes, quotation marks and the ellipsis, the euro sign
+_USUAL_GAP = 0.1  # usual gap between labels, in heights of the moved one
+_MIN_GAP = 1e-6  # the same where space is scarce
+# Latin with all accents, Greek and Cyrillic, punctuation from dashes to the ellipsis, and the euro sign
 DRAWABLE_RANGES = ((32, 126), (161, 591), (880, 1279), (8208, 8230), (8364, 8364))
 
 
@@ -176,8 +177,7 @@ def place_words(text: str, x: float, y: float, size: float) -> List[Tuple[str, f
 
 def text_box(text: str, x: float, y: float, size: float) -> Box:
     """Returns the box of a text centred at (x, y) [m]. Newlines separate lines."""
-    lines = text.count("\n") + 1
-    return Box.centered(x, y, text_width(text, size), text_height(lines, size))
+    return Box.centered(x, y, text_width(text, size), text_height(text.count("\n") + 1, size))
 
 
 def wrap(text: str, size: float, width: float) -> List[str]:

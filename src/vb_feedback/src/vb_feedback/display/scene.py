@@ -22,7 +22,7 @@ PLATE = "plate"
 TEXT = "text"
 Key = Tuple[str, int]  # a shape's namespace and number
 
-# [m] heights in the scene, where higher shapes hide lower ones: labels are below outlines, names below the drawing
+# [m] heights in the scene, from the lowest to the highest; higher shapes hide lower ones
 _LEVELS = tuple(0.06 * step for step in range(1, 11))
 Z_LABEL, Z_BORDER, Z_NAME, Z_POINTS, Z_CHAIN, Z_SEED, Z_ROBOT, Z_SPOT, Z_PLATE, Z_TEXT = _LEVELS
 
@@ -203,8 +203,8 @@ def drawing_shapes(layout: Layout, drawing: Drawing) -> List[Shape]:
     if drawing.seed is not None:
         rings = ((0.052, colors.BLACK), (0.044, colors.SKY_BLUE), (0.020, colors.BLACK))
         for number, (share, tint) in enumerate(rings):
-            z, size = Z_SEED + 0.015 * number, (share * unit,)
-            shapes.append(Shape("drawing/seed", number, DISC, (drawing.seed,), z, size, (tint,)))
+            z = Z_SEED + 0.015 * number
+            shapes.append(Shape("drawing/seed", number, DISC, (drawing.seed,), z, (share * unit,), (tint,)))
     return shapes
 
 
@@ -245,8 +245,8 @@ def spot_shapes(layout: Layout, spots: Sequence[TrailPoint], now: float) -> List
             (f"spots/{camera}", 1, DISC, points[-1:], 0.028, (tint,)),
         )
         for level, (name, number, kind, positions, share, tints) in enumerate(parts):
-            z, size = Z_SPOT + 0.015 * level, (share * layout.unit,)
-            shapes.append(Shape(name, number, kind, positions, z, size, tints, lifetime=_LIFETIME))
+            z = Z_SPOT + 0.015 * level
+            shapes.append(Shape(name, number, kind, positions, z, (share * layout.unit,), tints, lifetime=_LIFETIME))
     return shapes
 
 

@@ -14,8 +14,7 @@ import yaml
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 
-# the markers' distance from the image's edges, as a share of its sides: near the corners, for the best accuracy
-_INSET = 0.12
+_INSET = 0.12  # the markers' distance from the image's edges, as a share of its sides; small, for the best accuracy
 MARKER_COUNT = 4
 # [m] a click nearer than this to the line through its neighbours is a mistake, since markers are decimetres apart
 _MIN_DISTANCE = 0.10

@@ -8,7 +8,7 @@ from vb_core.sounds import ERROR, QUESTION, STOPPED, SUCCESS, TICK
 from vb_core.vocabulary import DEFAULT, QUESTIONS, state_by_name
 from vb_msgs.msg import InteractionState
 
-TICK_PERIOD = 0.5  # [s] minimum between ticks; one per spot, at 25 spots a second, would sound like a buzz
+TICK_PERIOD = 0.5  # [s] minimum between ticks; 25 ticks a second, one for each spot, would sound like a buzz
 
 
 class SoundEvents:
@@ -27,7 +27,8 @@ class SoundEvents:
 
         The first message, which reports the current state, and repeated messages cause no sound.
         """
-        previous, self._state = self._state, state
+        previous = self._state
+        self._state = state
         if previous is None:
             return []
         sounds: List[str] = []

@@ -121,8 +121,7 @@ class Stroke:
         else:
             chain = _move_ends_to_floor(aimed, is_floor) if is_floor is not None else aimed
         self.points, times = self._draw(chain, style, scale)
-        steps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
-        self._arc = np.concatenate([[0.0], np.cumsum(steps)])
+        self._arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.points, axis=0), axis=1))])
         bins = np.linspace(0.0, self._arc[-1], max(int(self._arc[-1] / BIN), 1) + 1)
         self._bin = bins[1]
         self._pace = self._bin / np.maximum(np.diff(np.interp(bins, self._arc, times)), 1e-6)

@@ -190,7 +190,8 @@ class RobotOnlyScript(ParticipantScript):
         unable to drive straight ahead.
         """
         person = self.person
-        activity, person.doing = person.doing, "waits for the robot"
+        activity = person.doing
+        person.doing = "waits for the robot"
         x, y, yaw = person.perception.robot
         side = geometry.wrap_angle(math.atan2(waypoint[1] - y, waypoint[0] - x) - yaw)
         bearing = math.copysign(min(abs(side), math.radians(6.0) * (lost - 1), EDGE_BEARING * 0.7), side)
@@ -311,7 +312,8 @@ class NetworkRobotSystemScript(ParticipantScript):
         """Returns a stroke from an end of the border at which a camera sees the spot, or from the last end tried."""
         person = self.person
         border = person.scenario.border
-        for points in (border, border) if person.scenario.closed else (border, border[::-1], border):
+        passes = [border, border] if person.scenario.closed else [border, border[::-1], border]
+        for points in passes:
             stroke = person.new_stroke(points)
             person.spot = stroke.at(stroke.start)
             person.walk_within_reach(person.spot, stroke.points)
@@ -329,7 +331,8 @@ class NetworkRobotSystemScript(ParticipantScript):
         moved_aside = False
         while person.time_since_seen() > FEEDBACK_GAP and person.perception.now - start < person.model.patience:
             asked_to_hold = person.perception.now - person.perception.hold_requested_at < person.model.patience
-            if not moved_aside and not asked_to_hold and person.perception.now - start > 2.0 and person.spot is not None:
+            waited = person.perception.now - start
+            if not moved_aside and not asked_to_hold and waited > 2.0 and person.spot is not None:
                 # the person's body may hide the spot, unless the display asks the person to wait for the robot
                 moved_aside = True
                 person.step_aside(person.spot, stroke.points)

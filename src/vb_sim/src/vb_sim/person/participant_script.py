@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Generator
 
-from vb_sim.person.person import DEFAULT, Action, CommandAnswer, DrawingSlip, ParticipantGaveUp, Perception, Person, Step
+from vb_sim.person.person import DEFAULT, Action, CommandReply, DrawingSlip, ParticipantGaveUp, Perception, Person, Step
 
 CONFIRM_SAVE = "confirm_save"  # code of an answer that asks whether the command was meant
 WALK_AWAY_STEPS = 500  # the run ends then, even if the person is still walking
@@ -92,7 +92,7 @@ class ParticipantScript:
                     return
                 refusal = person.last_answer
             except DrawingSlip:
-                refusal = CommandAnswer(False, "slipped", "it went wrong")
+                refusal = CommandReply(False, "slipped", "it went wrong")
             if person.perception.state != DEFAULT:
                 person.doing, person.spot = "starts over", None
                 yield from person.repeat_command("cancel", self.source)

@@ -32,7 +32,7 @@ COMMANDS = ("define_border", "define_seed", "guide_robot", "save", "cancel")
 
 
 @dataclass(frozen=True)
-class CommandAnswer:
+class CommandReply:
     """The system's answer to a command."""
 
     success: bool
@@ -61,7 +61,7 @@ class Perception:
     has_seed: bool = False
     state: str = DEFAULT
     hold_requested_at: float = -math.inf
-    answer: CommandAnswer = CommandAnswer(True, "ok", "")
+    answer: CommandReply = CommandReply(True, "ok", "")
     answered: int = 0
 
     def record_spot(
@@ -191,7 +191,8 @@ class Person:
 
     def action(self, outcome: str) -> Action:
         """Returns the person's current action."""
-        pose, beam = (*map(float, self.walker.position), self.walker.yaw), None
+        pose = (*map(float, self.walker.position), self.walker.yaw)
+        beam = None
         if self.spot is not None:
             trembling = self.spot + self._tremor.at(self.perception.now)
             # near a wall, people keep the spot on the floor
@@ -206,7 +207,8 @@ class Person:
     # ------------------------------------------------------------ perception
     def time_since_seen(self, by_robot: bool = False) -> float:
         """Returns the time [s] since the last feedback from any camera, or, if `by_robot`, from a robot's."""
-        return self.perception.now - (self.perception.last_seen_by_robot if by_robot else self.perception.last_seen)
+        last_seen = self.perception.last_seen_by_robot if by_robot else self.perception.last_seen
+        return self.perception.now - last_seen
 
     # ------------------------------------------------------------ skills
     def wait(self, seconds: float) -> Step:
@@ -235,7 +237,8 @@ class Person:
 
     def give_command(self, command: str, source: str = "participant") -> Step:
         """Gives a command and waits for the answer, which is stored in `last_answer`."""
-        activity, self.doing = self.doing, f"says {command.replace('_', ' ')}"
+        activity = self.doing
+        self.doing = f"says {command.replace('_', ' ')}"
         yield from self.wait(self.model.speaking_time)
         self._number += 1
         self._command, self._source = command, source
@@ -243,7 +246,7 @@ class Person:
         yield
         while self.perception.answered != self._number and self.perception.now - sent_at <= 20.0:
             yield
-        self.last_answer = CommandAnswer(False, "no_response", "nobody answered")
+        self.last_answer = CommandReply(False, "no_response", "nobody answered")
         if self.perception.answered == self._number:
             self.last_answer = self.perception.answer
         self.doing = activity
@@ -313,7 +316,8 @@ class Person:
         """
         if self._slip is None or arc < self._slip[0] * stroke.length:
             return
-        side, self._slip = self._slip[1], None
+        side = self._slip[1]
+        self._slip = None
         along = stroke.at(min(arc + 0.05, stroke.length)) - stroke.at(max(arc - 0.05, 0.0))
         across = np.array([-along[1], along[0]]) / max(float(np.linalg.norm(along)), 1e-9)
         aside = stroke.at(arc) + self.model.slip_size * side * across

@@ -57,7 +57,8 @@ class Walker:
     ) -> np.ndarray:
         """Chooses a random position (2,) [m], `nearest` to `farthest` [m] from `place`, with a path between them."""
         for _ in range(200):
-            angle, distance = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(nearest, farthest)
+            angle = rng.uniform(0.0, 2.0 * math.pi)
+            distance = rng.uniform(nearest, farthest)
             candidate = place + distance * np.array([math.cos(angle), math.sin(angle)])
             path = self._plan(candidate, place)
             if len(path) and geometry.chain_length(path) < farthest + 1.0:
@@ -140,7 +141,7 @@ class Walker:
         self, start: np.ndarray, goal: np.ndarray, robot: Optional[np.ndarray] = None, tolerance: float = 0.0
     ) -> np.ndarray:
         """Plans a path (N, 2) [m]. Returns (0, 2) if there is none."""
-        # if no path leads round the robot, which may be in a doorway, plans without it, as it may move away
+        # a robot in a doorway may move away, so that a path through it is better than none
         planners = [self._planner] if robot is None else [self._planner_avoiding(robot), self._planner]
         for planner in planners:
             with contextlib.suppress(CodedError):

@@ -248,7 +248,8 @@ class CeilingView(View):
             offset: (2,) [px] to add to the halved outlines.
             static_inverse: (h, w) [1/m] inverse depth of the static scene, which may hide the body.
         """
-        color, inverse = np.zeros((*static_inverse.shape, 3), np.uint8), np.zeros(static_inverse.shape, np.float32)
+        color = np.zeros((*static_inverse.shape, 3), np.uint8)
+        inverse = np.zeros(static_inverse.shape, np.float32)
         outer = outlines.points / _HALF + offset
         centers = 0.5 * (outer.min(axis=1, keepdims=True) + outer.max(axis=1, keepdims=True))
         inner = _to_fixed_point(centers + 0.72 * (outer - centers))
@@ -262,14 +263,18 @@ class CeilingView(View):
             cv2.fillConvexPoly(inverse, outer[index][hull], 1.0 / depth, cv2.LINE_8, _SHIFT)
         opacity = np.where(inverse > 0.0, np.uint8(255), np.uint8(0))
         # both get the same soft edges, because the colour is premultiplied by the opacity
-        color, opacity = cv2.blur(color, (3, 3)), cv2.blur(opacity, (3, 3))
+        color = cv2.blur(color, (3, 3))
+        opacity = cv2.blur(opacity, (3, 3))
         hidden = cv2.compare(static_inverse, np.maximum(inverse * 1.02, 1e-6), cv2.CMP_GT)
         if cv2.countNonZero(hidden):
             visible = cv2.bitwise_not(hidden)
-            color, opacity = cv2.bitwise_and(color, color, mask=visible), cv2.bitwise_and(opacity, visible)
+            color = cv2.bitwise_and(color, color, mask=visible)
+            opacity = cv2.bitwise_and(opacity, visible)
         # the exposure applies to bodies too
         gain = self._optics.exposure_gain
-        return (cv2.convertScaleAbs(color, alpha=gain) if gain != 1.0 else color), opacity
+        if gain != 1.0:
+            color = cv2.convertScaleAbs(color, alpha=gain)
+        return color, opacity
 
     def _shadow_outline(self, pose: Pose, radius: float) -> np.ndarray:
         """Returns the outline (N, 2) [px] of a shadow on the floor. It is small, as lamps are all over the ceiling."""
@@ -300,7 +305,8 @@ class CeilingView(View):
         return self._floor_mask
 
     def _visible(self, spot: SpotImage) -> float:
-        visible, (column, row) = super()._visible(spot), spot.pixel
+        visible = super()._visible(spot)
+        column, row = spot.pixel
         for sprite in self._visible_sprites:
             if sprite.rows.start <= row < sprite.rows.stop and sprite.columns.start <= column < sprite.columns.stop:
                 cell = sprite.opacity[(row - sprite.rows.start) // _HALF, (column - sprite.columns.start) // _HALF]

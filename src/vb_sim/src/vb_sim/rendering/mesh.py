@@ -50,7 +50,8 @@ def prism(
     Args:
         bands: (upper height [m], brightness) of strips of its sides, from the bottom up; above, the brightness is 1.
     """
-    outline, color = np.asarray(outline, dtype=float), np.array(color, dtype=float)
+    outline = np.asarray(outline, dtype=float)
+    color = np.array(color, dtype=float)
     strips = [(top, brightness) for top, brightness in bands if low < top < high] + [(high, 1.0)]
     faces: List[Face] = []
     for a, b in zip(outline, np.roll(outline, -1, axis=0)):
@@ -197,7 +198,8 @@ class DepthBuffer:
     def _clip(self, face: np.ndarray, side: int) -> np.ndarray:
         x0, x1, y0, y1 = self.grid.limits
         plane = [(0, 0, 1), (1, 0, -x0), (-1, 0, x1), (0, 1, -y0), (0, -1, y1)][side]
-        distances = face @ np.array(plane, dtype=float) - (_NEAR if side == 0 else 0.0)
+        offset = _NEAR if side == 0 else 0.0
+        distances = face @ np.array(plane, dtype=float) - offset
         clipped = []
         for i in range(len(face)):
             j = (i + 1) % len(face)

@@ -101,7 +101,7 @@ class PathFollower:
         end = self._path[-1]
         to_end = math.hypot(end[0] - pose[0], end[1] - pose[1])
         # hysteresis, because turning in place shifts the estimated position by about a centimetre
-        self._at_goal = to_end < (3.0 if self._at_goal else 1.0) * GOAL_DISTANCE
+        self._at_goal = to_end < (3.0 * GOAL_DISTANCE if self._at_goal else GOAL_DISTANCE)
         if self._at_goal:
             self._speed = 0.0
             error = geometry.wrap_angle(self._goal[2] - pose[2])

@@ -97,7 +97,8 @@ class RobotBody:
         target_speed = min(max(target_speed, -model.max_speed), model.max_speed)
         target_turn = min(max(target_turn, -model.max_turn_rate), model.max_turn_rate)
         speed = approach_value(self.velocity[0], target_speed, model.acceleration * dt, model.deceleration * dt)
-        turn_rate = approach_value(self.velocity[1], target_turn, model.turn_acceleration * dt, model.turn_acceleration * dt)
+        turn_step = model.turn_acceleration * dt
+        turn_rate = approach_value(self.velocity[1], target_turn, turn_step, turn_step)
         return speed, turn_rate
 
     def _update_odometry(self, distance: float, turn: float) -> None:
