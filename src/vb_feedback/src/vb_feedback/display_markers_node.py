@@ -130,8 +130,7 @@ class DisplayMarkersNode:
     def _draw(self) -> bool:
         """Sends the changed shapes. Returns whether any keeps changing by itself."""
         with self._lock:
-            newcomers = self._newcomers
-            self._newcomers = []
+            newcomers, self._newcomers = self._newcomers, []
         inputs = self._inputs.current()
         physical, restricted = (self._grids.get(topic) for topic in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS))
         grid = restricted or physical

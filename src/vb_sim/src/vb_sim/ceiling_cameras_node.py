@@ -39,8 +39,7 @@ class CeilingCamerasParams(Parameters):
 def make_ceiling_camera(camera: CeilingCamera, view: CeilingView, optics: Optics, seed: int) -> SimulatedCamera:
     """Creates a ceiling camera with its topics."""
     frame = f"{camera.name}_optical_frame"
-    pose = calibrated_pose(camera, optics, seed)
-    mount = message_from_transform(pose, names.MAP_FRAME, frame, rospy.Time.now())
+    mount = message_from_transform(calibrated_pose(camera, optics, seed), names.MAP_FRAME, frame, rospy.Time.now())
     images = ImageStream(f"/{camera.name}", frame, view.model, view.encoding, view.frame)
     return SimulatedCamera(camera.name, camera.rate, view, [images], mount)
 

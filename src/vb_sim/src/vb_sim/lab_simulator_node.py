@@ -94,8 +94,7 @@ class LabSimulatorNode:
         self._now_ns = time.time_ns() // self._step_ns * self._step_ns
         self._count = 0
         lab.step(0.0, self._now_ns * 1e-9)
-        self._participant = ParticipantState()
-        self._participant_time = -math.inf
+        self._participant, self._participant_time = ParticipantState(), -math.inf
 
         self._clock = clock_publisher()
         # each topic has a short queue, so that a slow or hung subscriber does not stop the lab
@@ -152,8 +151,7 @@ class LabSimulatorNode:
                 self._step()
                 if self._lockstep is not None and self._count % CONTROL_STEPS == 0:
                     self._lockstep.wait()
-                period = self._step_ns * 1e-9 / self._pace
-                now = time.monotonic()
+                period, now = self._step_ns * 1e-9 / self._pace, time.monotonic()
                 # makes up for at most one late step, because cameras and controllers would miss a burst of steps
                 due = max(due + period, now - period)
                 time.sleep(max(due - now, 0.0))

@@ -105,8 +105,7 @@ class NavigationNode:
         with_margin = messages.grid_from_message(keep_out) if keep_out is not None else grid
         if with_margin.same_geometry(grid):
             grid = grid.with_data(np.maximum(grid.data, with_margin.data))  # as static_layer with use_maximum
-        costmap = self._navigator.set_map(grid)
-        occupancy = grid.with_data(costmap.occupancy())
+        occupancy = grid.with_data(self._navigator.set_map(grid).occupancy())
         self._global.publish(messages.message_from_grid(occupancy, rospy.Time.now()))
 
     # ------------------------------------------------------------ scan and pose
@@ -120,8 +119,7 @@ class NavigationNode:
         ranges = np.asarray(message.ranges, dtype=float)
         angles = message.angle_min + message.angle_increment * np.arange(len(ranges))
         valid = np.isfinite(ranges) & (ranges >= message.range_min) & (ranges <= message.range_max)
-        ranges = ranges[valid]
-        angles = angles[valid]
+        ranges, angles = ranges[valid], angles[valid]
         points = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles), np.zeros(len(ranges))])
         with self._lock:
             self._obstacles = geometry.transform_points(self._mount, points)[:, :2]

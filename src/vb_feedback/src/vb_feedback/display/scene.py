@@ -250,7 +250,6 @@ def spot_shapes(layout: Layout, spots: Sequence[TrailPoint], now: float) -> List
     return shapes
 
 
-# ----------------------------------------------------------------- robot
 def robot_shapes(base_frame: str, number: int, radius: float) -> List[Shape]:
     """Draws a robot's footprint of radius [m] and its heading in its own frame, so that RViz moves them with tf."""
     arrow_points = np.array([[0.7, 0.0], [-0.4, 0.5], [-0.15, 0.0], [-0.4, -0.5]]) * radius

@@ -85,8 +85,7 @@ class FloorImage:
     # ------------------------------------------------------------- parts
     def _render_drawing(self, content: FloorContent) -> np.ndarray:
         """Draws chain and seed, which are left out around the spot, unlike borders."""
-        drawn = content.drawing
-        canvas = np.zeros((*self._shape, 3), np.uint8)
+        canvas, drawn = np.zeros((*self._shape, 3), np.uint8), content.drawing
         if len(drawn.chain) > 1:
             self._draw_line(canvas, drawn.chain, drawn.closed, colors.ORANGE, 0.8)
         if drawn.seed is not None:
@@ -126,8 +125,7 @@ class FloorImage:
 def draw_calibration_image(width: int, height: int, number: int) -> np.ndarray:
     """Draws marker `number` (0 .. 3), to be clicked next, bright and the others dim: (height, width, 3) uint8 rgb."""
     image = np.zeros((height, width, 3), np.uint8)
-    arm = int(0.06 * height)
-    thickness = max(2, int(0.006 * height))
+    arm, thickness = int(0.06 * height), max(2, int(0.006 * height))
     for index, (x, y) in enumerate(np.rint(markers(width, height)).astype(int).tolist()):
         level = 255 if index == number else 50
         cv2.line(image, (x - arm, y), (x + arm, y), (level, level, level), thickness)

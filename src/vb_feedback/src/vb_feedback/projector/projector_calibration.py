@@ -52,8 +52,7 @@ class ProjectorCalibration:
 
     def footprint(self) -> np.ndarray:
         """Returns the image's corners on the floor, (4, 2) [m]: upper left, upper right, lower right, lower left."""
-        corners = _corners(self.width, self.height)[:, None]
-        return cv2.perspectiveTransform(corners, np.linalg.inv(self.matrix))[:, 0]
+        return cv2.perspectiveTransform(_corners(self.width, self.height)[:, None], np.linalg.inv(self.matrix))[:, 0]
 
 
 def markers(width: int, height: int) -> np.ndarray:

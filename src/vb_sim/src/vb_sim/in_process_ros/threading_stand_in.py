@@ -290,8 +290,7 @@ class Lock:
         return self._holder is greenlet.getcurrent()
 
     def _release_save(self) -> int:
-        depth = self._depth
-        self._depth = 1
+        depth, self._depth = self._depth, 1
         self.release()
         return depth
 

@@ -204,7 +204,6 @@ class Person:
         """Returns (N,) bool: whether points (N, 2) [m] are on the floor, where cameras can see a spot."""
         return sample(self.grid, self.grid.data, points, UNKNOWN) == FREE
 
-    # ------------------------------------------------------------ perception
     def time_since_seen(self, by_robot: bool = False) -> float:
         """Returns the time [s] since the last feedback from any camera, or, if `by_robot`, from a robot's."""
         last_seen = self.perception.last_seen_by_robot if by_robot else self.perception.last_seen

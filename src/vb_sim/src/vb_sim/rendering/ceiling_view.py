@@ -148,8 +148,7 @@ class CeilingView(View):
         return np.clip(image * shade[..., None] + 0.5, 0, 255).astype(np.uint8)
 
     def _make_noisy_images(self, background: np.ndarray) -> List[np.ndarray]:
-        clean = np.ascontiguousarray(encode(background, self.encoding))
-        values = clean.astype(np.float32)
+        values = np.ascontiguousarray(encode(background, self.encoding)).astype(np.float32)
         values *= 1.0 + self._noise.prnu * self._rng.standard_normal(values.shape, dtype=np.float32)
         sigma = self._noise.sigma(values).astype(np.float32)
         images = []
@@ -248,8 +247,7 @@ class CeilingView(View):
             offset: (2,) [px] to add to the halved outlines.
             static_inverse: (h, w) [1/m] inverse depth of the static scene, which may hide the body.
         """
-        color = np.zeros((*static_inverse.shape, 3), np.uint8)
-        inverse = np.zeros(static_inverse.shape, np.float32)
+        color, inverse = np.zeros((*static_inverse.shape, 3), np.uint8), np.zeros(static_inverse.shape, np.float32)
         outer = outlines.points / _HALF + offset
         centers = 0.5 * (outer.min(axis=1, keepdims=True) + outer.max(axis=1, keepdims=True))
         inner = _to_fixed_point(centers + 0.72 * (outer - centers))
@@ -263,8 +261,7 @@ class CeilingView(View):
             cv2.fillConvexPoly(inverse, outer[index][hull], 1.0 / depth, cv2.LINE_8, _SHIFT)
         opacity = np.where(inverse > 0.0, np.uint8(255), np.uint8(0))
         # both get the same soft edges, because the colour is premultiplied by the opacity
-        color = cv2.blur(color, (3, 3))
-        opacity = cv2.blur(opacity, (3, 3))
+        color, opacity = cv2.blur(color, (3, 3)), cv2.blur(opacity, (3, 3))
         hidden = cv2.compare(static_inverse, np.maximum(inverse * 1.02, 1e-6), cv2.CMP_GT)
         if cv2.countNonZero(hidden):
             visible = cv2.bitwise_not(hidden)
@@ -305,8 +302,7 @@ class CeilingView(View):
         return self._floor_mask
 
     def _visible(self, spot: SpotImage) -> float:
-        visible = super()._visible(spot)
-        column, row = spot.pixel
+        visible, (column, row) = super()._visible(spot), spot.pixel
         for sprite in self._visible_sprites:
             if sprite.rows.start <= row < sprite.rows.stop and sprite.columns.start <= column < sprite.columns.stop:
                 cell = sprite.opacity[(row - sprite.rows.start) // _HALF, (column - sprite.columns.start) // _HALF]

@@ -175,8 +175,7 @@ class DepthBuffer:
         inside = np.minimum.reduceat(sides, starts, axis=1).T >= 0
         visible = np.nonzero(reachable)[0]
         if len(visible) > 255 - self._count:
-            nearest = np.minimum.reduceat(z, starts)
-            visible = visible[np.argsort(nearest[visible])][: 255 - self._count]
+            visible = visible[np.argsort(np.minimum.reduceat(z, starts)[visible])][: 255 - self._count]
         # the near plane comes first; without distortion it is enough, as drawing clips faces to the image
         planes = 5 if self.grid.distorted else 1
         for index in visible:
@@ -206,8 +205,7 @@ class DepthBuffer:
             if distances[i] >= 0:
                 clipped.append(face[i])
             if (distances[i] >= 0) != (distances[j] >= 0):
-                share = distances[i] / (distances[i] - distances[j])
-                clipped.append(face[i] + share * (face[j] - face[i]))
+                clipped.append(face[i] + distances[i] / (distances[i] - distances[j]) * (face[j] - face[i]))
         return np.array(clipped).reshape(-1, 3)
 
     def _outline(self, face: np.ndarray) -> np.ndarray:

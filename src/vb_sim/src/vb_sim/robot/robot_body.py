@@ -62,7 +62,6 @@ class RobotBody:
         self._scale = 1.0 + self._model.odometry_scale_sigma * rng.standard_normal(2)
         self._error = self._sigmas * rng.standard_normal(3)
 
-    # ------------------------------------------------------------ commands
     def command(self, speed: float, turn_rate: float, now: float) -> None:
         """Sets a velocity command [m/s, rad/s] that is valid until `command_timeout` after time `now` [s]."""
         self._command, self._command_time = (speed, turn_rate), now
