@@ -253,11 +253,11 @@ class OwnRobots(unittest.TestCase):
         self.browser.tap([4.1, 1.4])
         self.browser.wait_text("#toast", "'Rug'")
         self.browser.tap([6.0, 1.5])
-        self.browser.wait_text("#drives", "ada is driving to x 6 m, y 1.5 m")
+        self.browser.wait_text("#goals", "ada is driving to x 6 m, y 1.5 m")
         self.browser.wait("document.querySelector('#world .path')", what="the path on the map")
-        self.browser.click("#drives button", "End this drive")
+        self.browser.click("#goals button", "End this drive")
         self.wait(lambda: not self.status("ada").has_goal, "the drive to end")
-        self.browser.wait("!document.querySelector('#drives li')", what="the drive to go")
+        self.browser.wait("!document.querySelector('#goals li')", what="the drive to go")
         self.assertEqual(self.browser.faults(), [])
 
     def test_navigation_alone_stops_a_robot(self):

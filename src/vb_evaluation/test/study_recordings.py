@@ -97,7 +97,7 @@ class RecordedLab:
             cells = np.max([compute_region(ROOM, each).posterior.data for each in self.borders], axis=0)
             write_state(self.folder, ROOM.with_data(cells), self.borders, self.time - 0.1)
             machine.command("save", "wizard", self.time)
-            machine.finish(Answer(True, "saved"), self.time, border.id)
+            machine.finish_pending(Answer(True, "saved"), self.time, border.id)
         else:
             machine.command("cancel", "wizard", self.time)
         append_line(self.folder / "interactions.jsonl", machine.take_record().to_json(method, ["green"]))

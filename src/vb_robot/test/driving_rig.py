@@ -22,10 +22,12 @@ class Rig:
     """An arbiter on a unicycle in an empty room; inputs named in `silent` do not arrive."""
 
     def __init__(self, pose=(2.0, 2.5, 0.0), grid=None, camera="robot", cameras=("robot",), stops=None):
-        self.now, self.pose, self.silent = 100.0, pose, set()
+        self.now, self.pose = 100.0, pose
+        self.silent = set()
         self.arbiter = Arbiter(PROFILE, camera, cameras, stops)
         self.set_grid(grid or empty())
-        self.camera, self.state, self.latch = camera, (DEFAULT, "", 0.0), StopLatch()
+        self.camera, self.latch = camera, StopLatch()
+        self.state = (DEFAULT, "", 0.0)
         self.spot = self.navigation = self.teleop = None
         self.ranges = np.full(360, math.inf)
         self.commands, self.cancelled = [], 0
@@ -37,7 +39,9 @@ class Rig:
         self.arbiter.gate.workspace = Workspace(grid, empty(), PROFILE.radius, uncertainty=PoseUncertainty().meters)
 
     def set_state(self, state, interaction="a"):
-        self.state, self._said = (state, interaction if state != DEFAULT else "", self.now), -math.inf
+        interaction = "" if state == DEFAULT else interaction
+        self.state = (state, interaction, self.now)
+        self._said = -math.inf
 
     def see(self, place, camera):
         """Tells the arbiter that a robot's camera sees the spot."""

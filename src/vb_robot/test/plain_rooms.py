@@ -11,12 +11,9 @@ from vb_robot.driving.scan_clearance import Scan
 from vb_robot.dispatching.viewpoint import RobotCameraView
 
 # an ideal camera with a 58 degree field of view, 0.45 m above the floor, pitched 30 degrees down
-VIEW = RobotCameraView(
-    CameraModel.ideal(640, 480, 320.0 / math.tan(math.radians(29.0))),
-    geometry.make_transform(
-        geometry.rotation_from_rpy(0, math.pi / 6, 0) @ geometry.optical_rotation(), (0.1, 0, 0.45)
-    ),
-)
+CAMERA = CameraModel.ideal(640, 480, 320.0 / math.tan(math.radians(29.0)))
+PITCHED = geometry.rotation_from_rpy(0, math.pi / 6, 0) @ geometry.optical_rotation()
+VIEW = RobotCameraView(CAMERA, geometry.make_transform(PITCHED, (0.1, 0, 0.45)))
 
 
 def empty(width=8.0, height=5.0, resolution=0.025):

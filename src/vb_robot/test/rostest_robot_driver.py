@@ -14,7 +14,7 @@ from std_msgs.msg import UInt8
 from std_srvs.srv import Empty, EmptyResponse
 
 from plain_rooms import room, with_border
-from stimulus import Body, Stimulus
+from robot_inputs import Body, Stimulus
 from vb_testing import Newest, process_of, wait_until
 from vb_core import names
 from vb_core.ros.messages import NumpyOccupancyGrid
@@ -230,7 +230,8 @@ class DriverTest(unittest.TestCase):
         wait_until(lambda: len(looks) == 4, "a look of one that knew a moment ago")
 
     def test_navigation_gets_borders_inflated_by_the_localisation_uncertainty(self):
-        maps, localization = Newest(names.MAP_WITH_MARGIN, NumpyOccupancyGrid), PoseWithCovarianceStamped()
+        maps = Newest(names.MAP_WITH_MARGIN, NumpyOccupancyGrid)
+        localization = PoseWithCovarianceStamped()
         poses = rospy.Publisher("amcl_pose", PoseWithCovarianceStamped, queue_size=1)
         plain = self.publish_border()
         usual = (maps.wait(lambda message: (message.data == 100).sum() > plain, "some margin").data == 100).sum()

@@ -14,12 +14,12 @@ from vb_core.geometry import map_to_base
 from vb_core.stop_latch import HeldStops
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED, state_by_name
 from vb_robot.driving.arbiter import Arbiter
-from vb_robot.driving.escape import FREE, PINCHED_AFTER
+from vb_robot.driving.escape import END_CLEARANCE, PINCHED_AFTER
 from vb_robot.driving.command_gate import NAVIGATION, TELEOP
 from vb_robot.driving.spot_follower import FAR_DISTANCE, NEAR_DISTANCE
 from vb_robot.driving.velocity import MAX_TURN
 from vb_robot.driving.workspace import MIN_UNCERTAINTY
-from vb_robot.spot_sightings import Sighting, Sightings
+from vb_robot.spot_sightings import Sighting, SpotSightings
 
 
 # ------------------------------------------------------------ who drives
@@ -90,20 +90,17 @@ def test_a_restarted_driver_stays_stopped(tmp_path):
     assert rig.step(5.0).source == "stop"
 
 
-def test_a_new_listener_hears_zeros_for_three_seconds():
-    arbiter = Arbiter(PROFILE)
-    assert not arbiter.step(9.0, listeners=0).publish
-    assert arbiter.step(10.0, listeners=1).publish
-    assert arbiter.step(12.9, listeners=1).publish
-    assert not arbiter.step(13.1, listeners=1).publish
+LISTENERS = {  # (time [s], number of listeners, whether a zero is published)
+    "a new one": [(9.0, 0, False), (10.0, 1, True), (12.9, 1, True), (13.1, 1, False)],
+    "one that leaves": [(14.0, 2, True), (14.5, 1, True), (16.9, 1, True), (17.1, 1, False)],
+}
 
 
-def test_a_listener_that_leaves_ends_no_zeros():
+@pytest.mark.parametrize("steps", LISTENERS.values(), ids=LISTENERS)
+def test_a_new_listener_hears_zeros_for_three_seconds(steps):
     arbiter = Arbiter(PROFILE)
-    assert arbiter.step(14.0, listeners=2).publish
-    assert arbiter.step(14.5, listeners=1).publish
-    assert arbiter.step(16.9, listeners=1).publish
-    assert not arbiter.step(17.1, listeners=1).publish
+    for now, listeners, publishes in steps:
+        assert arbiter.step(now, listeners).publish is publishes
 
 
 def test_a_command_that_ends_is_followed_by_no_zeros():
@@ -168,7 +165,7 @@ NEWER = state_by_name("of_a_newer_version")
 )
 def test_either_the_driver_or_the_dispatcher_acts_on_a_spot(state, spots):
     """Driver and dispatcher each keep their own record; both hear the same spots."""
-    driver, dispatcher = Sightings(mobile_cameras=["robot"]), Sightings(mobile_cameras=["robot"])
+    driver, dispatcher = SpotSightings(mobile_cameras=["robot"]), SpotSightings(mobile_cameras=["robot"])
     for record in (driver, dispatcher):
         record.set_state(state, "a", 0.0)
         for i, (camera, confidence) in enumerate(spots):
@@ -185,7 +182,7 @@ def test_either_the_driver_or_the_dispatcher_acts_on_a_spot(state, spots):
 @given(*(st.lists(st.integers(0, 80), min_size=1, max_size=20, unique=True).map(sorted),) * 2)
 def test_drivers_agree_on_who_follows_in_any_order_of_sightings(times_a, times_b):
     records = [[Sighting(0.1 * k, (1.0, 1.0), name, True) for k in ks] for name, ks in (("a", times_a), ("b", times_b))]
-    drivers = [Sightings(), Sightings()]
+    drivers = [SpotSightings(), SpotSightings()]
     for driver, order in zip(drivers, (records, records[::-1])):
         driver.set_state(GUIDE, "x", 0.0)
         for sighting in [sighting for sightings in order for sighting in sightings]:
@@ -295,7 +292,7 @@ def test_a_pinched_robot_is_helped_away_and_keeps_its_goal(gap, yaw):
     rig = beside(gap, yaw)
     rig.step(10.0)
     assert {command.source for command in rig.commands} == {"none", "escape"} and rig.cancelled == 0
-    assert rig.pose[0] < EDGE - RADIUS - FREE + 0.03, "to a cell"
+    assert rig.pose[0] < EDGE - RADIUS - END_CLEARANCE + 0.03, "to a cell"
     assert max(abs(command.v) for command in rig.commands) <= 0.2 and rig.commands[-1].source == "none"
     rig.navigation = (0.1, 0.0)
     assert rig.step().source == "navigation"
@@ -340,7 +337,7 @@ def test_escape_forgets_its_place_once_a_person_intervenes(stops):
     rig.step(1.0)
     assert "escape" not in {command.source for command in rig.commands}, "first it waits for navigation, as ever"
     rig.step(10.0)
-    assert rig.pose[0] < EDGE - RADIUS - FREE + 0.03 and rig.pose[1] == pytest.approx(1.0, abs=0.1)
+    assert rig.pose[0] < EDGE - RADIUS - END_CLEARANCE + 0.03 and rig.pose[1] == pytest.approx(1.0, abs=0.1)
 
 
 def test_escape_waits_while_somebody_draws():

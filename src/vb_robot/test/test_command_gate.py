@@ -21,10 +21,8 @@ def knowing_gate(profile=PROFILE, ranges=math.inf, fov=360, inside=False, touche
     borders = with_border(empty(), 0.0, 0.0, 8.0, 5.0) if inside else empty()
     gate.workspace = Workspace(borders, empty(), profile.radius)
     gate.speed_limits = speed_limits
-    gate.set_contact(("bumper", 0), "forward")
-    gate.set_contact(("bumper", 1), touched)
-    gate.set_contact(("bumper", 2), "")
-    gate.set_contact(("bumper", 0), "")  # it is touched no more
+    for number, motion in ((0, "forward"), (1, touched), (2, ""), (0, "")):  # bumper 0 is touched no more
+        gate.set_contact(("bumper", number), motion)
     gate.set_scan(scan_of(np.full(fov, ranges), -math.radians(fov // 2), math.radians(1.0)), 10.0)
     gate.record_input("state", 10.0)
     gate.set_pose((4.0, 2.5, 0.0), 10.0)
@@ -119,7 +117,8 @@ def test_a_clock_that_stands_still_stops_every_source():
     ],
 )
 def test_an_input_may_be_older_by_what_it_usually_comes_later(periods, limit):
-    gate, stamp = CommandGate(PROFILE), 100.0
+    stamp = 100.0
+    gate = CommandGate(PROFILE)
     for period in [0.0, *periods]:
         stamp += period
         gate.set_pose((4.0, 2.5, 0.0), stamp)
@@ -154,7 +153,8 @@ JUMPS = {  # (seconds, the pose's x [m] while the odometry stays as it is, wheth
 def test_a_jump_of_the_localisation_holds_the_robot_for_a_second(steps, clock_ahead):
     gate = CommandGate(PROFILE)
     for seconds, x, is_held in steps:
-        now, pose = 100.0 + seconds, None if x is None else (x, 0.0, 0.0)
+        now = 100.0 + seconds
+        pose = None if x is None else (x, 0.0, 0.0)
         gate.set_pose(pose, now + clock_ahead, odometry=(0.0, 0.0, 0.0))
         assert gate.pose(now) == (None if is_held else pose)
         code = gate.limit(now, NAVIGATION, VelocityRequest(0.0, 0.0))[2]

@@ -12,7 +12,7 @@ from vb_core.vocabulary import BORDER, DEFAULT, SEED
 from vb_robot.dispatching.dispatch_policy import FAILED_MEMORY, DispatchPolicy, DispatchStatus, SentGoalState
 from vb_robot.dispatching.dispatched_robot import next_goal_state
 from vb_robot.dispatching.viewpoint import Viewpoint
-from vb_robot.spot_sightings import Sighting, Sightings
+from vb_robot.spot_sightings import Sighting, SpotSightings
 
 NONE, SENT, ACTIVE, REACHED, FAILED, PREEMPTED = SentGoalState
 
@@ -32,7 +32,7 @@ class Robot:
     def __init__(self, *offers, sees=at(), **changes):
         self.offers, self.sees, self.room, self.searches = offers, sees, lambda x: True, 0
         self.goal, self.pose, self.destination = NONE, (9.0, 9.0, 0.0), None
-        self.busy, self.server, self.localized, self.has_map = False, True, True, True
+        self.is_busy, self.has_navigation, self.localized, self.has_map = False, True, True, True
         vars(self).update(changes)
 
     # as a ViewpointPlanner
@@ -64,10 +64,10 @@ class Bench:
     def step(self):
         """Returns the x to which a robot was sent, or None."""
         self.now += 0.25
-        statuses = {
-            name: DispatchStatus(robot.pose if robot.localized else None, robot.server, robot.goal, robot.busy)
-            for name, robot in self.robots.items()
-        }
+        statuses = {}
+        for name, robot in self.robots.items():
+            pose = robot.pose if robot.localized else None
+            statuses[name] = DispatchStatus(pose, robot.has_navigation, robot.goal, robot.is_busy)
         planners = {name: robot if robot.has_map else None for name, robot in self.robots.items()}
         goals = self.policy.step(self.now, self.key if self.robot_wanted else None, self.unseen_s, statuses, planners)
         assert set(goals) == set(self.robots) and sum(goal is not None for goal in goals.values()) <= 1
@@ -79,7 +79,7 @@ class Bench:
                 robot.goal, sent_x = self.outcome, goal.pose[0]
                 robot.pose = goal.pose if self.outcome is REACHED else robot.pose
                 self.sent.append((self.now, sent_x))
-            elif goal is None and previous is not None and statuses[name].goal.under_way:
+            elif goal is None and previous is not None and statuses[name].goal.is_running:
                 robot.goal = NONE
         return sent_x
 
@@ -88,7 +88,7 @@ class Bench:
         return [sent for sent in (self.step() for _ in range(steps)) if sent is not None]
 
 
-@pytest.mark.parametrize("state", [dict(server=False), dict(has_map=False), dict(localized=False)])
+@pytest.mark.parametrize("state", [dict(has_navigation=False), dict(has_map=False), dict(localized=False)])
 def test_a_robot_that_is_not_ready_is_not_sent(state):
     assert not Bench(ada=Robot(place(1), **state)).run(10)
 
@@ -161,7 +161,8 @@ def test_a_robot_that_makes_progress_keeps_its_goal(seen):
     bench = Bench(ada=ada)
     bench.step()
     for i in range(200):
-        ada.pose, bench.unseen_s = (9.0 - 0.02 * i, 9.0, 0.0), 0.0 if seen else 0.25 * i
+        ada.pose = (9.0 - 0.02 * i, 9.0, 0.0)
+        bench.unseen_s = 0.0 if seen else 0.25 * i
         assert not bench.step()
         assert ada.goal is ACTIVE
 
@@ -188,7 +189,7 @@ def test_a_robot_that_sees_the_spot_stays_until_it_is_lost():
 
     assert bench.run(61) == [1]
     assert run_unseen(16) == [2], "half a metre away"
-    assert run_unseen(44) == [3], "and not for ever: the laser may be off"
+    assert run_unseen(44) == [3], "and not forever: the laser may be off"
     bench.unseen_s = 0.0
     bench.run(4)
     bench.now += FAILED_MEMORY
@@ -202,7 +203,7 @@ def sighting(stamp, x, y=0.0, camera="red", mobile=False):
 
 def drawing_since(stamp):
     """Returns the sightings of a drawing that began at a time [s]."""
-    sightings = Sightings()
+    sightings = SpotSightings()
     sightings.set_state(BORDER, "1", stamp)
     return sightings
 
@@ -219,25 +220,25 @@ def test_a_false_spot_does_not_move_the_target():
 
 
 def test_a_new_state_or_interaction_resets_the_sightings():
-    sightings = Sightings(mobile_cameras=["robot"])
+    sightings = SpotSightings(mobile_cameras=["robot"])
     sightings.add(sighting(1.0, 0.0))
-    assert sightings.newest() is None and not sightings.stationary_seen, "Default ignores spots"
+    assert sightings.newest() is None and not sightings.has_stationary_sighting, "Default ignores spots"
     sightings.set_state(BORDER, "1", 10.0)
     sightings.add(sighting(9.0, 0.0))
     assert sightings.newest() is None, "from before the state"
     sightings.add_contributors("1", ["robot"])
-    assert not sightings.stationary_seen
+    assert not sightings.has_stationary_sighting
     sightings.add(sighting(11.0, 0.0, camera="robot", mobile=True))
-    assert sightings.first_mobile == 11.0 and not sightings.stationary_seen
+    assert sightings.first_mobile_stamp == 11.0 and not sightings.has_stationary_sighting
     sightings.add_contributors("other", ["green"])
-    assert not sightings.stationary_seen
+    assert not sightings.has_stationary_sighting
     sightings.add_contributors("1", ["robot", "green"])
-    assert sightings.stationary_seen
+    assert sightings.has_stationary_sighting
     sightings.set_state(SEED, "1", 12.0)
-    assert sightings.stationary_seen and sightings.newest() is None
+    assert sightings.has_stationary_sighting and sightings.newest() is None
     sightings.set_state(DEFAULT, "", 13.0)
     sightings.set_state(BORDER, "2", 14.0)
-    assert not sightings.stationary_seen and sightings.first_mobile is None
+    assert not sightings.has_stationary_sighting and sightings.first_mobile_stamp is None
 
 
 def test_a_stationary_camera_watches_a_spot_that_it_saw_lately():
@@ -266,7 +267,8 @@ def test_the_time_since_the_spot_was_seen_counts_while_drawing():
 
 def test_a_spots_velocity_points_along_the_end_of_its_line():
     for speed in (0.25, 0.5, 1.5):  # [m/s] along x, then along y
-        sightings, straight = drawing_since(0.0), {}
+        straight = {}
+        sightings = drawing_since(0.0)
         for i in range(200):
             distance = 0.04 * speed * i
             sightings.add(sighting(1.0 + 0.04 * i, min(distance, 0.6), max(distance - 0.6, 0.0)))
@@ -302,7 +304,7 @@ def test_a_robot_that_already_sees_the_spot_is_not_sent():
 
 
 def test_a_free_robot_is_sent_before_a_busy_one():
-    busy = Robot(place(1), sees=at(1), busy=True)
+    busy = Robot(place(1), sees=at(1), is_busy=True)
     assert Bench(ada=busy, bob=Robot(place(20, 6.0), sees=at(20))).run(20) == [20]
     assert Bench(ada=busy).run(20) == [1], "if there is no other, the person comes first"
 
@@ -312,7 +314,7 @@ def test_a_free_robot_is_sent_before_a_busy_one():
     [
         ({"goal": FAILED}, 0.0),
         ({"goal": PREEMPTED}, 0.0),
-        ({"server": False}, 0.0),
+        ({"has_navigation": False}, 0.0),
         ({"localized": False}, 0.0),
         ({"goal": SENT}, 4.0),  # its navigation never accepts the goal
         ({}, 15.0),  # it is stuck
@@ -345,7 +347,8 @@ def test_a_robot_that_failed_comes_after_one_that_did_not():
 
 def test_two_robots_about_equally_near_do_not_take_turns():
     ada, bob = Robot(), Robot()
-    bench, sent = Bench(ada=ada, bob=bob), []
+    bench = Bench(ada=ada, bob=bob)
+    sent = []
     for i in range(30):
         # the spot moves on, and each robot is a little nearer in turn
         shift = 0.3 * (-1) ** i
@@ -377,4 +380,5 @@ def test_robots_are_sent_only_while_one_is_wanted():
     bench = Bench(ada=ada, bob=Robot(place(20)))
     for robot_wanted, sent, goal in ((False, [], NONE), (True, [2], ACTIVE), (False, [], NONE)):
         bench.robot_wanted = robot_wanted
-        assert bench.run(10) == sent and ada.goal is goal and (bench.policy.serving is None) is not robot_wanted
+        assert bench.run(10) == sent
+        assert ada.goal is goal and (bench.policy.serving is None) is not robot_wanted

@@ -15,7 +15,7 @@ from vb_core.errors import ParameterError
 from vb_core.robot_profile import KINDS, RobotProfile
 from vb_core.node_graph import NodeGraph
 from vb_robot.driving.workspace import PoseUncertainty
-from vb_robot.subscriptions import message_class
+from vb_robot.subscriptions import contact_message_class
 
 
 @pytest.mark.parametrize("situation", ["idle", "stopped", "driving"])
@@ -87,18 +87,12 @@ def test_amcl_starts_at_the_given_pose_or_counts_as_lost(is_given, tmp_path):
     assert uncertainty.lost is not is_given
 
 
-@pytest.mark.parametrize(
-    "changes, complaint",
-    [
-        ({"type": "no_such_msgs/Bumper"}, "no_such_msgs/Bumper"),
-        ({"field": "pressed"}, "has no field pressed"),
-        ({"sensor": "which"}, "has no field which"),
-    ],
-)
-def test_a_contact_that_cannot_be_heard_or_read_is_refused(changes, complaint):
-    contact = {"topic": "bumper", "type": "std_msgs/UInt8", "field": "data", **changes}
+@pytest.mark.parametrize("key, value", [("type", "no_such_msgs/Bumper"), ("field", "pressed"), ("sensor", "which")])
+def test_a_contact_that_cannot_be_heard_or_read_is_refused(key, value):
+    complaint = value if key == "type" else f"has no field {value}"
+    contact = {"topic": "bumper", "type": "std_msgs/UInt8", "field": "data", key: value}
     with pytest.raises(ParameterError, match=complaint):
-        message_class(RobotProfile.from_mapping({"contacts": [contact]}).contacts[0])
+        contact_message_class(RobotProfile.from_mapping({"contacts": [contact]}).contacts[0])
 
 
 class SlowScanner(Rig):
@@ -143,7 +137,7 @@ def drops_a_wheel(rig, faulty):
 
 LATEST = 0.5  # [s], as robots.md promises
 FAULTS = {
-    # what is lost: (how, the code, the time [s] by which the wheels must stand still)
+    # the lost input: how it is lost, the code, and the time [s] until the wheels must stand still
     "scan": (silences("scan"), "scan_lost", LATEST),
     "scan of 5 Hz": (silences("slow scan"), "scan_lost", LATEST + 0.1),
     "tf": (silences("pose"), "pose_lost", LATEST),
@@ -160,7 +154,7 @@ FAULTS = {
 def lose(fault, source, seed):
     """Loses an input for 2 s, with moment, speed and turn rate drawn at random.
 
-    Returns the time [s] from the loss until the commands stay zero, or inf; the rig; the commands during the loss.
+    Returns the time [s] from the loss until the commands stay zero, or inf, the rig, and the commands during the loss.
     """
     random = np.random.default_rng(seed)
     rig = (SlowScanner if "5 Hz" in fault else Rig)()
@@ -170,18 +164,18 @@ def lose(fault, source, seed):
         rig.navigation = (random.uniform(0.2, 0.5), random.uniform(-0.4, 0.4))
     rig.step(DT * random.integers(20, 28))
     assert rig.commands[-1].v > 0.1
-    inflict, start = FAULTS[fault][0], len(rig.commands)
+    start = len(rig.commands)
     for step in range(80):
         if step in (0, 40):
-            inflict(rig, step == 0)
-        # the spot keeps moving away: only the gate can stop the robot
-        rig.spot = (rig.pose[0] + 1.6 * math.cos(rig.pose[2]), rig.pose[1] + 1.6 * math.sin(rig.pose[2]))
-        rig.spot = rig.spot if source == "follow" else None
+            FAULTS[fault][0](rig, step == 0)
+        if source == "follow":  # the spot keeps moving away: only the gate can stop the robot
+            rig.spot = (rig.pose[0] + 1.6 * math.cos(rig.pose[2]), rig.pose[1] + 1.6 * math.sin(rig.pose[2]))
         rig.step()
     commands = rig.commands[start : start + 40]
     moving = [step for step, command in enumerate(commands) if (command.v, command.w) != (0.0, 0.0)]
     rests = moving[-1] + 2 if moving else 1
-    return (DT * rests if rests < 40 else math.inf), rig, commands
+    stop_time = DT * rests if rests < 40 else math.inf
+    return stop_time, rig, commands
 
 
 @pytest.mark.parametrize("source", ["follow", "navigation"])
@@ -192,7 +186,7 @@ def test_robot_stops_in_time_and_reports_why_when_an_input_is_lost(fault, source
     for seed in range(20):
         stop_time, rig, commands = lose(fault, source, seed)
         assert stop_time <= latest + 1e-9 and commands[-1].code == code
-        if latest > DT:  # a false input stops it at once, a late one within its braking deceleration
+        if latest > DT:  # a false input stops it immediately, a late one within its braking deceleration
             speeds = np.array([command.v for command in rig.commands])
             assert -np.diff(speeds).min() <= 1.5 * PROFILE.limits.deceleration * DT
         assert rig.commands[-1].v > 0.05

@@ -12,6 +12,7 @@ from vb_robot.driving.spot_follower import SpotFollower
 from vb_robot.driving.velocity import VelocityRequest
 
 RADIUS = PROFILE.radius
+FULL_OVERLAP = -PATH_MARGIN - RADIUS  # [m] beyond PATH_MARGIN, if the robot's centre is at the obstacle's edge
 
 
 # ------------------------------------------------------------ following
@@ -45,8 +46,8 @@ def test_a_robot_drives_nearer_from_130_to_100_cm_and_back_from_75_to_90_cm(degr
 
 
 def test_a_robot_turns_from_14_to_4_degrees_off():
-    follower, bearings = SpotFollower(), [13.9, 14.1, 4.1, 3.9, 13.9, -14.1, -60.0]
-    turns = [follow(follower, 1.0, bearing)[1] for bearing in bearings]
+    follower = SpotFollower()
+    turns = [follow(follower, 1.0, bearing)[1] for bearing in (13.9, 14.1, 4.1, 3.9, 13.9, -14.1, -60.0)]
     assert turns == pytest.approx([0.0, 0.443, 0.1288, 0.0, 0.0, -0.443, -0.8], abs=1e-4)
 
 
@@ -62,83 +63,84 @@ def test_a_robot_that_lost_the_spot_stands_and_begins_anew(spot, pose, distance,
 
 # ------------------------------------------------------------ escaping
 class Pinched:
-    """A workspace with its nearest obstacle `gap` [m] from the robot's rim, and its nearest free place at `place`."""
+    """A robot and its workspace, with an obstacle `gap` [m] from its rim, and the nearest free place at `place`."""
 
     def __init__(self, gap, place=(0.3, 0.0)):
-        self.gap, self.place, self.asked = gap, place, []
+        self.gap, self.place = gap, place
+        self.asked = []
+        self.escape = Escape(RADIUS)
 
     def distance_to_blocked(self, _pose):
         return RADIUS + self.gap
 
-    def nearest_room(self, _pose, clearance, reach):
+    def nearest_free_position(self, _pose, clearance, reach):
         self.asked.append((clearance, reach))
         return None if self.place is None else np.array(self.place)
 
+    def helped_at(self, *times, **options):
+        """Returns for each of these times [s] whether the robot is helped."""
+        options = {"has_goal": True, "moves": False, **options}
+        return [self.escape.compute_request(now, (0.0, 0.0, 0.0), self, **options) is not None for now in times]
 
-def helped_at(escape, workspace, *times, goal=True, moves=False):
-    """Returns for each of these times [s] whether the robot is helped."""
-    return [escape.compute_request(now, (0.0, 0.0, 0.0), workspace, goal, moves) is not None for now in times]
 
-
-@pytest.mark.parametrize(
-    "gap, helped", [(0.019, 1), (0.021, 0), (-PATH_MARGIN - RADIUS + 0.001, 1), (-PATH_MARGIN - RADIUS - 0.001, 0)]
-)
+@pytest.mark.parametrize("gap, helped", [(0.019, 1), (0.021, 0), (FULL_OVERLAP + 0.001, 1), (FULL_OVERLAP - 0.001, 0)])
 def test_escape_begins_near_an_obstacle_and_ends_farther_away(gap, helped):
     """A robot whose centre is inside an obstacle is not helped."""
-    workspace, escape = Pinched(PATH_MARGIN + gap), Escape(RADIUS)
-    assert helped_at(escape, workspace, 100.0, 101.4, 101.5, 102.0) == [False, False, helped, helped]
-    workspace.gap = PATH_MARGIN + 0.039
-    assert helped_at(escape, workspace, 102.1) == [helped]
-    workspace.gap = PATH_MARGIN + 0.041
-    assert helped_at(escape, workspace, 102.2) == [False]
-    assert workspace.asked == [(pytest.approx(RADIUS + PATH_MARGIN + 0.09), 0.5)] * helped
+    robot = Pinched(PATH_MARGIN + gap)
+    assert robot.helped_at(100.0, 101.4, 101.5, 102.0) == [False, False, helped, helped]
+    robot.gap = PATH_MARGIN + 0.039
+    assert robot.helped_at(102.1) == [helped]
+    robot.gap = PATH_MARGIN + 0.041
+    assert robot.helped_at(102.2) == [False]
+    assert robot.asked == [(pytest.approx(RADIUS + PATH_MARGIN + 0.09), 0.5)] * helped
 
 
 @pytest.mark.parametrize("place", [(0.3, 0.0), None])
 def test_escape_lasts_ten_seconds_and_then_rests_for_twenty(place):
-    escape, workspace = Escape(RADIUS), Pinched(0.0, place)
+    robot = Pinched(0.0, place)
     helped = place is not None
-    assert helped_at(escape, workspace, 100.0, 101.5, 111.4, 111.6) == [False, helped, helped, False]
-    assert helped_at(escape, workspace, 115.0, 131.4, 131.6, 141.5, 141.7) == [False, False, helped, helped, False]
-    assert len(workspace.asked) == 2
+    assert robot.helped_at(100.0, 101.5, 111.4, 111.6) == [False, helped, helped, False]
+    assert robot.helped_at(115.0, 131.4, 131.6, 141.5, 141.7) == [False, False, helped, helped, False]
+    assert len(robot.asked) == 2
 
 
 def test_escape_also_rests_after_the_robot_was_free_for_a_moment():
-    escape, workspace = Escape(RADIUS), Pinched(0.0)
-    assert helped_at(escape, workspace, 100.0, 101.5) == [False, True]
-    workspace.gap = 1.0
-    assert helped_at(escape, workspace, 101.6) == [False]
-    workspace.gap = 0.0
-    assert helped_at(escape, workspace, 101.7, 131.4, 131.6) == [False, False, True]
+    robot = Pinched(0.0)
+    assert robot.helped_at(100.0, 101.5) == [False, True]
+    robot.gap = 1.0
+    assert robot.helped_at(101.6) == [False]
+    robot.gap = 0.0
+    assert robot.helped_at(101.7, 131.4, 131.6) == [False, False, True]
 
 
 def test_escape_waits_but_does_not_rest_after_time_was_set_back():
-    escape, workspace = Escape(RADIUS), Pinched(0.0)
-    assert helped_at(escape, workspace, 100.0, 101.5, 101.2) == [False, True, False]
-    assert helped_at(escape, workspace, 99.7, 101.1, 101.3) == [False, False, True]
+    robot = Pinched(0.0)
+    assert robot.helped_at(100.0, 101.5, 101.2) == [False, True, False]
+    assert robot.helped_at(99.7, 101.1, 101.3) == [False, False, True]
 
 
-@pytest.mark.parametrize("meanwhile", [{"moves": True}, {"goal": False}], ids=["moves", "no goal"])
-def test_a_robot_that_moves_or_has_no_goal_begins_to_wait_again(meanwhile):
-    escape, workspace = Escape(RADIUS), Pinched(0.0)
-    helped_at(escape, workspace, 100.0)
-    helped_at(escape, workspace, 101.0, **meanwhile)
-    assert helped_at(escape, workspace, 102.4, 102.6) == [False, True]
+@pytest.mark.parametrize("options", [{"moves": True}, {"has_goal": False}], ids=["moves", "no goal"])
+def test_a_robot_that_moves_or_has_no_goal_begins_to_wait_again(options):
+    robot = Pinched(0.0)
+    robot.helped_at(100.0)
+    robot.helped_at(101.0, **options)
+    assert robot.helped_at(102.4, 102.6) == [False, True]
 
 
 def test_a_person_who_intervenes_lets_the_escape_wait_anew_without_a_rest():
-    escape, workspace = Escape(RADIUS), Pinched(0.0)
-    assert helped_at(escape, workspace, 100.0, 101.5) == [False, True]
-    escape.interrupt(103.0)
-    assert helped_at(escape, workspace, 104.4, 104.6) == [False, True]
+    robot = Pinched(0.0)
+    assert robot.helped_at(100.0, 101.5) == [False, True]
+    robot.escape.interrupt(103.0)
+    assert robot.helped_at(104.4, 104.6) == [False, True]
 
 
 @pytest.mark.parametrize("distance, v", [(0.01, 0.038), (0.1, 0.11), (0.5, 0.2)])
 @pytest.mark.parametrize("bearing, share, w", [(0.0, 1.0, 0.0), (12.5, 0.5, 0.3927), (-30.0, 0.0, -0.8)])
 def test_escape_drives_to_the_place_and_slows_down_before_it(distance, v, bearing, share, w):
-    angle, yaw = math.radians(bearing), 3.0
-    place = (1.0 + distance * math.cos(yaw + angle), 2.0 + distance * math.sin(yaw + angle))
-    escape, workspace = Escape(RADIUS), Pinched(0.0, place)
+    yaw = 3.0
+    direction = yaw + math.radians(bearing)
+    place = (1.0 + distance * math.cos(direction), 2.0 + distance * math.sin(direction))
+    robot = Pinched(0.0, place)
     for now in (100.0, 101.5):
-        request = escape.compute_request(now, (1.0, 2.0, yaw), workspace, True, False)
+        request = robot.escape.compute_request(now, (1.0, 2.0, yaw), robot, has_goal=True, moves=False)
     assert (request.v, request.w) == (pytest.approx(share * v), pytest.approx(w, abs=1e-3))

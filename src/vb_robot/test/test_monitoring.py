@@ -20,18 +20,18 @@ from vb_core.node_graph import NodeGraph
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 from vb_robot.subscriptions import keep_out_borders_for
 from vb_robot.monitoring import planner_speed
-from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, is_inside, name_of
-from vb_robot.monitoring.planner_speed import PlannerSpeed, limited
+from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, find_border_name, is_inside
+from vb_robot.monitoring.planner_speed import PlannerSpeed, cap_speeds
 from vb_robot.monitoring.watched_robot import WatchedRobot
-from vb_robot.monitoring.navigation_connections import PLANNERS, Wiring, observe, within
+from vb_robot.monitoring.navigation_connections import PLANNERS, NavigationWiring, find_wiring, resolve_name
 
 
 def graph(maps, robot="", missing=(), heard=True):
     """Returns the node graph of a move_base with these maps; topics in `missing` have no publisher."""
-    node, velocities = within(robot, "move_base"), within(robot, "cmd_vel")
+    node, velocities = resolve_name(robot, "move_base"), resolve_name(robot, "cmd_vel")
     paths = [f"{node}/NavfnROS/plan", f"{node}/DWAPlannerROS/global_plan"]
-    subscribed = {name: [node] for name in (within(robot, "move_base_simple/goal"), *maps)}
-    published = {name: [node] for name in (*paths, velocities, within(robot, "move_base/status"))}
+    subscribed = {name: [node] for name in (resolve_name(robot, "move_base_simple/goal"), *maps)}
+    published = {name: [node] for name in (*paths, velocities, resolve_name(robot, "move_base/status"))}
     published.update({topic: ["/server"] for topic in maps})
     for topic in missing:
         del published[topic]
@@ -67,15 +67,16 @@ ROLLING = {"plugins": [{"name": "obstacle_layer", "type": "costmap_2d::ObstacleL
     ],
 )
 def test_a_robot_is_said_to_plan_round_borders_only_where_it_does(robot, maps, parameters, plans):
-    node = within(robot, "move_base")
+    node = resolve_name(robot, "move_base")
     navigation = {"path": f"{node}/NavfnROS/plan", "planner": "DWAPlannerROS", "plans_round_borders": plans}
-    assert observe(graph(maps, robot), robot, parameters) == Wiring(node, tuple(sorted(maps)), **navigation)
-    assert observe(graph(maps, robot), "bob", parameters) == Wiring()
+    expected = NavigationWiring(node, tuple(sorted(maps)), **navigation)
+    assert find_wiring(graph(maps, robot), robot, parameters) == expected
+    assert find_wiring(graph(maps, robot), "bob", parameters) == NavigationWiring()
 
 
 def test_a_move_base_that_waits_for_a_map_is_found():
     """Without a driver nobody publishes keep_out; then move_base has no action server, and only logs it at INFO."""
-    wiring = observe(graph([MARGIN, ALL], missing=[MARGIN, "/move_base/status"], heard=False), "", {})
+    wiring = find_wiring(graph([MARGIN, ALL], missing=[MARGIN, "/move_base/status"], heard=False), "", {})
     assert (wiring.move_base, wiring.missing_maps, wiring.unheard) == ("/move_base", (MARGIN,), ("/cmd_vel",))
 
 
@@ -91,7 +92,7 @@ def test_a_move_base_that_waits_for_a_map_is_found():
     ],
 )
 def test_the_robots_size_is_that_of_its_costmap(costmap, radius):
-    assert observe(graph(["/map"]), "", {"global_costmap": costmap}).radius == pytest.approx(radius)
+    assert find_wiring(graph(["/map"]), "", {"global_costmap": costmap}).radius == pytest.approx(radius)
 
 
 # ------------------------------------------------------------ goals
@@ -146,14 +147,15 @@ def test_a_border_is_not_blamed_for_what_walls_cut_off():
 def test_the_border_that_encloses_a_place_is_named_else_a_curve():
     borders = [known_border("carpet", 0.5, 0.5, 1.5, 1.5), known_border("mat", 1.5, 0.5, 2.5, 1.5)]
     borders.append(KnownBorder("left part", np.array([[1.0, 0.0], [1.0, 4.9]]), np.array([0.2, 2.0]), False))
-    assert [name_of(borders, place) for place in ((1.0, 1.0), (2.0, 1.0), (0.5, 4.0))] == ["carpet", "mat", "left part"]
-    assert name_of([], (1.0, 1.0)) == ""
+    for place, name in (((1.0, 1.0), "carpet"), ((2.0, 1.0), "mat"), ((0.5, 4.0), "left part")):
+        assert find_border_name(borders, place) == name
+    assert find_border_name([], (1.0, 1.0)) == ""
 
 
 def test_the_nearest_curve_is_named_though_its_corners_are_far():
     curves = {"long": [(0.0, 0.0), (10.0, 0.0)], "short": [(5.0, 2.0), (5.5, 2.0)]}
     borders = [KnownBorder(name, np.array(points), np.array([5.0, 4.0]), False) for name, points in curves.items()]
-    assert name_of(borders, (5.0, 0.1)) == "long"
+    assert find_border_name(borders, (5.0, 0.1)) == "long"
 
 
 def test_a_robot_is_inside_where_only_a_border_forbids_it():
@@ -168,7 +170,7 @@ def test_a_robot_is_inside_where_only_a_border_forbids_it():
 @pytest.mark.parametrize("order", list(itertools.permutations(["physical", "borders", "keep_out"])))
 def test_a_robot_inside_is_reported_in_any_order_of_the_maps(order):
     robot = WatchedRobot("", "base_link", None, None)
-    robot.wiring = Wiring(move_base="/move_base", maps=("/robot_driver/keep_out",), radius=0.2)
+    robot.wiring = NavigationWiring(move_base="/move_base", maps=("/robot_driver/keep_out",), radius=0.2)
     robot.pose = (2.5, 1.5, 0.0)
     checker = make_checker(RUG)
     maps = {"physical": checker.physical, "borders": checker.borders, "keep_out": checker.borders}
@@ -176,7 +178,8 @@ def test_a_robot_inside_is_reported_in_any_order_of_the_maps(order):
         robot.set_map(layer, maps[layer])
         is_complete = {"physical", "borders"} <= set(order[:count])
         assert [notice.code for notice in robot.notices(0.0)] == ["robot_caught_in_border"] * is_complete
-    old_checker, robot.wiring = robot.goal_checker(), replace(robot.wiring, radius=0.3)
+    old_checker = robot.goal_checker()
+    robot.wiring = replace(robot.wiring, radius=0.3)
     assert robot.goal_checker() is not old_checker and robot.goal_checker() is robot.goal_checker()
 
 
@@ -193,7 +196,8 @@ def test_only_what_forbids_a_place_lends_its_name():
 @pytest.mark.parametrize("seed", range(40))
 def test_a_goal_is_refused_exactly_where_a_search_finds_no_path(seed):
     """The oracle is independent: connected components of cells far enough from every blocked one, by a k-d tree."""
-    rng, areas = np.random.default_rng(seed), {}
+    areas = {}
+    rng = np.random.default_rng(seed)
     for name in "abc":
         x, y = rng.uniform(0.3, 6.5), rng.uniform(0.0, 3.0)
         areas[name] = (x, y, min(x + rng.uniform(0.1, 1.0), 7.9), min(y + rng.uniform(0.5, 4.0), 3.95))
@@ -215,7 +219,7 @@ def test_a_goal_is_refused_exactly_where_a_search_finds_no_path(seed):
 def test_teb_keeps_a_speed_that_it_may_drive_under_every_limit(limit):
     """It subtracts penalty_epsilon from its highest speeds; if nothing is left, its behaviour is undefined."""
     usual = {"max_vel_x": 0.4, "max_vel_x_backwards": 0.2, "penalty_epsilon": 0.05, "max_vel_theta": 0.3}
-    values = limited({name: usual[name] for name in PLANNERS["TebLocalPlannerROS"]}, limit)
+    values = cap_speeds({name: usual[name] for name in PLANNERS["TebLocalPlannerROS"]}, limit)
     assert 0.0 < values["max_vel_x"] - values["penalty_epsilon"] < limit
     assert 0.0 < values["max_vel_x_backwards"] - values["penalty_epsilon"] < limit
 
@@ -283,7 +287,8 @@ def test_a_speed_set_between_zones_is_the_usual_one_from_then_on(planner):
 
 
 def test_a_planner_that_keeps_its_speed_is_asked_again(planner):
-    planner.refuses, speed = True, planner.speed()
+    planner.refuses = True
+    speed = planner.speed()
     for _ in range(2):
         with pytest.raises(CodedError) as caught:
             speed.apply(0.2)

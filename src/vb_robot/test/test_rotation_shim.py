@@ -27,14 +27,16 @@ def align(shim, v, w, yaw, now=NOW):
 def turned_round(seed, shim, sweep_s):
     """Returns whether a robot that faces away turns round though its controller turns to and fro, each for `sweep_s` [s]."""
     rng = np.random.default_rng(seed)
-    x, y, yaw, w = 1.0, 0.0, math.pi + rng.uniform(-0.2, 0.2), 0.0
+    x, y = 1.0, 0.0
+    yaw = math.pi + rng.uniform(-0.2, 0.2)
     for step in range(int(30.0 / STEP)):
         offset = math.remainder(yaw, 2.0 * math.pi)
         if abs(offset) < 0.3:
             return True
         if step % int(sweep_s / STEP) == 0:
             # back to facing away, and beyond
-            w = math.copysign(1.0, offset) * (rng.uniform(0.2, 0.4) if abs(offset) > math.radians(110) else -0.5)
+            rate = rng.uniform(0.2, 0.4) if abs(offset) > math.radians(110) else -0.5
+            w = math.copysign(1.0, offset) * rate
         request = VelocityRequest(0.03 * float(rng.random() < 0.3), w)
         aligned = shim.align(request, (x, y, yaw), NOW) if shim else request
         x, y = x + STEP * aligned.v * math.cos(yaw), y + STEP * aligned.v * math.sin(yaw)

@@ -33,10 +33,8 @@ def test_floor_is_visible_from_where_the_geometry_says():
     # the image's lower and upper edges look 52.57 and 7.43 degrees down
     half = math.degrees(math.atan(240.0 / (320.0 / math.tan(math.radians(29.0)))))
     near = 0.10 + 0.45 / math.tan(math.radians(30.0 + half))
-    assert VIEW.sees(np.array([[near + 0.01, 0.0]]))[0]
-    assert not VIEW.sees(np.array([[near - 0.01, 0.0]]))[0]
-    assert not VIEW.sees(np.array([[3.1, 0.0]]))[0]
-    assert not VIEW.sees(np.array([[-1.0, 0.0]]))[0]
+    points = np.array([[near + 0.01, 0.0], [near - 0.01, 0.0], [3.1, 0.0], [-1.0, 0.0]])
+    assert VIEW.sees(points).tolist() == [True, False, False, False]
     # a point to the left (y > 0) lies left in the image
     assert VIEW.pixels(np.array([[1.0, 0.2]]))[0, 0] < VIEW.pixels(np.array([[1.0, -0.2]]))[0, 0]
 
@@ -71,20 +69,20 @@ def test_walls_hide_floor_and_borders_do_not():
     data = grid.data.copy()
     data[:, 200:210] = 100
     clearance_map = ClearanceMap(grid.with_data(data), 0.18, physical=grid)
-    assert clearance_map.line_of_sight(np.array([[4.5, 1.0]]), (6.0, 1.0))[0]
-    assert not clearance_map.line_of_sight(np.array([[3.5, 1.0]]), (4.8, 1.0))[0]
-    assert not ClearanceMap(grid.with_data(data), 0.18).line_of_sight(np.array([[4.5, 1.0]]), (6.0, 1.0))[0]
+    assert clearance_map.has_line_of_sight(np.array([[4.5, 1.0]]), (6.0, 1.0))[0]
+    assert not clearance_map.has_line_of_sight(np.array([[3.5, 1.0]]), (4.8, 1.0))[0]
+    assert not ClearanceMap(grid.with_data(data), 0.18).has_line_of_sight(np.array([[4.5, 1.0]]), (6.0, 1.0))[0]
 
 
 def test_sides_of_polygon_and_curve():
     square = np.array([[5.0, 1.0], [6.0, 1.0], [6.0, 2.0], [5.0, 2.0]])
-    inside = CLEARANCE_MAP.side_of((5.5, 1.5), square, True)
+    inside = CLEARANCE_MAP.predict_restricted_side((5.5, 1.5), square, True)
     assert inside.sum() * 0.025**2 == pytest.approx(1.0, abs=0.1)
     door = np.array([[4.0, 3.7], [4.0, 4.3]])
-    left_side = CLEARANCE_MAP.side_of((1.0, 1.0), door, False)
+    left_side = CLEARANCE_MAP.predict_restricted_side((1.0, 1.0), door, False)
     assert left_side[40, 40] and not left_side[40, 280]
     # without a line there are no sides
-    assert CLEARANCE_MAP.side_of((5.5, 1.5), np.zeros((0, 2)), False) is None
+    assert CLEARANCE_MAP.predict_restricted_side((5.5, 1.5), np.zeros((0, 2)), False) is None
 
 
 # ------------------------------------------------------------------ the target
@@ -92,7 +90,7 @@ RIGHTWARDS = np.array([0.3, 0.0])  # [m/s]
 
 
 @pytest.mark.parametrize(
-    "x, velocity, seeding, expected",
+    "x, velocity, marks_side, expected",
     [
         (4.5, None, False, 4.5),
         (4.5, RIGHTWARDS, True, 4.5),
@@ -105,19 +103,20 @@ RIGHTWARDS = np.array([0.3, 0.0])  # [m/s]
     ],
     ids="rests seed slow quick very_quick left to_a_wall at_a_wall".split(),
 )
-def test_the_target_is_ahead_of_a_moving_spot_and_not_in_a_wall(x, velocity, seeding, expected):
+def test_the_target_is_ahead_of_a_moving_spot_and_not_in_a_wall(x, velocity, marks_side, expected):
     clearance_map = ClearanceMap(room(), 0.18)
-    drawing = DrawingState(np.array([x, 2.5]), velocity=velocity, seeding=seeding)
-    ahead = drawing.line_ahead(clearance_map)
-    assert drawing.look_at(ahead) == pytest.approx((expected, 2.5), abs=0.06)
+    drawing = DrawingState(np.array([x, 2.5]), velocity=velocity, marks_side=marks_side)
+    ahead = drawing.extrapolate_line(clearance_map)
+    assert drawing.target_point(ahead) == pytest.approx((expected, 2.5), abs=0.06)
     assert ahead[0] == pytest.approx((x, 2.5)) and ahead[:, 0].max() <= 7.95
 
 
 # ------------------------------------------------------------------ viewpoints
 def best_viewpoints(clearance_map, robot, drawing, others=()):
     """Lists the best viewpoint, then the best at least 0.3 m from those before, up to twelve."""
-    planner, viewpoints = ViewpointPlanner(clearance_map, VIEW, drawing, others), []
-    while len(viewpoints) < 12:
+    viewpoints = []
+    planner = ViewpointPlanner(clearance_map, VIEW, drawing, others)
+    for _ in range(12):
         best = planner.best_viewpoint(robot, [(*viewpoint.pose[:2], 0.3) for viewpoint in viewpoints])
         if best is None:
             break
@@ -128,7 +127,7 @@ def best_viewpoints(clearance_map, robot, drawing, others=()):
 def check_invariants(clearance_map, viewpoints, drawing, robot):
     assert all(a.cost <= b.cost for a, b in zip(viewpoints, viewpoints[1:]))
     planner = ViewpointPlanner(clearance_map, VIEW, drawing)
-    target = planner.look_at
+    target = planner.target_point
     for viewpoint in viewpoints:
         place = np.array([viewpoint.pose[:2]])
         # clearance by an independent oracle: the distance to every blocked cell's centre
@@ -137,8 +136,8 @@ def check_invariants(clearance_map, viewpoints, drawing, robot):
         assert gap >= clearance_map.radius + STOP_MARGIN
         distance = math.dist(place[0], target)
         at_home = math.dist(place[0], robot[:2]) < 1e-6  # where it stands tolerances are wider: it only has to turn
-        assert MIN_DISTANCE * (0.8 if at_home else 1.0) - 1e-6 <= distance
-        assert distance <= MAX_DISTANCE * (1.3 if at_home else 1.0) + 1e-6
+        nearer, farther = (0.8, 1.3) if at_home else (1.0, 1.0)
+        assert MIN_DISTANCE * nearer - 1e-6 <= distance <= MAX_DISTANCE * farther + 1e-6
         assert VIEW.sees(map_to_base(target[None], viewpoint.pose), IMAGE_MARGIN - 1e-6)[0]
         assert abs(map_to_base(target[None], viewpoint.pose)[0, 1]) < 1e-6, "faces it"
         assert VIEW.sees(map_to_base(drawing.spot[None], viewpoint.pose), 0.05)[0], "only the robot sees the spot"
@@ -195,9 +194,9 @@ def test_unreachable_spot_has_no_viewpoint():
 def test_seed_side_is_left():
     door = np.array([[4.0, 3.65], [4.0, 4.35]])
     # the seed and the robot are in the right room: the robot must leave it
-    drawing = DrawingState(np.array([7.0, 1.0]), door, None, closed=False, seeding=True)
+    drawing = DrawingState(np.array([7.0, 1.0]), door, None, closed=False, marks_side=True)
     viewpoints = best_viewpoints(CLEARANCE_MAP, (6.0, 1.0, 0.0), drawing)
-    assert viewpoints and viewpoints[0].pose[0] < 4.0 and not viewpoints[0].sees_spot
+    assert viewpoints[0].pose[0] < 4.0 and not viewpoints[0].sees_spot
     assert not ViewpointPlanner(CLEARANCE_MAP, VIEW, drawing).shows_target((6.0, 1.0, 0.0))
     # the seed cannot be seen from the left room, and the robot need not go anywhere
     assert best_viewpoints(CLEARANCE_MAP, (1.0, 3.0, 0.0), drawing) == []
@@ -208,17 +207,17 @@ CARPET = np.array([[5.1, 1.6], [7.1, 1.6], [7.1, 2.9], [5.1, 2.9]])
 
 @settings(max_examples=8)
 @given(st.floats(5.15, 7.05), st.floats(1.65, 2.85), st.floats(0, 6.28), st.booleans())
-def test_a_robot_is_not_sent_where_the_border_would_lock_it_in(x, y, yaw, seeding):
+def test_a_robot_is_not_sent_where_the_border_would_lock_it_in(x, y, yaw, marks_side):
     # three sides are drawn; while the seed is shown, a robot inside has to leave
-    spot, velocity = (CARPET.mean(axis=0), None) if seeding else (CARPET[3], np.array([0.0, -1.0]))
-    drawing = DrawingState(spot, CARPET, velocity, closed=seeding, seeding=seeding, seen_by_stationary=True)
+    spot, velocity = (CARPET.mean(axis=0), None) if marks_side else (CARPET[3], np.array([0.0, -1.0]))
+    drawing = DrawingState(spot, CARPET, velocity, closed=marks_side, marks_side=marks_side, seen_by_stationary=True)
     viewpoints = best_viewpoints(CLEARANCE_MAP, (x, y, yaw), drawing)[:4]
     gaps = [Polygon(CARPET).distance(Point(viewpoint.pose[:2])) for viewpoint in viewpoints]
     assert min(gaps) >= CLEARANCE_MAP.radius
 
 
 def seed_within(chain, seen_by_stationary):
-    return DrawingState(chain.mean(axis=0), chain, closed=True, seeding=True, seen_by_stationary=seen_by_stationary)
+    return DrawingState(chain.mean(axis=0), chain, closed=True, marks_side=True, seen_by_stationary=seen_by_stationary)
 
 
 def crossed(robot, viewpoint):
@@ -256,12 +255,12 @@ def test_a_view_from_inside_the_border_is_offered_only_until_the_seed_is_shown()
     ring = np.array([[4.4, 0.3], [7.7, 0.3], [7.7, 4.7], [4.4, 4.7]])
     robot = (1.0, 4.0, 0.0)
     assert best_viewpoints(CLEARANCE_MAP, robot, DrawingState(np.array([6.0, 2.5]), ring))
-    shown = DrawingState(np.array([6.0, 2.5]), ring, None, closed=True, seeding=True)
+    shown = DrawingState(np.array([6.0, 2.5]), ring, None, closed=True, marks_side=True)
     assert best_viewpoints(CLEARANCE_MAP, robot, shown) == []
 
 
 def test_seed_outside_sends_the_robot_into_the_allowed_corner():
     line = np.array([[6.0, 4.95], [6.0, 3.4], [7.95, 3.4]])
-    drawing = DrawingState(np.array([5.3, 3.0]), line, None, closed=False, seeding=True, seen_by_stationary=True)
+    drawing = DrawingState(np.array([5.3, 3.0]), line, None, closed=False, marks_side=True, seen_by_stationary=True)
     best = best_viewpoints(CLEARANCE_MAP, (7.0, 1.0, 1.5), drawing)[0]
     assert best.pose[0] > 6.1 and best.pose[1] > 3.5

@@ -26,12 +26,8 @@ from vb_msgs.srv import AddBorderResponse, Command, GetDrawnBorderResponse, Prev
 
 FOLDER = tempfile.mkdtemp(prefix="vb_interaction_")
 LOG = os.path.join(FOLDER, "interactions.jsonl")
-ARGUMENTS = [
-    f"_log_file:={LOG}",
-    f"_stop_file:={FOLDER}/stop",
-    "_method:=a_method",
-    "_idle_timeout:=300",  # parameters stay on the server for the next node of this name
-]
+# all of them each time, as parameters stay on the server for the next node of this name
+ARGUMENTS = [f"_log_file:={LOG}", f"_stop_file:={FOLDER}/stop", "_method:=a_method", "_idle_timeout:=300"]
 
 
 def manager(*arguments):
@@ -81,8 +77,7 @@ class InteractionManagerTest(unittest.TestCase):
         wait_until(saved, "the saved border")
 
     def records(self):
-        with open(LOG) as file:
-            return [json.loads(line) for line in file]
+        return [json.loads(line) for line in Path(LOG).read_text().splitlines()]
 
     def in_state(self, name):
         return self.state.wait(lambda message: message.name == name, f"state {name}")
@@ -122,7 +117,7 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertEqual(len(self.stub.added), before + 1)
         request = self.stub.added[-1]
         self.assertEqual((request.border.id, request.source, len(request.border.points)), ("", "wizard", 3))
-        self.assertTrue(request.border.enabled and request.border.occupancy == 1.0)
+        self.assertEqual((request.border.enabled, request.border.occupancy), (True, 1.0))
         done = self.in_state("default")
         self.assertEqual((done.last_outcome, done.last_border_id, done.last_command), ("saved", "b1", "save"))
         self.assertEqual((done.interaction_id, done.started.is_zero()), ("", True))
@@ -133,7 +128,8 @@ class InteractionManagerTest(unittest.TestCase):
     def draw(self, identity, dx=0.0):
         """Publishes progress with border and seed, as the border fusion does."""
         progress = BorderProgress(interaction_id=identity, code="ok", border_spots=5, seed_spots=5, has_seed=True)
-        progress.chain, progress.seed = [point(0, 0), point(1, 0), point(1, 1)], point(0.5 + dx, 0.5)
+        progress.chain = [point(0, 0), point(1, 0), point(1, 1)]
+        progress.seed = point(0.5 + dx, 0.5)
         self.progress.publish(progress)
 
     def test_the_preview_follows_what_is_drawn_and_is_what_is_saved(self):
@@ -151,7 +147,8 @@ class InteractionManagerTest(unittest.TestCase):
         # a moved seed causes a new preview, and so do borders that others change
         refusal = PreviewBorderResponse(success=False, code="no_separation", message="It separates nothing.")
         refusal.issues = [BorderIssue(severity=BorderIssue.ERROR, code="no_separation", message=refusal.message)]
-        accepted, self.stub.preview = self.stub.preview, refusal
+        accepted = self.stub.preview
+        self.stub.preview = refusal
         self.draw(identity, dx=0.2)
         refused = self.preview.wait(lambda message: message.code == "no_separation", "the refusal")
         self.assertEqual((refused.available, refused.success, len(refused.issues)), (True, False, 1))
@@ -189,7 +186,8 @@ class InteractionManagerTest(unittest.TestCase):
         self.preview.wait(lambda message: not message.interaction_id and not message.available, "the cleared preview")
 
     def test_refusals_of_neighbours_reach_the_person(self):
-        identity, drawn = self.begin(), self.stub.candidate
+        identity = self.begin()
+        drawn = self.stub.candidate
         self.stub.candidate = GetDrawnBorderResponse(success=False, code="too_few", message="Draw more.")
         answer = self.command("save")
         self.assertEqual((answer.success, answer.code, answer.message), (False, "too_few", "Draw more."))
@@ -212,7 +210,7 @@ class InteractionManagerTest(unittest.TestCase):
     def test_a_save_without_an_answer_is_repeated_under_the_same_id(self):
         count = len(self.stub.added)
         saving, released = self.hang_while_saving()
-        # other commands are answered meanwhile, and stop is obeyed at once
+        # other commands are refused, and stop is obeyed
         self.assertEqual(self.command("cancel").code, "busy")
         self.assertEqual(self.command("stop").code, "stopped")
         stopped = self.state.wait(lambda message: message.stopped, "the stop while saving")
@@ -332,7 +330,7 @@ class InteractionManagerTest(unittest.TestCase):
         folder = os.path.join(FOLDER, "full")
         os.makedirs(folder, exist_ok=True)
         with self.another(f"_stop_file:={folder}/stop") as other:
-            # like a full disk: no file can be created, not even by root, but an existing one can be emptied
+            # not even root can then create a file, but an existing one can be emptied: the same as on a full disk
             os.rename(f"{folder}/stop", f"{folder}/kept")
             os.mkdir(f"{folder}/stop")
             # the answer waits only briefly for the disk, the notice comes in any case
@@ -379,8 +377,7 @@ class InteractionManagerTest(unittest.TestCase):
         length = len(terminal.text)
         self.node.start()
         terminal.shows("READY", length)
-        terminal.press("z")
-        terminal.press("\x1b[a")
+        terminal.press("z\x1b[a")
         terminal.press("u")
         terminal.shows("Removed from the map: Nursery")
         terminal.press(" ")

@@ -12,9 +12,6 @@ from speech import RATE, pieces, say
 from vb_msgs.msg import Audio, SpeechCommand, NoticeArray, Sound
 from vb_msgs.srv import Command, CommandResponse
 
-HEARD = "/virtual_borders/voice/heard"
-AUDIO = "/virtual_borders/voice/audio"
-
 
 class VoiceCommandsTest(unittest.TestCase):
     @classmethod
@@ -25,14 +22,14 @@ class VoiceCommandsTest(unittest.TestCase):
         cls.hold = threading.Event()
         cls.hold.set()
         cls.service = rospy.Service("/virtual_borders/command", Command, cls.on_command)
-        cls.audio = rospy.Publisher(AUDIO, Audio, queue_size=100)
+        cls.audio = rospy.Publisher("/virtual_borders/voice/audio", Audio, queue_size=100)
         cls.sound = rospy.Publisher("/virtual_borders/sound", Sound, queue_size=10)
         cls.node = Process("vb_voice_wizard", "voice_commands", "_source:=topic")
-        cls.heard = Newest(HEARD, SpeechCommand)
+        cls.heard = Newest("/virtual_borders/voice/heard", SpeechCommand)
         cls.sounds = Newest("/virtual_borders/sound", Sound)
         wait_until(cls.audio.get_num_connections, "the node's ear")
         wait_until(cls.heard.subscriber.get_num_connections, "the node's report")
-        # two subscribers: this process, which counts sounds, and the node
+        # the subscribers are this process, which counts sounds, and the node
         wait_until(lambda: cls.sound.get_num_connections() > 1, "the node to hear its own sounds")
 
     @classmethod
@@ -90,9 +87,8 @@ class VoiceCommandsTest(unittest.TestCase):
         # our own sounds play all the time
         timer = rospy.Timer(rospy.Duration(0.1), lambda _event: self.sound.publish(Sound(name="success")))
         self.addCleanup(timer.shutdown)
-
         self.give("cancel", lambda: ("cancel", "muted") in [(said.command, said.reason) for said in self.heard.all])
-        del self.requests[:]  # of commands before the node heard of the sound
+        del self.requests[:]  # commands that came before the node heard of the sound
         obeyed = ("stop", True, True)
         self.give("stop", lambda: obeyed in [(said.command, said.accepted, said.success) for said in self.heard.all])
         self.assertEqual({request.command for request in self.requests}, {"stop"})

@@ -13,7 +13,9 @@ FIVE = {"define_border": 0, "define_seed": 1, "guide_robot": 2, "save": 3, "canc
 @settings(max_examples=50, deadline=None)
 @given(st.lists(st.lists(st.integers(0, 1), min_size=8, max_size=8), max_size=40))
 def test_each_rising_edge_is_one_command(readings):
-    buttons, before, given_commands, edges = ButtonMap(FIVE, {}), [0] * 8, 0, 0
+    buttons = ButtonMap(FIVE, {})
+    before = [0] * 8
+    given_commands = edges = 0
     for reading in readings:
         given_commands += len(buttons.update(reading, "border"))
         edges += sum(now > then for index, (now, then) in enumerate(zip(reading, before)) if index not in (5, 7))
@@ -22,10 +24,8 @@ def test_each_rising_edge_is_one_command(readings):
 
 
 def test_three_buttons_mean_what_the_state_says():
-    buttons = ButtonMap(
-        {"define_border": 0, "cancel": 2},
-        {"default": {"guide_robot": 2}, "border": {"define_seed": 1}, "seed": {"save": 1}},
-    )
+    by_state = {"default": {"guide_robot": 2}, "border": {"define_seed": 1}, "seed": {"save": 1}}
+    buttons = ButtonMap({"define_border": 0, "cancel": 2}, by_state)
     given_commands = []
     for state, press in (("default", 2), ("guide", 0), ("border", 1), ("seed", 1), ("seed", 2), ("nowhere", 2)):
         given_commands += buttons.update([int(index == press) for index in range(3)], state)

@@ -1,4 +1,4 @@
-"""The interaction between person and system: what each command does in each situation; saving, time, pause and silence."""
+"""The interaction between person and system: what each command does in each situation, and saving, time, pause and silence."""
 
 import itertools
 
@@ -6,17 +6,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from interactions import ALL_SITUATIONS, BEGUN, COMPLETE, SITUATIONS, in_all_situations
-from interactions import command_knowing_stops, drawing_of, interaction_after
+from interaction_situations import ALL_SITUATIONS, BEGUN, COMPLETE, SITUATIONS, in_all_situations
+from interaction_situations import command_knowing_stops, drawing_of, interaction_after
 from vb_core import sentences
 from vb_core.sentences import words_of_name
 from vb_core.vocabulary import BORDER, COMMANDS, DEFAULT, GUIDE, PAUSED, SEED, STATES
 from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, REDO, RESUME, SAVE
 from vb_core.vocabulary import STOP, UNDO
 from vb_voice_wizard.command_answers import Answer
-from vb_voice_wizard.interaction import UNSEEN_AFTER, Interaction, InteractionParams
+from vb_voice_wizard.interaction import MISSING_SPOT_DELAY, Interaction, InteractionParams
 
-# the other commands: the answer and the next state in Default, and once something was begun; None: the state stays
+# the other commands, with answer and next state (None if the state stays) in Default and once something was begun
 OTHER_COMMANDS = [
     (GUIDE_ROBOT, ("guide", GUIDE), ("guide", GUIDE)),
     (CANCEL, ("nothing_to_cancel", None), ("cancelled", DEFAULT)),
@@ -118,7 +118,8 @@ def test_an_unknown_command_is_answered_with_all_that_are_known(before, state, c
 def test_each_suggestion_succeeds_and_the_last_is_stop(before):
     suggested = interaction_after(before).suggested_commands()
     assert all(interaction_after(before).command(command, "test", 10.0).success for command in suggested)
-    assert suggested[-1] == STOP and len(set(suggested)) == len(suggested)
+    assert suggested[-1] == STOP
+    assert len(set(suggested)) == len(suggested)
 
 
 @pytest.mark.parametrize("before, _state, _border, _seed, to_save", SITUATIONS, ids=ALL_SITUATIONS)
@@ -132,7 +133,8 @@ def test_undo_and_redo_are_suggested_if_available_and_stop_stays_among_the_first
     interaction = Interaction()
     interaction.undo_redo = available
     suggested = interaction.suggested_commands()
-    assert [command for command in suggested if command in (UNDO, REDO)] == available and STOP in suggested[:4]
+    assert [command for command in suggested if command in (UNDO, REDO)] == available
+    assert STOP in suggested[:4]
 
 
 def test_undo_and_redo_are_not_suggested_while_somebody_draws():
@@ -174,21 +176,22 @@ def test_a_save_under_way_does_not_end_by_silence(saving):
 
 def test_a_stop_is_obeyed_during_a_save_and_holds_after_it(saving):
     assert saving.command(STOP, "page", 8.5).success
-    assert saving.finish(Answer(True, "saved"), 9.0, "b1").success
+    assert saving.finish_pending(Answer(True, "saved"), 9.0, "b1").success
     assert saving.latch.stopped
 
 
 def test_a_refused_save_is_told_to_its_source_and_keeps_the_drawing(saving):
     kept = drawing_of(saving)
-    answer = saving.finish(NO_INTEGRATOR, 7.0)
+    answer = saving.finish_pending(NO_INTEGRATOR, 7.0)
     assert answer.message == "The map integrator is not running."
     assert (saving.last_source, saving.last_answer, drawing_of(saving)) == ("voice", answer, kept)
-    assert saving.command(SAVE, "wizard", 8.0).success and saving.take_record() is None
+    assert saving.command(SAVE, "wizard", 8.0).success
+    assert saving.take_record() is None
 
 
 def test_a_save_ends_the_interaction_and_is_recorded_once(saving):
     identity = saving.interaction_id
-    saving.finish(Answer(True, "saved"), 9.0, "b1")
+    saving.finish_pending(Answer(True, "saved"), 9.0, "b1")
     assert (saving.state, saving.last_outcome, saving.last_border_id) == (DEFAULT, "saved", "b1")
     record = saving.take_record()
     assert (record.border_id, record.outcome, record.ended, record.interaction_id) == ("b1", "saved", 9.0, identity)
@@ -212,14 +215,14 @@ def test_a_failed_save_says_if_it_may_have_arrived(saving, sent, unanswered_befo
     saving.unanswered_save = unanswered_before
     if sent:
         saving.mark_save_sent()
-    answer = saving.finish(Answer(False, code, {"who": "$map_integrator"}), 6.0)
+    answer = saving.finish_pending(Answer(False, code, {"who": "$map_integrator"}), 6.0)
     assert (answer.code, answer.success, saving.unanswered_save) == (answer_code, False, unanswered)
     assert (saving.state, saving.pending) == (SEED, "")
 
 
 def test_cancel_after_an_unanswered_save_promises_no_unchanged_map(saving):
     saving.unanswered_save = True
-    saving.finish(Answer(False, "save_unanswered", {"who": "$map_integrator"}), 6.0)
+    saving.finish_pending(Answer(False, "save_unanswered", {"who": "$map_integrator"}), 6.0)
     answer = saving.command(CANCEL, "a", 7.0)
     assert answer.code == "cancelled_unanswered" and "stays" not in answer.message
     assert saving.take_record().outcome == saving.last_outcome == "unanswered"
@@ -232,16 +235,21 @@ def test_cancel_after_an_unanswered_save_promises_no_unchanged_map(saving):
 @given(st.lists(st.tuples(st.sampled_from(list(COMMANDS)), st.floats(0, 100), st.booleans()), max_size=30))
 def test_durations_add_up_to_the_time_passed_in_each_state(steps):
     """The oracle adds up the pauses before commands by the state that each was spent in; others need 1.5 s to answer."""
-    interaction, now, began, spent = Interaction(), 50.0, 0.0, dict.fromkeys(STATES.values(), 0.0)
+    interaction = Interaction()
+    began = now = 50.0
+    spent = dict.fromkeys(STATES.values(), 0.0)
     for command, pause, accepted in steps:
-        before, now = interaction.state, now + pause
+        before = interaction.state
+        now += pause
         spent[before] += pause
         command_knowing_stops(interaction, command, "test", now)
         if before == DEFAULT and interaction.state != DEFAULT:
-            began, spent = now, dict.fromkeys(spent, 0.0)
+            began = now
+            spent = dict.fromkeys(spent, 0.0)
         if interaction.pending:
-            now, spent[before] = now + 1.5, spent[before] + 1.5
-            interaction.finish(Answer(accepted, "saved" if accepted else "busy"), now, "b" if accepted else "")
+            now += 1.5
+            spent[before] += 1.5
+            interaction.finish_pending(Answer(accepted, "saved" if accepted else "busy"), now, "b" if accepted else "")
         wanted = {state: pytest.approx(spent[state]) for state in (GUIDE, BORDER, SEED)}
         assert interaction.durations(now) == wanted
         record = interaction.take_record()
@@ -250,11 +258,14 @@ def test_durations_add_up_to_the_time_passed_in_each_state(steps):
             assert [record.guide_s, record.border_s, record.seed_s] == list(wanted.values())
             assert record.total_s == pytest.approx(record.guide_s + record.border_s + record.seed_s)
             assert (record.started, record.ended) == (began, now)
-        assert interaction.state == DEFAULT or began == interaction.started <= interaction.entered <= now
+        if interaction.state != DEFAULT:
+            assert interaction.started_at == began
+            assert began <= interaction.state_entered_at <= now
 
 
 def test_a_record_names_who_gave_commands_but_not_who_only_stopped():
-    interaction, given_by = Interaction(), [(CANCEL, "too early"), (DEFINE_BORDER, "b"), (SAVE, "refused")]
+    interaction = Interaction()
+    given_by = [(CANCEL, "too early"), (DEFINE_BORDER, "b"), (SAVE, "refused")]
     for command, source in [*given_by, (STOP, "only stops"), (GUIDE_ROBOT, "b"), (CANCEL, "a")]:
         command_knowing_stops(interaction, command, source, 1.0)
     assert interaction.take_record().sources == ("b", "refused", "a")
@@ -267,15 +278,16 @@ def test_time_that_jumps_back_takes_nothing_off():
     interaction.advance(5.0)
     interaction.command(DEFINE_SEED, "a", 8.0)
     assert interaction.durations(9.0) == {GUIDE: 0.0, BORDER: 13.0, SEED: 1.0}
-    assert interaction.started <= 5.0 and interaction.entered == 8.0
+    assert interaction.started_at <= 5.0 and interaction.state_entered_at == 8.0
     interaction.advance(2.0)
-    assert interaction.last_answered == 2.0 and not interaction.end_if_idle(301.0) and interaction.end_if_idle(303.0)
+    assert interaction.last_answered == 2.0
+    assert [interaction.end_if_idle(now) for now in (301.0, 303.0)] == [False, True]
 
 
 # ------------------------------------------------------------------ pause
 def pause(interaction) -> Interaction:
     """Pauses an interaction at 10 s and lets a night pass."""
-    assert interaction.command(PAUSE, "test", 10.0).code == "paused" and interaction.state == PAUSED
+    assert (interaction.command(PAUSE, "test", 10.0).code, interaction.state) == ("paused", PAUSED)
     interaction.advance(40000.0)
     return interaction
 
@@ -286,7 +298,8 @@ in_all_pauses = pytest.mark.parametrize("before", [*BEGUN, f"{COMPLETE} define_b
 @in_all_pauses
 def test_continue_brings_back_all_that_was_before_the_pauses(before):
     interaction = interaction_after(before)
-    kept, spent = drawing_of(interaction), interaction.durations(10.0)
+    kept = drawing_of(interaction)
+    spent = interaction.durations(10.0)
     assert pause(pause(interaction)).command(CONTINUE, "test", 40002.0).success
     assert (drawing_of(interaction), interaction.durations(40002.0)) == (kept, spent)
 
@@ -296,7 +309,7 @@ def test_silence_ends_no_paused_interaction_but_one_that_goes_on(before):
     paused = pause(interaction_after(before))
     assert paused.ends_at == 0.0 and not paused.end_if_idle(40000.0)
     paused.command(CONTINUE, "test", 40002.0)
-    assert not paused.end_if_idle(40002.0 + 299.0) and paused.end_if_idle(40002.0 + 301.0)
+    assert [paused.end_if_idle(40002.0 + silence) for silence in (299.0, 301.0)] == [False, True]
 
 
 @in_all_pauses
@@ -311,7 +324,8 @@ def test_each_suggestion_in_a_pause_succeeds_and_the_first_is_continue(before):
     assert suggested[0] == CONTINUE and PAUSE not in suggested
     for command in suggested:
         paused = pause(interaction_after(before))
-        assert paused.command(command, "test", 40001.0).success and (paused.pending == SAVE) == (command == SAVE)
+        assert paused.command(command, "test", 40001.0).success
+        assert (paused.pending == SAVE) == (command == SAVE)
 
 
 # ------------------------------------------------------------------ nobody there, or nothing to be seen
@@ -345,10 +359,10 @@ def test_silence_ends_nothing_that_was_not_begun():
 @pytest.mark.parametrize(
     "spots, next_command, waited, missing",
     [
-        ((0, 0, 0), "", UNSEEN_AFTER - 0.1, False),
-        ((0, 0, 0), "", UNSEEN_AFTER, True),
-        ((7, 0, 0), "", UNSEEN_AFTER, False),
-        ((7, 0, 0), DEFINE_SEED, UNSEEN_AFTER, True),  # those of the border do not count
+        ((0, 0, 0), "", MISSING_SPOT_DELAY - 0.1, False),
+        ((0, 0, 0), "", MISSING_SPOT_DELAY, True),
+        ((7, 0, 0), "", MISSING_SPOT_DELAY, False),
+        ((7, 0, 0), DEFINE_SEED, MISSING_SPOT_DELAY, True),  # spots of the border do not count
         ((7, 0, 0), GUIDE_ROBOT, 60.0, False),  # nothing is drawn
     ],
 )

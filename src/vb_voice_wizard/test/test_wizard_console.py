@@ -10,7 +10,7 @@ from vb_core import sentences
 from vb_core.notices import Notice, Severity
 from vb_core.vocabulary import COMMANDS
 from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, InteractionState
-from vb_voice_wizard.wizard_console import COMMAND_KEYS, QUIT_KEY, WRONG, ConsoleContent, keys_in, printable
+from vb_voice_wizard.wizard_console import COMMAND_KEYS, QUIT_KEY, ERROR_STYLE, ConsoleContent, extract_keys, printable
 
 
 def drawing(language="en"):
@@ -41,7 +41,7 @@ def test_the_console_tells_state_time_spots_cameras_and_preview(words):
 def test_the_console_tells_in_how_many_parts_a_border_would_leave_the_floor(parts, is_told):
     content = drawing()
     content.preview.free_parts = parts
-    assert (content.words("preview_parts", parts=parts) in text(content)) is is_told
+    assert (content.translate("preview_parts", parts=parts) in text(content)) is is_told
 
 
 @pytest.mark.parametrize("words", ["STOPPED", "voice", "ends in 0:45", "save again to confirm", "! Look!"])
@@ -55,7 +55,8 @@ def test_the_console_tells_of_a_stop_the_end_a_question_and_notices(words):
 
 def test_the_notice_of_a_stop_is_told_only_if_the_state_is_not_known():
     content = drawing()
-    content.state.stopped, content.notices = True, (Notice("stopped", Severity.WARNING),)
+    content.state.stopped = True
+    content.notices = (Notice("stopped", Severity.WARNING),)
     assert "! Stopped: no robot drives" not in text(content)
     content.state = None
     assert "! Stopped: no robot drives" in text(content)
@@ -75,10 +76,10 @@ def test_what_two_messages_tell_is_said_once():
     # the reason of a refused preview is both its sentence and its first issue
     why = BorderIssue(severity=BorderIssue.ERROR, message="It separates nothing.")
     content.preview = BorderPreview(available=True, message="It separates nothing.", issues=[why])
-    assert text(content).count("It separates nothing.") == 1 and "restrict" not in text(content)
+    assert [text(content).count(words) for words in ("It separates nothing.", "restrict")] == [1, 0]
     # an error other than the sentence is shown, as an error
     why.message = "The seed lies in a wall."
-    assert [line.style for line in content.lines() if why.message in str(line)] == [WRONG]
+    assert [line.style for line in content.lines() if why.message in str(line)] == [ERROR_STYLE]
 
 
 @pytest.mark.parametrize("escape", ["\x1b[2J", "\x1b]0;title\x07", "\x9b31m", "\x08\x08", "\r", "\n"])
@@ -103,9 +104,10 @@ def test_each_command_has_its_key_in_every_language(language):
     for width in (300, 30):
         shown = text(content, width=width)
         for command in COMMANDS.values():
-            key = content.words("console_space") if command.key == " " else command.key
-            assert f" {key}  {content.words('command_' + command.name)}" in shown
-    assert content.words("console_quit") in shown and content.words("state_border").upper() in shown
+            key = content.translate("console_space") if command.key == " " else command.key
+            assert f" {key}  {content.translate('command_' + command.name)}" in shown
+    assert content.translate("console_quit") in shown
+    assert content.translate("state_border").upper() in shown
 
 
 @pytest.mark.parametrize(
@@ -113,11 +115,12 @@ def test_each_command_has_its_key_in_every_language(language):
     [("b \u00fc", "b \u00fc"), ("\x1b[A", ""), ("\x1bOS", ""), ("\x1b[As", "s"), ("\x1b[15~\x1b[1;5C ", " ")],
 )
 def test_keys_are_distinguished_from_escape_sequences(typed, keys):
-    assert keys_in(typed) == keys
+    assert extract_keys(typed) == keys
 
 
 def test_every_command_is_one_key_that_no_function_key_ends_with():
-    assert sorted(COMMAND_KEYS.values()) == sorted(COMMANDS) and QUIT_KEY not in COMMAND_KEYS
+    assert sorted(COMMAND_KEYS.values()) == sorted(COMMANDS)
+    assert QUIT_KEY not in COMMAND_KEYS
     assert all(len(key) == 1 and key == key.lower() for key in COMMAND_KEYS)
     # on a slow connection the end of a function key's sequence arrives separately
     assert not set("ABCDFHPQRS~0123456789;[") & set(COMMAND_KEYS)

@@ -91,7 +91,8 @@ class PageTest(unittest.TestCase):
     def store_carpet(self, name="Rug", shown="Rug"):
         """Stores a border past the page, for a test that only needs one."""
         border = VirtualBorder(name=name, kind=VirtualBorder.POLYGON, enabled=True, occupancy=1.0)
-        border.points, border.seed = [Point(x, y, 0.0) for x, y in CARPET], Point(4.0, 1.5, 0.0)
+        border.points = [Point(x, y, 0.0) for x, y in CARPET]
+        border.seed = Point(4.0, 1.5, 0.0)
         answer = rospy.ServiceProxy(names.ADD_BORDER, AddBorder)(border=border, frame_id="map", source="test")
         self.assertTrue(answer.success, answer.message)
         self.browser.wait_text("#borders", shown)

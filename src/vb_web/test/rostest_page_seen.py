@@ -95,12 +95,10 @@ class SeenTest(PageTest):
             small.resize((640, 360))
             draw_carpet(small)
             small.field("#review input[data-key=name]").click()
-            small.resize((640, 180))  # as the keyboard does
-            small.wait(
-                """(() => { const box = document.activeElement.getBoundingClientRect();
-                return document.elementFromPoint(box.left + 20, box.top + box.height / 2) === document.activeElement; })()""",
-                what="the field in view",
-            )
+            small.resize((640, 180))  # the keyboard takes the rest
+            is_seen = """(() => { const box = document.activeElement.getBoundingClientRect();
+                return document.elementFromPoint(box.left + 20, box.top + box.height / 2) === document.activeElement; })()"""
+            small.wait(is_seen, what="the field in view")
             small.resize((640, 360))
             small.click("#review button", "Abbrechen")
             self.assertEqual(small.faults(), [])
@@ -124,10 +122,9 @@ class SeenTest(PageTest):
             self.assertIn("Driven by navigation", self.browser.text("#drivers"))
             for camera in ("south", "north"):
                 self.browser.click(f"#cameras [data-key='see {camera}']")
-            self.browser.wait(
-                "[...document.querySelectorAll('#cameras li')].every((line) => line.querySelector('img').naturalWidth)",
-                what="a picture below each line",
-            )
+            has_image = "(line) => line.querySelector('img').naturalWidth"
+            all_have_images = f"[...document.querySelectorAll('#cameras li')].every({has_image})"
+            self.browser.wait(all_have_images, what="a picture below each line")
             self.browser.click("#cameras [data-key='see north']", "Close")
             self.browser.wait("document.querySelectorAll('#cameras img').length == 1", what="the other picture")
             self.assertEqual(self.browser.run("return document.activeElement.dataset.key"), "see north")
@@ -141,15 +138,12 @@ class SeenTest(PageTest):
     def test_a_picture_that_is_not_there_yet_is_asked_for_again(self):
         """The floor comes from cameras, which may start after the page was opened."""
         self.browser.run("window.virtualBorders.map.showPicture('floor', 'floor.webp?early')")
-        self.browser.wait(
-            "performance.getEntriesByType('resource').filter(({ name }) => name.endsWith('floor.webp?early')).length > 1",
-            what="the second request",
-        )
+        requests = "performance.getEntriesByType('resource').filter(({ name }) => name.endsWith('floor.webp?early'))"
+        self.browser.wait(f"{requests}.length > 1", what="the second request")
         self.browser.run("window.virtualBorders.map.showPicture('floor', '')")
 
     def test_the_floor_is_not_switched_on_again_after_somebody_has_switched_it_off(self):
-        pressed = self.browser.run(
-            """const { view } = window.virtualBorders, button = document.getElementById("floor-button");
+        pressed = self.browser.run("""const { view } = window.virtualBorders, button = document.getElementById("floor-button");
             return import("/state.js").then(({ hello, page: { link } }) => {
                 const section = { map: { ...view.map, floor: 4 } }, pressed = [];
                 for (const next of [() => {}, () => button.click(), () => link.onHello({ ...hello })]) {
@@ -158,8 +152,7 @@ class SeenTest(PageTest):
                     pressed.push(button.getAttribute("aria-pressed"));
                 }
                 return pressed;
-            });"""
-        )
+            });""")
         self.assertEqual(pressed, ["true", "false", "false"])
         self.browser.driver.refresh()
 
@@ -170,7 +163,8 @@ class SeenTest(PageTest):
 
     def test_a_spot_is_seen(self):
         spot = LaserSpot(camera="red")
-        spot.header.frame_id, spot.header.stamp = "map", rospy.Time.now()
+        spot.header.frame_id = "map"
+        spot.header.stamp = rospy.Time.now()
         spot.position.x, spot.position.y = 4.0, 2.5
         wait_until(lambda: self.spots.get_num_connections(), "the page to listen")
         self.spots.publish(spot)
@@ -209,7 +203,7 @@ class SeenTest(PageTest):
         self.browser.driver.refresh()
 
     def test_robot_in_a_border_and_a_silent_monitor_are_problems(self):
-        self.restart_page()  # without the cameras and robots of other tests
+        self.restart_page()  # which forgets the cameras and robots of other tests
         self.browser.wait_ready()
         robots = rospy.Publisher(names.ROBOTS, RobotStatusArray, queue_size=1)
         wait_until(robots.get_num_connections, "the page's ear")

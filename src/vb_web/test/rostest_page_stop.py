@@ -38,11 +38,10 @@ class StopTest(PageTest):
         self.browser.wait_text("#toast", "Robots may drive again.")
         self.browser.click("#commands button", "Cancel")
         self.browser.wait("document.body.dataset.state == 'default'", what="the state default")
-        # sent separately from the state
+        # events are sent separately from the state
         events = "window.virtualBorders.view.events.map((event) => event.values.command)"
         self.browser.wait(f"{events}.slice(-1)[0] == 'cancel'", what="the last event")
-        newest = self.browser.run(f"return {events}")[-4:]
-        self.assertEqual(newest, ["define_border", "stop", "resume", "cancel"])  # each once
+        self.assertEqual(self.browser.run(f"return {events}")[-4:], ["define_border", "stop", "resume", "cancel"])
 
     def test_resume_has_a_place_that_nothing_else_ever_has(self):
         self.store_carpet()
@@ -85,11 +84,9 @@ class StopTest(PageTest):
             small.fingers_on_screen([pinch[0][:1], *pinch])
             small.wait("visualViewport.scale > 1.5 && visualViewport.offsetTop > 50", what="an enlarged page")
             np.testing.assert_allclose(small.run(place), place_before, atol=1.0)
-            self.assertEqual(
-                small.run("""const box = document.getElementById('stop').getBoundingClientRect();
-                return document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2).closest('button').id"""),
-                "stop",
-            )
+            topmost = """const box = document.getElementById('stop').getBoundingClientRect();
+                return document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2).closest('button').id"""
+            self.assertEqual(small.run(topmost), "stop")
             small.run("document.getElementById('stop').click()")
             small.wait("document.body.classList.contains('stopped')", what="the stop")
             self.browser.wait_text("#banners", "All robots are stopped")
@@ -114,7 +111,7 @@ class StopTest(PageTest):
         listen = "new MutationObserver(() => said.push(toast.dataset.code)).observe(toast, { attributes: true })"
         self.browser.run(f"said = []; {listen}")
         manager = process_of("/interaction_manager")
-        # halted first: if killed at once, it would be restarted before anybody missed it
+        # halted before it is killed, as otherwise it would be restarted before anybody missed it
         os.kill(manager, signal.SIGSTOP)
         try:
             self.browser.wait_text("#banners", "has not responded for more than 0:0")
@@ -127,7 +124,7 @@ class StopTest(PageTest):
         report = DriverState(robot="ada", stops=[self.heard[names.STOP].id])
         wait_until(lambda: robot.publish(report) or self.heard[names.STATE].stopped, "the manager to know of the stop")
         self.browser.wait_text("#banners", "All robots are stopped")
-        # what is pressed before the stop is answered waits for that, and may expire meanwhile
+        # a command that is given before the stop is answered waits for that answer, and may expire until then
         self.browser.wait("said.some((code) => code.startsWith('stop'))", what="the answer to the stop")
         self.resume()
         robot.unregister()

@@ -27,7 +27,7 @@ def parse(**fields):
 @pytest.mark.parametrize("action", sorted(ACTIONS))
 def test_good_requests_get_through(action):
     request = parse(do=action, id="a1", **GOOD[action])
-    assert request.action == action and request.id == "a1"
+    assert (request.action, request.id) == (action, "a1")
     assert set(request.values) == set(GOOD[action])
 
 

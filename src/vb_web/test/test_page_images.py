@@ -11,7 +11,7 @@ from vb_web.page_images import CeilingImage, ImageCache
 
 
 def decode(image):
-    return cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_UNCHANGED)
+    return cv2.imdecode(np.frombuffer(image.encoded, np.uint8), cv2.IMREAD_UNCHANGED)
 
 
 def test_a_map_is_drawn_with_its_highest_y_on_top():
@@ -20,7 +20,8 @@ def test_a_map_is_drawn_with_its_highest_y_on_top():
     data[19] = -1
     pixels = decode(page_images.draw_map(GridMap(data, 0.05)))
     assert pixels.shape == (20, 30, 4)
-    assert pixels[19, 5, 3] == 255 and pixels[10, 10, 3] == 0 and 0 < pixels[0, 3, 3] < 255
+    assert (pixels[19, 5, 3], pixels[10, 10, 3]) == (255, 0)
+    assert 0 < pixels[0, 3, 3] < 255
 
 
 @pytest.mark.parametrize("shape", [(2100, 1200), (1, 5001), (2049, 17)])
@@ -30,7 +31,7 @@ def test_large_maps_are_reduced_and_no_wall_vanishes(shape):
     image = page_images.draw_map(GridMap(data, 0.05))
     pixels = decode(image)
     assert max(pixels.shape) <= page_images.MAX_SIDE
-    assert pixels.shape[1] * image.cells >= shape[1] and pixels.shape[0] * image.cells >= shape[0]
+    assert (np.multiply(pixels.shape[:2], image.cells_per_pixel) >= shape).all()
     assert (pixels[..., 3] == 255).sum() >= 1
 
 
@@ -41,18 +42,19 @@ def test_restricted_floor_is_where_the_map_became_fuller():
     posterior[10:20, 10:20] = 100
     posterior[30:35, 10:20] = 50
     pixels = decode(page_images.draw_restricted(GridMap(prior, 0.05), GridMap(posterior, 0.05)))[::-1]
-    assert (pixels[10:20, 10:20, 3] > 0).all() and pixels[:, 0, 3].max() == 0 and pixels[25, 15, 3] == 0
+    assert (pixels[10:20, 10:20, 3] > 0).all()
+    assert (pixels[:, 0, 3].max(), pixels[25, 15, 3]) == (0, 0)
     assert 0 < pixels[30:35, 10:20, 3].max() < pixels[10:20, 10:20, 3].max()
 
 
 def test_the_same_content_has_the_same_name_and_an_album_keeps_two():
     maps = [page_images.draw_map(GridMap(np.full((5, 5), value, np.int8), 0.05)) for value in (0, 100, -1, 0)]
-    assert maps[0].name == maps[3].name and len({image.name for image in maps}) == 3
+    assert maps[0].name == maps[3].name
+    assert len({image.name for image in maps}) == 3
     cache = ImageCache()
     for image in maps[:3]:
         cache.put("map", image)
-    assert cache.get("map", maps[0].name) is None
-    assert cache.get("map", maps[1].name) is maps[1] and cache.get("map", maps[2].name) is maps[2]
+    assert [cache.get("map", image.name) for image in maps[:3]] == [None, *maps[1:3]]
     assert cache.get("restricted", maps[2].name) is None
 
 
@@ -73,7 +75,7 @@ def test_the_floor_is_where_the_cameras_see_it():
     views = [CeilingImage(image, camera, looking_down(2.0, 4.0, 2.5))]
     image = page_images.draw_floor(grid, views)
     pixels = decode(image)[::-1]
-    meter = 1.0 / (grid.resolution * image.cells)
+    meter = 1.0 / (grid.resolution * image.cells_per_pixel)
 
     def at(x, y):
         return pixels[int((y - 2.0) * meter), int((x + 1.0) * meter)]
@@ -102,7 +104,8 @@ def test_camera_pictures_are_made_smaller_never_larger():
 def test_floor_without_a_camera_is_made_again_for_the_next_browser(monkeypatch):
     connected, drawings = {"red"}, []
     monkeypatch.setattr(camera_images.time, "monotonic", lambda: 0.0)
-    image, grid = page_images.EncodedImage(b"", "", 1), GridMap(np.zeros((2, 2), np.int8), 0.05)
+    image = page_images.EncodedImage(b"", "", 1)
+    grid = GridMap(np.zeros((2, 2), np.int8), 0.05)
     monkeypatch.setattr(page_images, "draw_floor", lambda _grid, views: drawings.append(views) or image)
     images = camera_images.CameraImages({}.get, ["red", "blue"], "raw", lambda: grid, None)
     monkeypatch.setattr(images, "_receive", lambda camera: camera if camera in connected else None)

@@ -18,16 +18,14 @@ from vb_core.errors import CodedError, ParameterError
 from vb_web import access_control
 from vb_web.access_control import ConnectionSlots, Role, Sessions
 from vb_web.page_images import ImageCache, EncodedImage
-from vb_web.server import PageParams, PageServer, addresses
+from vb_web.server import PageParams, PageServer, page_urls
 from vb_web.page_view import PageView
 
 CODES = {"viewer": "view-er22", "operator": "oper-at33"}
 BOUNDS = (0.0, 0.0), (8.0, 5.0)
 PREVIEW = {"do": "preview", "draft": GOOD_DRAFT, "border": ""}
-CERTIFICATE = (
-    "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 2 -subj /CN=lab"
-    " -addext subjectAltName=IP:127.0.0.1 -keyout page.key -out page.crt"
-)
+CERTIFICATE = "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 2 -subj /CN=lab"
+CERTIFICATE += " -addext subjectAltName=IP:127.0.0.1 -keyout page.key -out page.crt"
 
 
 class FakeBackend:
@@ -65,7 +63,10 @@ class Running:
     """A server that listens on loopback."""
 
     def __init__(self, sessions, params=PageParams(port=0)):
-        self.backend, self.view, self.images, self.faults = FakeBackend(), PageView(), ImageCache(), []
+        self.backend = FakeBackend()
+        self.view = PageView()
+        self.images = ImageCache()
+        self.faults = []
         self.images.put("map", EncodedImage(b"png", "a" * 16, 1))
         self.view.put("state", {"name": "default"})
         parts = {"view": self.view, "images": self.images, "actions": self.backend, "cameras": self.backend}
@@ -129,14 +130,14 @@ def network():
 
 def test_certificate_makes_the_network_https_only(tmp_path):
     params = PageParams(address="0.0.0.0", port=0, codes_file=str(tmp_path / "page_codes.yaml"))
-    assert addresses(params, 8420, ["lab"]) == ["http://lab:8420/"]
+    assert page_urls(params, 8420, ["lab"]) == ["http://lab:8420/"]
     (tmp_path / "page.crt").write_text("")
     with pytest.raises(ParameterError, match="go together"):
-        addresses(params, 8420, ["lab"])
+        page_urls(params, 8420, ["lab"])
     subprocess.run(CERTIFICATE.split(), cwd=str(tmp_path), check=True, stderr=subprocess.DEVNULL)
-    assert addresses(params, 8420, ["lab"]) == ["https://lab:8420/"]
-    local_params = PageParams(codes_file=params.codes_file)  # this computer's own browser
-    assert addresses(local_params, 8420, ["lab"]) == ["http://127.0.0.1:8420/"]
+    assert page_urls(params, 8420, ["lab"]) == ["https://lab:8420/"]
+    local_params = PageParams(codes_file=params.codes_file)  # for the browsers of this computer
+    assert page_urls(local_params, 8420, ["lab"]) == ["http://127.0.0.1:8420/"]
     with serving(Sessions(CODES), params) as running:
         trusted = {"ca_certs": str(tmp_path / "page.crt")}
         options = {"scheme": "https", "options": trusted, "Origin": f"https://{running.host}"}
@@ -184,7 +185,8 @@ def test_this_computer_needs_no_code(local):
     assert json.loads(local.ask("/session").body) == {"role": "operator", "login": False}
     assert [local.ask(path).code for path in PRIVATE] == [200, 200, 200]
     policy = local.ask("/").headers["Content-Security-Policy"]  # nothing is loaded from elsewhere
-    assert "default-src 'none'" in policy and "frame-ancestors 'none'" in policy and "unsafe" not in policy
+    assert {"default-src 'none'", "frame-ancestors 'none'"} <= set(policy.split("; "))
+    assert "unsafe" not in policy
 
 
 FOREIGN = [{"Host": "evil.example"}, {"Host": "localhost.evil.example:8420"}]
@@ -202,13 +204,12 @@ def test_in_a_network_nothing_is_shown_without_a_code(network):
     with pytest.raises(Exception, match="401"):
         network.link(stop)
     # the page itself and its words are not secret: it asks for the code
-    assert network.ask("/").code == 200 and network.ask("/words/de.json").code == 200
+    assert [network.ask(path).code for path in ("/", "/words/de.json")] == [200, 200]
 
 
 def test_viewers_look_and_operators_command(network):
     assert [network.ask(path, Cookie=cookie(network, Role.VIEWER)).code for path in PRIVATE] == [200, 403, 403]
     assert [network.ask(path, Cookie=cookie(network, Role.OPERATOR)).code for path in PRIVATE] == [200, 200, 200]
-
     assert network.link(stop, Cookie=cookie(network, Role.VIEWER))["code"] == "page_viewer_only"
     assert network.backend.done == []
     assert network.link(stop, Cookie=cookie(network, Role.OPERATOR))["ok"]
@@ -223,7 +224,8 @@ def log_in(running, code, **headers):
 def test_code_gives_a_cookie_hidden_from_scripts_and_other_sites(network):
     answer = log_in(network, "VIEW ER22")
     cookie_header = answer.headers["Set-Cookie"]
-    assert answer.code == 200 and "HttpOnly" in cookie_header and "SameSite=Strict" in cookie_header
+    assert answer.code == 200
+    assert {"HttpOnly", "SameSite=Strict"} <= set(cookie_header.split("; "))
     assert json.loads(network.ask("/session", Cookie=cookie_header.split(";")[0]).body)["role"] == "viewer"
     assert log_in(network, "oper-at33", Origin="http://evil.example").code == 403
     assert log_in(network, "wrong").code == 401
@@ -231,7 +233,7 @@ def test_code_gives_a_cookie_hidden_from_scripts_and_other_sites(network):
 
 def test_codes_cannot_be_tried_fast(network):
     codes = [log_in(network, typed).code for typed in [*["guess"] * 4, *[CODES["operator"]] * 4]]
-    assert codes[:5] == [401] * 4 + [200] and codes[-1] == 429
+    assert (codes[:5], codes[-1]) == ([401] * 4 + [200], 429)
 
 
 @pytest.mark.parametrize("headers", [{"Origin": "http://evil.example"}, {"Origin": "null"}, {"Origin": ""}])
@@ -241,7 +243,7 @@ def test_a_page_from_elsewhere_gets_no_link(local, headers):
     assert local.backend.done == []
 
 
-# paths out of the folder, files of the program, invalid camera names, missing files
+# paths out of the folder and to files of the program, and names of no camera or file
 HIDDEN = ["/../../etc/passwd", "/static/../server.py", "/%2e%2e/server.py", "/server.py", "/picture/map/../../x.png"]
 HIDDEN += ["/camera/rosout.jpg", "/camera/..%2f..%2fx.jpg", "/words/xx.json", "/" + "a" * 60]
 
@@ -278,7 +280,7 @@ def test_a_browser_gets_the_whole_view_and_then_what_changes(local):
         return received, json.loads(await asyncio.wait_for(connection.read_message(), 60.0))
 
     received, update = local.link(work)
-    assert received["hello"]["role"] == "operator" and received["view"] == {"state": {"name": "default"}}
+    assert (received["hello"]["role"], received["view"]) == ("operator", {"state": {"name": "default"}})
     assert update == {"view": {"spots": {"red": [1, 2, 0, 3.0]}}}
 
 
@@ -287,7 +289,8 @@ def test_a_request_that_is_sent_again_is_carried_out_once(local):
         return [await answer_to(connection, do="add", id="same", draft=GOOD_DRAFT) for _ in range(3)]
 
     answers = local.link(work)
-    assert all(answer["ok"] for answer in answers) and len(local.backend.done) == 1
+    assert all(answer["ok"] for answer in answers)
+    assert len(local.backend.done) == 1
 
 
 def test_refusals_come_as_codes(local):
@@ -315,14 +318,13 @@ def test_previews_wait_only_for_those_of_the_same_person(network):
     network.backend.gate.clear()
 
     async def work(first):
-        loop = asyncio.get_event_loop()
         second_connection = await network.connect(Cookie=cookie(network, Role.OPERATOR))
         for number in range(4):
             await send(first, **PREVIEW, id=f"p{number}")
         await answer_to(second_connection, do="invite")  # all four have arrived
         await send(second_connection, **PREVIEW, id="q")
         for _ in range(2):
-            assert await loop.run_in_executor(None, network.backend.arrived.acquire, True, 60.0)
+            assert await asyncio.get_event_loop().run_in_executor(None, network.backend.arrived.acquire, True, 60.0)
         sources = list(network.backend.previews)
         network.backend.gate.set()
         return sources
@@ -420,12 +422,14 @@ def test_garbage_on_the_socket_ends_only_itself(local):
 
 
 def test_one_newcomer_is_let_in_at_each_turn_of_the_loop(local):
-    loop, slots, count = local.server._loop, local.server.slots[Role.NOBODY], 6
-    entered, gate, finished, counts = threading.Event(), threading.Event(), threading.Event(), []
+    loop = local.server._loop
+    slots = local.server.slots[Role.NOBODY]
+    counts = []
+    entered, gate, finished = threading.Event(), threading.Event(), threading.Event()
 
     def look():
         counts.append(len(slots._holders))
-        finished.set() if counts[-1] == count else loop.call_soon(look)
+        finished.set() if counts[-1] == 6 else loop.call_soon(look)
 
     def stand_still():
         entered.set()
@@ -435,7 +439,7 @@ def test_one_newcomer_is_let_in_at_each_turn_of_the_loop(local):
     loop.call_soon_threadsafe(stand_still)
     assert entered.wait(60.0)
     with contextlib.ExitStack() as stack:
-        for _ in range(count):
+        for _ in range(6):
             stack.enter_context(local.socket())
         gate.set()
         assert finished.wait(60.0)

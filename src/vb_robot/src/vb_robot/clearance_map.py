@@ -1,7 +1,7 @@
 """Answers a round robot's queries about a map: clearance, lines of sight, shortest paths.
 
 Only the floor around the line and the robots matters. `bounding_window` gives this part of the map, so that the time
-for a choice does not depend on the map's size; the path of a robot outside it enters at the window's edge.
+for a choice does not depend on the map's size. The path of a robot outside it enters at the window's edge.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ STOP_MARGIN = 0.10  # [m] beyond the radius at a position where a robot stops
 TRAVEL_MARGIN = 0.03  # [m] beyond the radius on a path; navigation has its own inflation
 BLOCKED_THRESHOLD = 50  # [%] occupancy from which a cell is blocked, even by a soft border
 PATH_CELL = 0.05  # [m] minimum cell size of the grid for path searches
-MAX_PATH_CELLS = 10000  # of that grid, which is coarser on large maps; a search takes 1 ms per 1,000 cells
+MAX_PATH_CELLS = 10000  # the path grid is coarser on larger maps; a search takes 1 ms per 1,000 cells
 START_TOLERANCE = 0.35  # [m] maximum distance of a path's start from free cells, for a robot at a wall
-WINDOW_MARGIN = 3.0  # [m] around spot, robots and line; robots look from up to 1.5 m, the line is extrapolated by 0.8 m
+WINDOW_MARGIN = 3.0  # [m] around spot, robots and line; a robot looks from up to 1.5 m at 0.8 m of extrapolated line
 MAX_WINDOW_REACH = 8.0  # [m] from the spot, beyond which robots and lines do not enlarge the window
 WINDOW_STEP = 2.0  # [m] windows' edges are multiples of it, so that a moving spot uses one window for some time
 NEIGHBORS = ((0, 1), (1, 0), (1, 1), (1, -1))  # (rows, columns); each edge is used in both directions
@@ -58,13 +58,13 @@ class ClearanceMap:
         """Returns (N,) bool: whether there is room for the robot and its margin at points (N, 2) [m]."""
         return sample(self.grid, self.clearance, points) >= self.radius + STOP_MARGIN
 
-    def line_of_sight(self, points: np.ndarray, target) -> np.ndarray:
+    def has_line_of_sight(self, points: np.ndarray, target) -> np.ndarray:
         """Returns (N,) bool: whether nothing opaque lies between points (N, 2) and a target (2,) [m]."""
         points = np.asarray(points, dtype=float).reshape(-1, 2)
         offsets = points - np.asarray(target, dtype=float)
         lengths = np.linalg.norm(offsets, axis=1)
-        # samples at fixed steps from the target, so that a point's result does not depend on the others; skips the
-        # first steps, because a spot at the foot of a wall is visible although its cell may be the wall's
+        # the samples are at fixed steps from the target, so that a point's result does not depend on the others. The
+        # first steps are skipped, because a spot at the foot of a wall is visible although its cell may be the wall's
         distances = np.arange(2.0 * self.grid.resolution, lengths.max(initial=0.0), 0.5 * self.grid.resolution)
         units = offsets / np.maximum(lengths, 1e-9)[:, None]
         samples = target + distances[None, :, None] * units[:, None, :]
@@ -74,12 +74,11 @@ class ClearanceMap:
 
     # ------------------------------------------------------------- paths
     def path_lengths(self, start, places: np.ndarray, others=(), barred: Optional[np.ndarray] = None) -> np.ndarray:
-        """Returns the lengths (N,) [m] of the shortest paths from a start (2,) [m] to places (N, 2) [m]; inf if none.
+        """Returns the lengths (N,) [m] of the shortest paths from a start (2,) [m] to places (N, 2) [m], or inf if none.
 
         Paths avoid other robots (K, 2) [m], of the same size, and barred cells (H, W) bool. Straight lines connect a
         start outside a window to the free cells of its edge.
         """
-        start, others = np.asarray(start, dtype=float), np.asarray(others, dtype=float).reshape(-1, 2)
         coarse = self.grid.resolution * np.sqrt(self.grid.data.size / MAX_PATH_CELLS)
         step = max(1, int(np.ceil(max(PATH_CELL, coarse) / self.grid.resolution - 0.01)))
         rows, columns = (size // step for size in self.grid.shape)
@@ -108,7 +107,7 @@ class ClearanceMap:
         return lengths
 
     # ------------------------------------------------------------- sides
-    def side_of(self, seed, chain: np.ndarray, closed: bool) -> Optional[np.ndarray]:
+    def predict_restricted_side(self, seed, chain: np.ndarray, closed: bool) -> Optional[np.ndarray]:
         """Predicts the area that a border along the chain would restrict with a seed, less exactly than integration.
 
         Args:
@@ -121,9 +120,9 @@ class ClearanceMap:
         if len(chain) < 2:
             return None
         if not closed:
-            chain = np.vstack(
-                [self.ray_end(chain[0], chain[0] - chain[1]), chain, self.ray_end(chain[-1], chain[-1] - chain[-2])]
-            )
+            start = self.ray_end(chain[0], chain[0] - chain[1])
+            end = self.ray_end(chain[-1], chain[-1] - chain[-2])
+            chain = np.vstack([start, chain, end])
         canvas = (~self.blocked).astype(np.uint8)
         pixels = np.rint(self.grid.world_to_grid(chain)).astype(np.int32)
         cv2.polylines(canvas, [pixels.reshape(-1, 1, 2)], closed, 0, thickness=1, lineType=cv2.LINE_8)
@@ -174,7 +173,8 @@ class ShortestPaths:
 
     def path_to(self, cell) -> np.ndarray:
         """Returns the cells (N, 2) of the path to a cell (row, column), in order; (0, 2) if there is none."""
-        node, path = int(np.ravel_multi_index(tuple(cell), self.costs.shape)), []
+        path = []
+        node = int(np.ravel_multi_index(tuple(cell), self.costs.shape))
         while np.isfinite(self.costs[tuple(cell)]) and node != self.costs.size:
             path.append(node)
             node = int(self._before[node])

@@ -15,7 +15,7 @@ import numpy as np
 import rosgraph
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatusArray
-from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, Vector3
 from move_base_msgs.msg import RecoveryStatus
 from nav_msgs.msg import Path
 from sensor_msgs.msg import LaserScan
@@ -40,13 +40,13 @@ from vb_robot.driving.arbiter import Arbiter, DriveCommand
 from vb_robot.driving.command_gate import NAVIGATION, RATE, STOP, TELEOP
 from vb_robot.driving.scan_clearance import Scan
 from vb_robot.driving.workspace import PoseUncertainty, Workspace
-from vb_robot.subscriptions import RUNNING, message_class, subscribe_map, subscribe_spots
+from vb_robot.subscriptions import RUNNING, contact_message_class, subscribe_map, subscribe_spots
 
 STATE_PERIOD = 0.5  # [s] between reports of the source that drives, even if nothing changes
 MIN_STOP = 0.5  # [s] shortest stop that is reported as a notice
 WIRING_PERIOD, AMCL_UPDATE_PERIOD = 1.0, 0.3  # [s] in wall time
-MAX_AMCL_UPDATES = 40  # requested at most; by then AMCL has found its pose, or will not find it
-# codes that are reported as notices, unlike the usual ones: "driving", "idle", "spot_in_view", "speed_limit" ...
+MAX_AMCL_UPDATES = 40  # after so many, AMCL has found its pose, or will not find it
+# codes that are reported as notices, unlike usual ones such as "driving" and "speed_limit"
 STOP_CODES = frozenset(
     "stopped state_lost scan_lost pose_lost pose_jumped pose_uncertain no_map clock_stopped "
     "internal_error other_cmd_vel_publisher contact obstacle floor_not_scanned border inside_border bad_command".split()
@@ -58,9 +58,7 @@ SEVERITIES = {"obstacle": Severity.INFO, "border": Severity.INFO, "other_cmd_vel
 class DriverParams(Parameters):
     """The node's parameters. The robot's properties come from its profile."""
 
-    robot: str = param(
-        "", doc="name of the robot in borders and notices, of its camera, and before its frames; empty: the only one"
-    )
+    robot: str = param("", doc="the robot's name in borders, notices and frames, and its camera's; empty: the only one")
     mobile_cameras: tuple = param(("robot",), doc="names of all cameras on robots; all others are stationary")
     stop_file: str = param("", doc="file with the stops that the robot holds, also after a restart; empty: none")
 
@@ -77,7 +75,7 @@ class RobotDriverNode:
         scan (sensor_msgs/LaserScan): as the profile names it
         <contact> (rospy/AnyMsg): each contact sensor, with the message type that the profile names
         move_base/status (actionlib_msgs/GoalStatusArray)
-        move_base/recovery_status (move_base_msgs/RecoveryStatus): a recovery turns the robot by itself; optional
+        move_base/recovery_status (move_base_msgs/RecoveryStatus): a recovery turns the robot on its own; optional
         move_base/NavfnROS/plan (nav_msgs/Path): or another planner's; the robot first turns towards it; optional
         amcl_pose, initialpose (geometry_msgs/PoseWithCovarianceStamped): how far off the localisation may be, and that
             somebody has told it where the robot is; optional
@@ -100,7 +98,7 @@ class RobotDriverNode:
     """
 
     def __init__(self, params: DriverParams, profile: RobotProfile) -> None:
-        contacts = [(contact, message_class(contact)) for contact in profile.contacts]
+        contacts = [(contact, contact_message_class(contact)) for contact in profile.contacts]
         self._params, self._profile = params, profile
         prefix = f"{params.robot}/" if params.robot else ""
         self._base, self._odom = prefix + profile.frames.base, prefix + profile.frames.odom
@@ -112,7 +110,7 @@ class RobotDriverNode:
         self._mounts: Dict[str, np.ndarray] = {}
         self._allowed = {rospy.get_name()}  # nodes that may command the base
         self._stopped_since: Dict[str, float] = {}
-        self._report: Tuple[Any, ...] = ()  # the newest: source, code, lasting stops
+        self._report: Tuple[Any, ...] = ()  # the newest report's source, code and stops
         self._reported_at = -1.0  # [s]
         self._timer = node.WakeTimer(1.0 / RATE)
         self._transforms = TransformLookup()
@@ -189,7 +187,7 @@ class RobotDriverNode:
         entered, stamp = message.entered.to_sec(), message.header.stamp.to_sec()
         self._arbiter.set_state(state_by_name(message.name), message.interaction_id, entered, stamp)
         self._stops.update_from_latch(message.stopped, message.stops)
-        self._stops.store()  # in the callbacks, so that a slow disk does not delay commands to the wheels
+        self._stops.store()  # here in the callback, so that a slow disk does not delay commands to the wheels
 
     def _on_stop(self, message: Stop) -> None:
         self._stops.hear(message.id or new_id())
@@ -199,6 +197,7 @@ class RobotDriverNode:
         self._arbiter.add_contributors(message.interaction_id, message.cameras)
 
     def _on_scan(self, message: LaserScan) -> None:
+        """Stores a scan with the time of its last beam, from which its age counts. The message has the first beam's."""
         frame = message.header.frame_id.lstrip("/")
         if frame not in self._mounts:
             T = self._lookup(self._base, frame, rospy.Time(0))
@@ -216,15 +215,14 @@ class RobotDriverNode:
             radius=self._profile.radius,
             no_return=self._profile.scanner.no_return,
         )
-        # the message's stamp is that of the first beam, but the scan's age counts from the last
         duration = max(message.time_increment, 0.0) * max(len(message.ranges) - 1, 0)
         stamp = message.header.stamp.to_sec()
         self._arbiter.gate.set_scan(scan, stamp + min(duration, max(rospy.get_time() - stamp, 0.0)))
 
     def _on_contact(self, contact: Contact, message: Any) -> None:
-        sensor = contact.topic, int(getattr(message, contact.sensor)) if contact.sensor else 0
+        number = int(getattr(message, contact.sensor)) if contact.sensor else 0
         touched = int(getattr(message, contact.field)) != contact.clear
-        self._arbiter.gate.set_contact(sensor, contact.blocks if touched else "")
+        self._arbiter.gate.set_contact((contact.topic, number), contact.blocks if touched else "")
 
     def _on_status(self, message: GoalStatusArray) -> None:
         self._arbiter.set_goal(any(entry.status in RUNNING for entry in message.status_list), rospy.get_time())
@@ -254,8 +252,8 @@ class RobotDriverNode:
     def _request_amcl_update(self) -> None:
         """Makes AMCL compare scans with the map although the robot stands still, if it knew or was told its pose.
 
-        By itself, AMCL does so only while the robot moves. But a robot that does not know its pose stands still, so one
-        bad moment would last for ever. A pose given in RViz is only accurate to half a metre, which is not enough.
+        On its own, AMCL does so only while the robot moves. But a robot that does not know its pose stands still, so one
+        bad moment would last forever. A pose given in RViz is only accurate to half a metre, which is not enough.
         """
         if self._amcl_updates_left and self._arbiter.gate.pose_uncertain:
             self._amcl_updates_left -= 1
@@ -267,7 +265,7 @@ class RobotDriverNode:
     def _use_maps(self) -> None:
         borders, physical = self._maps.get("borders"), self._maps.get("physical")
         if borders is None or physical is None or not physical.same_geometry(borders):
-            self._arbiter.gate.workspace = None  # because it is not known which cells are borders
+            self._arbiter.gate.workspace = None  # it is not known which cells are borders
             return
         workspace = Workspace(borders, physical, self._profile.radius, self._uncertainty.meters)
         self._arbiter.gate.workspace = workspace
@@ -276,12 +274,14 @@ class RobotDriverNode:
     # ------------------------------------------------------------- driving
     def _run(self) -> None:
         # the robot must stop even if simulated time stands still
-        last_stamp, clock_moved_at = rospy.Time(0), time.monotonic()
+        last_stamp = rospy.Time(0)
+        clock_moved_at = time.monotonic()
         while self._timer.get() is not None and not rospy.is_shutdown():
             now = rospy.Time.now()
             try:
                 if now != last_stamp:
-                    last_stamp, clock_moved_at = now, time.monotonic()
+                    last_stamp = now
+                    clock_moved_at = time.monotonic()
                 self._arbiter.gate.clock_age = time.monotonic() - clock_moved_at
                 self._update_pose()
                 self._execute(self._arbiter.step(now.to_sec(), self._cmd_vel.get_num_connections()), now)
@@ -289,25 +289,21 @@ class RobotDriverNode:
                 if rospy.is_shutdown():
                     return
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {traceback.format_exc()}")
-                # whatever fails, the robot must not keep its last command: the zero comes first, as the report may fail too
+                # whatever fails, the robot must not keep its last command; zero comes first because reporting may fail too
                 with contextlib.suppress(Exception):
                     self._execute(self._arbiter.halt("internal_error"), now)
 
     def _update_pose(self) -> None:
         # tf returns the newest transform, however old
         stamp = self._transforms.newest(names.MAP_FRAME, self._base)
-        pose, odometry = (
-            geometry.pose2d_from_transform(T) if T is not None else None
-            for T in (self._lookup(frame, self._base, stamp) for frame in (names.MAP_FRAME, self._odom))
-        )
+        transforms = [self._lookup(frame, self._base, stamp) for frame in (names.MAP_FRAME, self._odom)]
+        pose, odometry = (None if T is None else geometry.pose2d_from_transform(T) for T in transforms)
         correction = self._transforms.newest(names.MAP_FRAME, self._odom).to_sec()
         self._arbiter.gate.set_pose(pose, stamp.to_sec(), correction, odometry)
 
     def _execute(self, command: DriveCommand, now: rospy.Time) -> None:
         if command.publish:
-            message = Twist()
-            message.linear.x, message.angular.z = command.v, command.w
-            self._cmd_vel.publish(message)
+            self._cmd_vel.publish(Twist(linear=Vector3(x=command.v), angular=Vector3(z=command.w)))
         if command.cancel:
             self._cancel.publish(GoalID())
         self._publish_report(command, now.to_sec())

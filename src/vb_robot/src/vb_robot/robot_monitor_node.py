@@ -31,16 +31,16 @@ from vb_msgs.srv import SendRobot, SendRobotResponse
 from vb_robot.dispatching.dispatched_robot import DispatchedRobot
 from vb_robot.dispatching.dispatcher import Dispatcher
 from vb_robot.dispatching.viewpoint import DrawingState
-from vb_robot.driving.scan_clearance import limit_around
+from vb_robot.driving.scan_clearance import lowest_speed_limit
 from vb_robot.subscriptions import keep_out_borders_for, subscribe_map, subscribe_spots
 from vb_robot.monitoring.watched_robot import WatchedRobot
-from vb_robot.monitoring.navigation_connections import within
+from vb_robot.monitoring.navigation_connections import resolve_name
 from vb_robot.spot_sightings import Sighting
 
-PERIOD = 0.2  # [s] between checks of poses and speed limits
+CHECK_PERIOD = 0.2  # [s] between checks of poses and speed limits
 DISPATCH_PERIOD = 0.25  # [s] between decisions of the dispatcher, in which the spot moves 0.1 m at most
 GRAPH_PERIOD = 2.0  # [s] between checks of the ROS graph, in wall time
-REPEAT = 1.0  # [s]
+STATUS_PERIOD = 1.0  # [s] between repetitions of the robots' status
 SETTLING_TIME = 10.0  # [s] for which a fault must last before a notice says so, as a lab starts and ends node by node
 SLOW_DOWN_DISTANCE = 0.5  # [m] before a slow zone, at which its limit is set; a planner brakes from 1 m/s within it
 CANCEL_PERIOD = 0.5  # [s] between cancellations of goals that are sent again and again
@@ -54,9 +54,7 @@ class RobotMonitorParams(Parameters):
     frames: tuple = param((), doc="their base frames, in the same order; none: base_link, or NAME/base_link")
     interaction: bool = param(True, doc="whether an interaction manager belongs to this lab")
     dispatch: bool = param(False, doc="whether to send a robot to where its own camera sees the spot")
-    obey: bool = param(
-        False, doc="whether to obey stop and slow zones through the navigation of robots that have no driver"
-    )
+    obey: bool = param(False, doc="whether robots without a driver obey stop and slow zones, through navigation")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -101,9 +99,9 @@ class RobotMonitorNode:
         self._params = params
         node.wait_for_clock()
         self._lock = threading.RLock()
-        self._stops = HeldStops()  # only in memory, because the manager keeps stops, and its state repeats them
+        self._stops = HeldStops()  # in memory only, because the manager keeps stops, and its state repeats them
         self._speed_limits: Optional[GridMap] = None
-        self._has_slow_zones: Optional[bool] = None  # known before the map of their limits; None: not known yet
+        self._has_slow_zones: Optional[bool] = None  # known before the map of their limits; None before
         self._cameras: Dict[str, None] = {}
         self._capabilities = capabilities.derive_capabilities(capabilities.Connections())
         self._faulty_since: Dict[Any, float] = {}
@@ -116,10 +114,9 @@ class RobotMonitorNode:
         robots = params.robots or ("",)
         profiles = {name: robot_profile.read(name) for name in robots} if params.dispatch else {}
         bases = [profiles[name].frames.base if name in profiles else "base_link" for name in robots]
-        frames = params.frames or [within(name, base)[1:] for name, base in zip(robots, bases)]
-        self._robots = {
-            name: WatchedRobot(name, frame, transforms, self._goals_to_check.put) for name, frame in zip(robots, frames)
-        }
+        frames = params.frames or [resolve_name(name, base)[1:] for name, base in zip(robots, bases)]
+        check = self._goals_to_check.put
+        self._robots = {name: WatchedRobot(name, frame, transforms, check) for name, frame in zip(robots, frames)}
         self._dispatcher = Dispatcher({name: profile.radius for name, profile in profiles.items()})
         self._dispatched = {
             name: DispatchedRobot(self._robots[name], profile, transforms) for name, profile in profiles.items()
@@ -130,7 +127,7 @@ class RobotMonitorNode:
         self._status = rospy.Publisher(names.ROBOTS, RobotStatusArray, queue_size=1, latch=True)
         self._subscribe()
         node.Worker(self._goals_to_check, self._check_goal)
-        self._timer, self._graph_timer = node.WakeTimer(PERIOD), node.WakeTimer(GRAPH_PERIOD)
+        self._timer, self._graph_timer = node.WakeTimer(CHECK_PERIOD), node.WakeTimer(GRAPH_PERIOD)
         node.Worker(self._graph_timer, lambda _woken: self._update_wirings())
         node.Worker(self._timer, lambda _woken: self._check_robots())
         if params.dispatch:
@@ -138,16 +135,15 @@ class RobotMonitorNode:
         rospy.Service(names.SEND_ROBOT, SendRobot, self._on_send_robot)
 
     def _subscribe(self) -> None:
-        def on_map(topic: str, layer: str, robots: List[WatchedRobot]) -> None:
-            subscribe_map(topic, functools.partial(self._on_map, layer, robots))
-
         everyone = list(self._robots.values())
-        on_map(names.PHYSICAL_MAP, "physical", everyone)
-        on_map(names.MAP_WITH_BORDERS, "borders", everyone)
+        subscribe_map(names.PHYSICAL_MAP, functools.partial(self._on_map, "physical", everyone))
+        subscribe_map(names.MAP_WITH_BORDERS, functools.partial(self._on_map, "borders", everyone))
         for robot in everyone:
-            on_map(within(robot.name, names.MAP_WITH_MARGIN), "keep_out", [robot])
+            keep_out = resolve_name(robot.name, names.MAP_WITH_MARGIN)
+            subscribe_map(keep_out, functools.partial(self._on_map, "keep_out", [robot]))
             if robot.name:
-                on_map(within(robot.name, names.MAP_WITH_BORDERS[1:]), "own", [robot])
+                robot_borders = resolve_name(robot.name, names.MAP_WITH_BORDERS[1:])
+                subscribe_map(robot_borders, functools.partial(self._on_map, "robot_borders", [robot]))
         subscribe_map(names.SPEED_LIMITS, functools.partial(setattr, self, "_speed_limits"))
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
         rospy.Subscriber(names.DRIVERS, DriverState, self._on_driver, queue_size=20)
@@ -183,7 +179,7 @@ class RobotMonitorNode:
 
     def _on_driver(self, message: DriverState) -> None:
         if message.robot in self._robots:
-            self._robots[message.robot].hear_driver(message, rospy.get_time())
+            self._robots[message.robot].update_driver(message, rospy.get_time())
 
     def _on_detector(self, message: DetectorStatus) -> None:
         self._cameras[message.camera] = None
@@ -194,7 +190,7 @@ class RobotMonitorNode:
         with self._dispatch_lock:
             state = state_by_name(message.name)
             self._dispatcher.sightings.set_state(state, message.interaction_id, message.entered.to_sec())
-        self._dispatch_timer.set()  # because the robots must stop at once when the state ends
+        self._dispatch_timer.set()  # the robots must stop at once when the state ends
 
     def _on_stop(self, message: Stop) -> None:
         self._stops.hear(message.id or new_id())
@@ -211,13 +207,13 @@ class RobotMonitorNode:
                     robot.cancel_goals()
 
     def _speed_limit_at(self, robot: WatchedRobot) -> Optional[float]:
-        """Returns the speed limit [m/s] at a robot, inf without a limit; None while it is not known."""
+        """Returns the speed limit [m/s] at a robot, which is inf without a limit and None while it is not known."""
         if robot.pose is None or self._has_slow_zones is None:
             return None
         if not self._has_slow_zones:
             return math.inf
         reach = SLOW_DOWN_DISTANCE + (robot.wiring.radius or 0.0)
-        return limit_around(self._speed_limits, robot.pose[:2], reach) if self._speed_limits is not None else None
+        return lowest_speed_limit(self._speed_limits, robot.pose[:2], reach) if self._speed_limits is not None else None
 
     # ------------------------------------------------------------- dispatching
     def _on_spot(self, sighting: Sighting) -> None:
@@ -254,6 +250,7 @@ class RobotMonitorNode:
         self._publish_status()
 
     def _on_send_robot(self, request: Any) -> SendRobotResponse:
+        """Sends a robot to a goal, or ends its drive, if it can. The answer says why not."""
         robot = self._robots.get(request.robot)
         if robot is None:
             return _answer(False, Notice("robot_unknown", values={"who": request.robot}))
@@ -285,7 +282,8 @@ class RobotMonitorNode:
     def _check_robots(self) -> None:
         for robot in self._robots.values():
             robot.locate()
-            speed, limit = robot.speed, self._speed_limit_at(robot)
+            speed = robot.speed
+            limit = self._speed_limit_at(robot)
             # a planner keeps its limit while it is not known whether it may be lifted
             if self._params.obey and speed is not None and limit is not None:
                 speed.request_limit(limit)
@@ -300,31 +298,30 @@ class RobotMonitorNode:
             robots = [robot.status(stops) for robot in self._robots.values()]
             message = RobotStatusArray(interaction=self._params.interaction, cameras=list(self._cameras), robots=robots)
             changed = (message.robots, message.cameras) != self._published
-            if changed or not 0.0 <= now - self._published_at < REPEAT:
+            if changed or not 0.0 <= now - self._published_at < STATUS_PERIOD:
                 self._published, self._published_at = (message.robots, message.cameras), now
                 message.header.stamp = rospy.Time.from_sec(now)
                 self._status.publish(message)
             self._capabilities = capabilities.derive_capabilities(connections_from_message(message))
-            faults = self._lasting(self._capabilities.problems(), now)
+            notices = self._find_lasting(self._capabilities.problems(), now)
             self._log(now)
-            notices = [notice for robot in self._robots.values() for notice in robot.notices(now)]
-            dispatching = self._dispatcher.notice  # read once, because it is set in another thread
-            self._notices.set([*faults, *notices, *([dispatching] if dispatching is not None else [])])
+            notices.extend(notice for robot in self._robots.values() for notice in robot.notices(now))
+            dispatching = self._dispatcher.notice  # another thread may set it between two readings
+            if dispatching is not None:
+                notices.append(dispatching)
+            self._notices.set(notices)
 
-    def _lasting(self, faults: List[Notice], now: float) -> List[Notice]:
+    def _find_lasting(self, faults: List[Notice], now: float) -> List[Notice]:
         """Returns the faults that have lasted for SETTLING_TIME."""
-        previous, self._faulty_since = self._faulty_since, {}
-        for fault in faults:
-            key = (fault.code, fault.robot)
-            self._faulty_since[key] = min(previous.get(key, now), now)
-        return [fault for fault in faults if now - self._faulty_since[(fault.code, fault.robot)] >= SETTLING_TIME]
+        keys = [(fault.code, fault.robot) for fault in faults]
+        self._faulty_since = {key: min(self._faulty_since.get(key, now), now) for key in keys}
+        return [fault for fault, key in zip(faults, keys) if now - self._faulty_since[key] >= SETTLING_TIME]
 
     def _log(self, now: float) -> None:
         """Logs what is connected once the lab has started, and later its changes. Faults are notices instead."""
         lines = self._capabilities.robot_notices
-        if now - self._started < SETTLING_TIME or lines == self._logged:
-            return
-        if self._faulty_since and min(now - since for since in self._faulty_since.values()) < SETTLING_TIME:
+        is_settling = any(now - since < SETTLING_TIME for since in (self._started, *self._faulty_since.values()))
+        if is_settling or lines == self._logged:
             return
         for line in lines:
             if line not in self._logged and line.severity is Severity.INFO:

@@ -15,7 +15,8 @@ import numpy as np
 
 from vb_core.vocabulary import BORDER, DEFAULT, SEED, State
 
-WINDOW, MIN_TARGET_SIGHTINGS = 1.0, 3  # [s] of sightings that give the spot's position, and their minimum number
+TARGET_WINDOW = 1.0  # [s] of sightings that give the spot's position
+MIN_TARGET_SIGHTINGS = 3  # in it, so that one false spot does not move a robot
 LOST_TIMEOUT = 0.7  # [s] without a sighting after which the spot is lost; cameras miss single images
 MIN_STRAIGHTNESS = 0.7  # cosine of the largest turn that still counts as straight
 VELOCITY_WINDOW = 0.6  # [s] of sightings that give the direction in which the line continues
@@ -37,12 +38,11 @@ class Sighting:
     confidence: float = 1.0
 
 
-class Sightings:
+class SpotSightings:
     """Collects the sightings of one interaction, and decides which robot acts on them and how.
 
     In Guide, only the robot whose camera has seen the spot longest without a pause acts, and follows. In Border and
-    Seed, a robot is sent once a stationary camera has seen the spot in this interaction; before, and without any such
-    camera, the robot follows.
+    Seed, a robot is sent once a stationary camera has seen the spot in this interaction. Until then, the robot follows.
 
     Args:
         mobile_cameras: names of cameras on robots, known before any of them has seen a spot.
@@ -54,8 +54,8 @@ class Sightings:
         self._interaction = ""
         self._entered = 0.0
         self.state = DEFAULT
-        self.stationary_seen = False
-        self.first_mobile: Optional[float] = None
+        self.has_stationary_sighting = False
+        self.first_mobile_stamp: Optional[float] = None
         # for each robot's camera: start and end [s] of its last sightings without a pause, in this state
         self._runs: Dict[str, Tuple[float, float]] = {}
         self._follower: Optional[str] = None  # the camera of the robot that followed last in this state
@@ -68,8 +68,8 @@ class Sightings:
     def set_state(self, state: State, interaction: str, entered: float) -> None:
         """Sets the interaction's state."""
         if interaction != self._interaction or state == DEFAULT:
-            self.stationary_seen = False
-            self.first_mobile = None
+            self.has_stationary_sighting = False
+            self.first_mobile_stamp = None
         if (interaction, state) != self.key:
             self._recent.clear()
             self._runs.clear()
@@ -84,10 +84,10 @@ class Sightings:
             return False
         self._recent.append(sighting)
         if not sighting.mobile:
-            self.stationary_seen = True
+            self.has_stationary_sighting = True
             return True
-        if self.first_mobile is None:
-            self.first_mobile = sighting.stamp
+        if self.first_mobile_stamp is None:
+            self.first_mobile_stamp = sighting.stamp
         since, until = self._runs.get(sighting.camera, (sighting.stamp, sighting.stamp))
         if abs(sighting.stamp - until) > RUN_GAP:
             since = until = sighting.stamp  # the spot was lost, or time has jumped back
@@ -97,7 +97,7 @@ class Sightings:
 
     def should_dispatch(self) -> bool:
         """Returns whether to send a robot to a position from which its camera sees the spot."""
-        return bool(self.state.collects) and self.stationary_seen
+        return bool(self.state.collects) and self.has_stationary_sighting
 
     def should_follow(self, camera: str, now: float) -> bool:
         """Returns whether the robot with this camera should follow the spot."""
@@ -105,7 +105,9 @@ class Sightings:
             return False
         if self.state.guides:
             return True
-        return not self.stationary_seen and self.first_mobile is not None and now - self.first_mobile >= FOLLOW_DELAY
+        if self.has_stationary_sighting or self.first_mobile_stamp is None:
+            return False
+        return now - self.first_mobile_stamp >= FOLLOW_DELAY
 
     def _update_follower(self, now: float) -> Optional[str]:
         """Returns the robot camera that has seen the spot longest without a pause. If none sees it, the last such one.
@@ -120,7 +122,7 @@ class Sightings:
     def add_contributors(self, interaction: str, cameras: Iterable[str]) -> None:
         """Adds cameras that contributed to an interaction, also before this program started."""
         if interaction == self._interaction and self.state != DEFAULT and not self._mobile_names.issuperset(cameras):
-            self.stationary_seen = True
+            self.has_stationary_sighting = True
 
     def forget_after(self, now: float) -> None:
         """Removes sightings after time `now` [s], because time has jumped back."""
@@ -136,30 +138,27 @@ class Sightings:
         stamps = [s.stamp for s in self._recent if not s.mobile]
         if newest is None or not stamps:
             return False
-        sees_it_now = newest.stamp - max(stamps) <= WINDOW and self.time_since_seen(now) <= LOST_TIMEOUT
+        sees_it_now = newest.stamp - max(stamps) <= TARGET_WINDOW and self.time_since_seen(now) <= LOST_TIMEOUT
         return self.state == SEED or sees_it_now
 
     def time_since_seen(self, now: float) -> float:
-        """Returns the time [s] since a camera last saw a border's spot; 0 before, and in Seed, as a seed is still."""
+        """Returns the time [s] since a camera last saw a border's spot. It is 0 before, and in Seed, as a seed is still."""
         newest = self.newest()
         return max(0.0, now - newest.stamp) if newest is not None and self.state == BORDER else 0.0
 
     def target(self) -> Optional[np.ndarray]:
-        """Returns the spot's last position (2,) [m], the median of its last sightings.
-
-        Returns None with fewer than MIN_TARGET_SIGHTINGS, so that one false spot does not move a robot.
-        """
+        """Returns the spot's last position (2,) [m], the median of its last sightings, or None if they are too few."""
         newest = self.newest()
         if newest is None:
             return None
-        positions = [s.position for s in self._recent if s.stamp >= newest.stamp - 0.3 * WINDOW]
+        positions = [s.position for s in self._recent if s.stamp >= newest.stamp - 0.3 * TARGET_WINDOW]
         if len(positions) < MIN_TARGET_SIGHTINGS:
-            recent = [s for s in self._recent if s.stamp >= newest.stamp - 3.0 * WINDOW]
+            recent = [s for s in self._recent if s.stamp >= newest.stamp - 3.0 * TARGET_WINDOW]
             positions = [s.position for s in sorted(recent, key=lambda s: s.stamp)[-MIN_TARGET_SIGHTINGS:]]
         return np.median(np.array(positions), axis=0) if len(positions) >= MIN_TARGET_SIGHTINGS else None
 
     def velocity(self) -> Optional[np.ndarray]:
-        """Measures the spot's velocity (2,) [m/s] over VELOCITY_WINDOW; None if it rests or has just turned.
+        """Measures the spot's velocity (2,) [m/s] over VELOCITY_WINDOW, or returns None if it rests or has just turned.
 
         Only the camera that saw the spot last counts, because cameras differ by centimetres.
         """
@@ -170,7 +169,7 @@ class Sightings:
         if len(recent) < MIN_VELOCITY_SIGHTINGS:
             return None
         samples = np.array(sorted((s.stamp, *s.position) for s in recent))
-        thirds = np.array([np.median(third, axis=0) for third in np.array_split(samples, 3)])  # (3, 3): [s], x, y [m]
+        thirds = np.array([np.median(third, axis=0) for third in np.array_split(samples, 3)])  # (3, 3) of [s], [m], [m]
         first, second = np.diff(thirds[:, 1:], axis=0)
         seconds, *displacement = thirds[2] - thirds[0]
         if math.hypot(*displacement) < MIN_SPEED * max(seconds, 0.5 * VELOCITY_WINDOW):

@@ -44,7 +44,7 @@ def keep_out_borders_for(robot: str, message: VirtualBorderArray) -> List[KnownB
             name=border.name or border.id,
             points=array_from_points(border.points),
             seed=np.array([border.seed.x, border.seed.y]),
-            polygon=border.kind == VirtualBorder.POLYGON,
+            is_polygon=border.kind == VirtualBorder.POLYGON,
         )
         for border in message.borders
         if border.in_force
@@ -60,11 +60,9 @@ def subscribe_spots(on_spot: Callable[[Sighting], None]) -> rospy.Subscriber:
     def on_message(message: LaserSpot) -> None:
         position = (message.position.x, message.position.y)
         if message.header.frame_id != names.MAP_FRAME or not np.isfinite(position).all():
-            rospy.logwarn_throttle(
-                5.0,
-                f"{rospy.get_name()}: spot rejected: frame '{message.header.frame_id}', position {position}; "
-                f"expected finite values in '{names.MAP_FRAME}'",
-            )
+            got = f"frame '{message.header.frame_id}', position {position}"
+            expected = f"expected finite values in '{names.MAP_FRAME}'"
+            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: spot rejected: {got}; {expected}")
         else:
             stamp = message.header.stamp.to_sec()
             on_spot(Sighting(stamp, position, message.camera, message.mobile, message.confidence))
@@ -72,7 +70,7 @@ def subscribe_spots(on_spot: Callable[[Sighting], None]) -> rospy.Subscriber:
     return rospy.Subscriber(names.SPOTS, LaserSpot, on_message, queue_size=100)
 
 
-def message_class(contact: Contact) -> Any:
+def contact_message_class(contact: Contact) -> Any:
     """Returns a contact sensor's message class.
 
     Raises:

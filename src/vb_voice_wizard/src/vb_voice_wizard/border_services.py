@@ -13,9 +13,9 @@ from vb_core.vocabulary import REDO
 from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import AddBorder, GetDrawnBorder, ListBorders, UndoRedo
 
-# [s] wall time: a person waits, a busy machine is slow; extraction and integration take well under 1 s
-SERVICE_TIMEOUT = 2.0  # until the service exists
-RESPONSE_TIMEOUT = 5.0  # until it has answered
+# in wall time, as a person waits; extraction and integration take well under 1 s unless the machine is busy
+SERVICE_TIMEOUT = 2.0  # [s] until the service exists
+RESPONSE_TIMEOUT = 5.0  # [s] until the service has answered
 
 
 class BorderServices:

@@ -42,6 +42,7 @@ class ButtonMap:
 
 
 def _read(key: str, mapping: object) -> Dict[int, str]:
+    """Converts the mapping in parameter `key`, from commands to their buttons, to the command of each button."""
     if not isinstance(mapping, Mapping):
         raise ParameterError(key, f"expected commands with their buttons, got {mapping!r}")
     result: Dict[int, str] = {}
@@ -49,7 +50,8 @@ def _read(key: str, mapping: object) -> Dict[int, str]:
         command = normalize(str(name))
         if command not in COMMANDS:
             raise ParameterError(f"{key}/{name}", f"unknown command; known are {', '.join(COMMANDS)}")
-        for button in buttons if isinstance(buttons, (list, tuple)) else [buttons]:
+        indices = buttons if isinstance(buttons, (list, tuple)) else [buttons]
+        for button in indices:
             if isinstance(button, bool) or not isinstance(button, int) or button < 0:
                 raise ParameterError(f"{key}/{name}", f"expected the index of a button, 0 or more, got {button!r}")
             if result.get(button, command) != command:

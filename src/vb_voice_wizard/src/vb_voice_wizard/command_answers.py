@@ -12,7 +12,7 @@ from typing import Callable, Mapping
 from vb_core import sentences
 from vb_core.errors import CodedError
 
-_MAX_ANSWERS = 64  # kept: a sender repeats within seconds, and no person gives this many commands in that time
+_MAX_ANSWERS = 64  # a sender repeats within seconds, and no person gives this many commands in that time
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Answer:
         return sentences.translate(self.code, self.values, default=self.fallback)
 
     @staticmethod
-    def refusal(error: CodedError) -> "Answer":
+    def from_error(error: CodedError) -> "Answer":
         """Makes an answer from an error."""
         return Answer(False, error.code, {name: str(value) for name, value in error.values.items()}, error.message)
 
@@ -51,10 +51,10 @@ class AnswerCache:
         self._lock = threading.Lock()
         self._answers: "collections.OrderedDict[str, Future]" = collections.OrderedDict()
 
-    def answer_once(self, identity: str, do: Callable[[], Answer]) -> Answer:
+    def answer_once(self, identity: str, carry_out: Callable[[], Answer]) -> Answer:
         """Carries out a command unless one with this id was, and returns its answer. Without an id ("") it always does."""
         if not identity:
-            return do()
+            return carry_out()
         with self._lock:
             is_first = identity not in self._answers
             future = self._answers.setdefault(identity, Future())
@@ -62,7 +62,7 @@ class AnswerCache:
                 self._answers.popitem(last=False)
         if is_first:
             try:
-                future.set_result(do())
+                future.set_result(carry_out())
             except BaseException as error:  # no answer: a repeated command is carried out
                 with self._lock:
                     self._answers.pop(identity, None)

@@ -6,7 +6,7 @@ interaction; silence never ends a paused one. `stop` has priority over everythin
 after it. Time is injected, in seconds, and may pause or jump back.
 
 Whether a command must be confirmed depends on what it would do now. One that would move a robot, change the map or lose
-a drawing is asked about unless it is beyond doubt; all others are carried out at once. The answer is a different phrase
+a drawing is asked about unless it is beyond doubt. All others are carried out at once. The answer is a different phrase
 ("yes, save"), as a word misheard once is misheard again, and only the source that was asked can give it.
 
 Use it to add an input method or to test one: a command's name goes in, an answer with a code comes out. The node
@@ -37,14 +37,10 @@ from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUI
 from vb_core.vocabulary import REDO, UNDO
 from vb_voice_wizard.command_answers import Answer
 
-# [s] in Border or Seed after which a missing spot is reported: by then a person has begun to draw
-UNSEEN_AFTER = 10.0
-# [s] how long before an interaction ends by itself people are warned; at most half of the timeout
-_WARNED_BEFORE = 60.0
-# [s] how long after its last spot a laser counts as on
-LASER_ON = 1.0
-# [s] in which a question can be answered: enough to look at the preview, too short to forget the question
-CONFIRM_WITHIN = 30.0
+MISSING_SPOT_DELAY = 10.0  # [s] in Border or Seed after which a missing spot is reported: by then people draw
+_WARNED_BEFORE = 60.0  # [s] how long before an idle interaction ends people are warned, at most half of the timeout
+LASER_ON_TIMEOUT = 1.0  # [s] how long after its last spot a laser counts as on
+CONFIRM_TIMEOUT = 30.0  # [s] for the answer to a question: enough to look at the preview, too short to forget it
 
 SAVED = "saved"
 CANCELLED = "cancelled"
@@ -61,7 +57,7 @@ class InteractionParams(Parameters):
 
 
 @dataclass(frozen=True)
-class Record:
+class InteractionRecord:
     """One interaction that has ended; times in seconds."""
 
     interaction_id: str
@@ -92,8 +88,8 @@ class Question(NamedTuple):
 class Interaction:
     """The state machine. Not thread safe.
 
-    `save`, `undo` and `redo` take two steps, since other nodes carry them out: `command(...)` checks and, if it
-    succeeds, leaves `pending` set; then `finish` must be called.
+    `save`, `undo` and `redo` take two steps, since other nodes carry them out. A successful `command(...)` leaves
+    `pending` set; then `finish_pending` must be called with the other nodes' answer.
 
     Args:
         latch: whether robots are stopped, which outlives every interaction.
@@ -104,8 +100,8 @@ class Interaction:
         self.question = Question()
         self.state = DEFAULT
         self.interaction_id = ""
-        self.started = 0.0
-        self.entered = 0.0
+        self.started_at = 0.0
+        self.state_entered_at = 0.0
         self.pending = ""  # the command that another node is carrying out
         self.last_command = ""
         self.last_source = ""
@@ -125,7 +121,7 @@ class Interaction:
         self._save_sent = False  # whether the pending border is on its way to the map
         self.latch = latch or StopLatch()
         self.undo_redo: List[str] = []  # "undo" and "redo", each if there is a change to undo or redo
-        self._record: Optional[Record] = None
+        self._record: Optional[InteractionRecord] = None
 
     # ------------------------------------------------------------------ commands
     def command(
@@ -156,7 +152,7 @@ class Interaction:
             return self._stop(identity or new_id(), source)
         void = bool(seen_stop) and seen_stop != self.latch.number
         if self.pending and (void or name != RESUME):
-            # not kept as the last answer, which will be the pending command's
+            # this is not kept as the last answer, which will be the pending command's
             return self._stopped_since(name) if void else Answer(False, "busy")
         answer = self._stopped_since(name) if void else self._refuse_unknown(name)
         if answer is None:
@@ -174,14 +170,15 @@ class Interaction:
         """Records that the pending border is on its way to the map, so that it may arrive even without an answer."""
         self._save_sent = True
 
-    def finish(self, answer: Answer, now: float, border_id: str = "") -> Answer:
+    def finish_pending(self, answer: Answer, now: float, border_id: str = "") -> Answer:
         """Completes a pending command with the answer of the nodes that carried it out.
 
         A successful save, with the new border's id, ends the interaction and stops its timer. A failed one loses
         nothing and leaves the state unchanged. One without an answer may have succeeded: see `unanswered_save`.
         """
         self.advance(now)
-        command, self.pending = self.pending, ""
+        command = self.pending
+        self.pending = ""
         if command == SAVE and answer.success:
             self._end(SAVED, border_id)
         elif command == SAVE:
@@ -197,7 +194,7 @@ class Interaction:
         self._active_at = self._now
         was_stopped = self.latch.stopped
         is_new = self.latch.stop(identity, source)
-        # one press may arrive twice, on the topic and as a command: it is one stop, and is reported once
+        # a press that arrives both on the topic and as a command is one stop, and is reported once
         answer = Answer(True, "stopped" if self.latch.stopped else "stop_released")
         return self._record_answer(STOP, source, answer) if is_new and not was_stopped else answer
 
@@ -213,7 +210,7 @@ class Interaction:
             return None
         if confirms:
             return Answer(False, "nothing_asked", {"command": words_of_name(name)})
-        is_pointing = abs(self._now - self._laser_seen_at) <= LASER_ON
+        is_pointing = abs(self._now - self._laser_seen_at) <= LASER_ON_TIMEOUT
         has_consequences = {
             ALWAYS: True,
             NEVER: False,
@@ -254,7 +251,8 @@ class Interaction:
             self._begin()
             self._add_source(source)
         if self.state != target:
-            self.state, self.entered = target, self._now
+            self.state = target
+            self.state_entered_at = self._now
         if target.robots_act:
             self._visited = [state for state in self._visited if state != target] + [target]
         if target.guides:
@@ -308,14 +306,14 @@ class Interaction:
         """Counts the time up to now. After a jump back in time it counts on from there, and subtracts nothing."""
         self._durations = self.durations(now)
         self._now = now
-        self.started = min(self.started, now)
-        self.entered = min(self.entered, now)
+        self.started_at = min(self.started_at, now)
+        self.state_entered_at = min(self.state_entered_at, now)
         self.last_answered = min(self.last_answered, now)
         self._active_at = min(self._active_at, now)
-        if not 0.0 <= now - self.question.asked_at <= CONFIRM_WITHIN:
+        if not 0.0 <= now - self.question.asked_at <= CONFIRM_TIMEOUT:
             self.question = Question()
 
-    def see_laser(self, now: float) -> None:
+    def record_laser(self, now: float) -> None:
         """Records that a camera saw a spot at a time [s], in any state: somebody is pointing with the laser."""
         self._laser_seen_at = now
 
@@ -323,18 +321,14 @@ class Interaction:
         """Stores how many spots this interaction has had so far: for the border, for the seed, and for neither."""
         spots = {BORDER: border, SEED: seed, GUIDE: others}
         if spots != self._spots:
-            # the person draws, points or guides
-            self._spots, self._active_at = spots, now
+            self._spots = spots
+            self._active_at = now  # the person draws, points or guides
 
     @property
     def is_spot_missing(self) -> bool:
         """Whether no spot was seen although the person should have drawn or pointed by now."""
-        return (
-            bool(self.state.collects)
-            and not self.pending
-            and not self._spots[self.state]
-            and self._now >= self.entered + UNSEEN_AFTER
-        )
+        is_expected = self._now >= self.state_entered_at + MISSING_SPOT_DELAY and bool(self.state.collects)
+        return is_expected and not self.pending and not self._spots[self.state]
 
     @property
     def ends_at(self) -> float:
@@ -355,9 +349,10 @@ class Interaction:
         self._record_answer(CANCEL, "timeout", Answer(False, "abandoned", {"minutes": minutes}))
         return True
 
-    def take_record(self) -> Optional[Record]:
+    def take_record(self) -> Optional[InteractionRecord]:
         """Returns the record of an interaction that has just ended, only once, or None if there is none."""
-        record, self._record = self._record, None
+        record = self._record
+        self._record = None
         return record
 
     def missing(self) -> List[str]:
@@ -391,19 +386,19 @@ class Interaction:
     # ------------------------------------------------------------------ inside
     def _begin(self) -> None:
         self.interaction_id = uuid.uuid4().hex[:8]
-        self.started = self.entered = self._active_at = self._now
+        self.started_at = self.state_entered_at = self._active_at = self._now
         self._durations = {state: 0.0 for state in self._durations}
-        self._sources, self._visited = [], []
+        self._sources = []
         self._spots = {state: 0 for state in self._spots}
-        self.unanswered_save = False
 
     def _end(self, outcome: str, border_id: str) -> None:
+        """Ends the interaction, and keeps its record for `take_record`."""
         durations = self._durations
-        self._record = Record(
+        self._record = InteractionRecord(
             interaction_id=self.interaction_id,
             outcome=outcome,
             border_id=border_id,
-            started=self.started,
+            started=self.started_at,
             ended=self._now,
             guide_s=durations[GUIDE],
             border_s=durations[BORDER],
@@ -416,7 +411,8 @@ class Interaction:
         self.pending = ""
         self.question = Question()
         self.unanswered_save = False
-        self.started, self.entered = 0.0, self._now
+        self.started_at = 0.0
+        self.state_entered_at = self._now
         self._visited = []
         self.last_outcome, self.last_border_id = outcome, border_id
 

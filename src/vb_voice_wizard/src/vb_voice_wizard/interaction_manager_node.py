@@ -26,12 +26,11 @@ from vb_msgs.msg import VirtualBorderArray
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
 from vb_voice_wizard.command_answers import Answer, AnswerCache
-from vb_voice_wizard.preview.border_preview import Previewer
+from vb_voice_wizard.preview.border_preview import PreviewPublisher
 from vb_voice_wizard.border_services import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, BorderServices
 from vb_voice_wizard.interaction import Interaction, InteractionParams
 
-# [s] wall time between states: robots stop half a second after the last one, see vb_msgs/InteractionState
-_PUBLISH_PERIOD = 0.1
+_PUBLISH_PERIOD = 0.1  # [s] of wall time: robots stop half a second after the last state (vb_msgs/InteractionState)
 _STORE_PERIOD = 2.0  # [s] between attempts to store the stop: a full disk may have room again
 # answers to undo and redo by what they did to borders; any other change is reported as undone or redone
 _CODES = {REMOVED: "border_removed", ADDED: "border_restored", ENABLED: "border_enabled", DISABLED: "border_disabled"}
@@ -98,9 +97,9 @@ class InteractionManagerNode:
         self._interaction = Interaction(params, latch=self._latch)
         # a save makes two service calls, undo makes three
         self._answer_cache = AnswerCache(3.0 * (SERVICE_TIMEOUT + RESPONSE_TIMEOUT))
-        self._contributing_cameras: Dict[str, List[str]] = {}  # by the id of the newest known interaction
+        self._contributing_cameras: Dict[str, List[str]] = {}  # names by the interaction's id, of the newest only
         self._services = BorderServices(params.occupancy)
-        self._previewer = Previewer(self._services, NoticeListener().current)
+        self._preview_publisher = PreviewPublisher(self._services, NoticeListener().current)
         self._stop_publisher = rospy.Publisher(names.STOP, Stop, queue_size=10)
         self._state_publisher = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)
         self._notices = NoticePublisher()
@@ -121,7 +120,7 @@ class InteractionManagerNode:
         """Ends the workers."""
         self._publish_timer.close()
         self._store_timer.close()
-        self._previewer.close()
+        self._preview_publisher.close()
 
     # ------------------------------------------------------------------ inputs
     def _on_progress(self, message: BorderProgress) -> None:
@@ -131,17 +130,17 @@ class InteractionManagerNode:
                 # in Guide the fusion ignores all spots, but they show that a person holds the laser
                 counts = (message.border_spots, message.seed_spots, message.ignored_spots)
                 self._interaction.set_spot_counts(*counts, rospy.get_time())
-        self._previewer.on_progress(message)
+        self._preview_publisher.on_progress(message)
 
     def _on_spot(self, message: LaserSpot) -> None:
-        # one assignment, which is read once: it needs no lock, and spots do not wait while a state is published
-        self._interaction.see_laser(message.header.stamp.to_sec())
+        # a single assignment needs no lock, so that spots do not wait while a state is published
+        self._interaction.record_laser(message.header.stamp.to_sec())
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         with self._lock:
             self._interaction.undo_redo = list(message.available_commands)
             self._publish()
-        self._previewer.on_borders(message)
+        self._preview_publisher.on_borders(message)
 
     def _on_stop(self, message: Stop) -> None:
         sender = message._connection_header.get("callerid", "")
@@ -185,18 +184,19 @@ class InteractionManagerNode:
     def _run_command(self, command: str, phrase: str, request: CommandRequest) -> Answer:
         """Carries out a command, which a person gave or confirmed by a phrase."""
         with self._lock:
-            interaction, now = self._interaction, rospy.get_time()
+            interaction = self._interaction
+            now = rospy.get_time()
             if not request.expires.is_zero() and now > request.expires.to_sec():
-                # only the person who gave it is told
+                # not recorded: only the person who gave the command is told
                 answer = Answer(False, "expired", {"command": words_of_name(phrase)})
             else:
-                is_doubtful = self._previewer.is_doubtful(interaction.interaction_id)
+                is_doubtful = self._preview_publisher.is_doubtful(interaction.interaction_id)
                 doubts = {"uncertain": request.uncertain, "doubtful_border": is_doubtful, "confirms": phrase in ANSWERS}
                 answer = interaction.command(command, request.source, now, seen_stop=request.seen_stop, **doubts)
             pending = interaction.pending if answer.success and COMMANDS[command].is_delegated else ""
             interaction_id = interaction.interaction_id
             if pending == SAVE:
-                self._previewer.on_interaction(interaction_id, saving=True)
+                self._preview_publisher.on_interaction(interaction_id, saving=True)
             else:
                 self._publish_and_record()
         if command == RESUME:
@@ -213,21 +213,21 @@ class InteractionManagerNode:
             else:
                 answer = self._undo_or_redo(pending, request.id)
         except CodedError as error:
-            answer = Answer.refusal(error)
+            answer = Answer.from_error(error)
             if error.code in services.UNANSWERED:
                 rospy.logwarn("interaction_manager: %s: %s", error, error.__cause__)
         except Exception:
-            # a fault of this program must not leave it answering "busy" for ever
+            # a fault of this program must not leave it answering "busy" forever
             rospy.logerr("interaction_manager: %s failed:\n%s", pending, traceback.format_exc())
-            answer = Answer.refusal(CodedError("internal_error"))
+            answer = Answer.from_error(CodedError("internal_error"))
         with self._lock:
-            answer = self._interaction.finish(answer, rospy.get_time(), border_id)
+            answer = self._interaction.finish_pending(answer, rospy.get_time(), border_id)
             self._publish_and_record()
         return answer
 
     def _save(self, interaction_id: str, source: str) -> str:
         """Adds the drawn border to the map, and returns its id."""
-        border = self._previewer.border_to_save(interaction_id)
+        border = self._preview_publisher.border_to_save(interaction_id)
         with self._lock:
             self._interaction.mark_save_sent()
         return self._services.add(border, source, interaction_id)
@@ -255,15 +255,17 @@ class InteractionManagerNode:
                 rospy.logwarn("interaction_manager: cannot write %s: %s", self._log_file, error)
 
     def _publish(self) -> None:
-        interaction, now = self._interaction, rospy.get_time()
+        """Publishes the state and the notices, and tells the preview of the current interaction."""
+        interaction = self._interaction
+        now = rospy.get_time()
         durations = interaction.durations(now)
         message = InteractionState()
         message.header.stamp = rospy.Time.from_sec(now)
         message.header.frame_id = names.MAP_FRAME
         message.name = interaction.state.name
         message.interaction_id = interaction.interaction_id
-        message.started = rospy.Time.from_sec(interaction.started)
-        message.entered = rospy.Time.from_sec(interaction.entered)
+        message.started = rospy.Time.from_sec(interaction.started_at)
+        message.entered = rospy.Time.from_sec(interaction.state_entered_at)
         message.guide_s = durations[GUIDE]
         message.border_s = durations[BORDER]
         message.seed_s = durations[SEED]
@@ -281,7 +283,7 @@ class InteractionManagerNode:
         message.last_outcome = interaction.last_outcome
         message.last_border_id = interaction.last_border_id
         self._state_publisher.publish(message)
-        self._previewer.on_interaction(interaction.interaction_id, interaction.pending == SAVE)
+        self._preview_publisher.on_interaction(interaction.interaction_id, interaction.pending == SAVE)
         self._notices.set(self._list_notices())
 
     def _list_notices(self) -> List[Notice]:

@@ -17,7 +17,7 @@ from vb_core.ros.notices import NoticePublisher
 from vb_msgs.msg import Audio, SpeechCommand, Sound
 from vb_msgs.srv import CommandRequest, CommandResponse
 
-from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE, Microphone, arecord, has_sound
+from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE, Microphone, arecord_command, has_sound
 from vb_voice_wizard.voice.recognizer import CommandListener, CommandRecognizer, RecognizedUtterance
 
 AUDIO = "/virtual_borders/voice/audio"
@@ -44,8 +44,7 @@ class VoiceCommandsNode:
     command with consequences must be confirmed, as if it were uncertain, and a notice is published.
 
     Subscribed topics:
-        /virtual_borders/sound (vb_msgs/Sound): while a sound plays, an utterance entirely within it counts only if it
-            is *stop*.
+        /virtual_borders/sound (vb_msgs/Sound): an utterance entirely within a playing sound counts only if it is *stop*.
         /virtual_borders/voice/audio (vb_msgs/Audio): the sound, if ~source is "topic"; 16,000 samples a second.
         /virtual_borders/state (vb_msgs/InteractionState): the newest stop, which is sent with each spoken command.
         /virtual_borders/drivers (vb_msgs/DriverState), /virtual_borders/robots (vb_msgs/RobotStatusArray): who holds a stop.
@@ -53,8 +52,7 @@ class VoiceCommandsNode:
     Published topics:
         /virtual_borders/voice/heard (vb_msgs/SpeechCommand): every utterance, accepted or not, and the answer to its command.
         /virtual_borders/stop (vb_msgs/Stop): on `stop`.
-        /virtual_borders/notices (vb_msgs/NoticeArray): microphone_missing, microphone_silent,
-            speech_late.
+        /virtual_borders/notices (vb_msgs/NoticeArray): microphone_missing, microphone_silent, speech_late.
         /virtual_borders/sound (vb_msgs/Sound): "recognized" as soon as a command is recognised; "error" for a near
             miss, and for a command without an answer. The feedback node plays the sound for the interaction's answer.
 
@@ -86,7 +84,7 @@ class VoiceCommandsNode:
         if params.source == "topic":
             rospy.Subscriber(AUDIO, Audio, self._on_audio, queue_size=100)
         else:
-            self._microphone = Microphone(arecord(params.device), self._on_trouble)
+            self._microphone = Microphone(arecord_command(params.device), self._on_trouble)
             node.Worker(self._microphone, self._queue_sound)
 
     def close(self) -> None:
@@ -164,6 +162,7 @@ class VoiceCommandsNode:
         self._publish(context, answer)
 
     def _publish(self, heard: RecognizedUtterance, answer: Optional[CommandResponse] = None) -> None:
+        """Publishes and logs what was heard, with the answer if it was a command that was sent."""
         result = heard.result
         answer = answer or CommandResponse()
         message = SpeechCommand(
@@ -175,9 +174,8 @@ class VoiceCommandsNode:
             code=answer.code,
         )
         message.header.stamp = rospy.Time.now()
-        details = (
-            f"{result.reason}, confidence {result.confidence:.2f}, answered after {time.monotonic() - heard.end:.2f} s"
-        )
+        delay = time.monotonic() - heard.end
+        details = f"{result.reason}, confidence {result.confidence:.2f}, answered after {delay:.2f} s"
         rospy.loginfo("heard %s (%s) %s", result.best or "something", details, answer.message)
         self._heard_publisher.publish(message)
 

@@ -20,16 +20,16 @@ from vb_core.ros.messages import sentence_in
 from vb_core.vocabulary import COMMANDS, DEFAULT, STATES, STOP
 from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, InteractionState
 
-GOOD, BAD, NOTE, WRONG = "green", "yellow", "cyan", "bold red"
+OK_STYLE, WARNING_STYLE, INFO_STYLE, ERROR_STYLE = "green", "yellow", "cyan", "bold red"
 COMMAND_KEYS: Dict[str, str] = {command.key: name for name, command in COMMANDS.items()}
-SEVERITIES = {Severity.INFO: NOTE, Severity.WARNING: BAD, Severity.ERROR: WRONG}
+SEVERITY_STYLES = {Severity.INFO: INFO_STYLE, Severity.WARNING: WARNING_STYLE, Severity.ERROR: ERROR_STYLE}
 QUIT_KEY = "q"
 _IN_STATE_LINE = ("stopped", "interaction_ends_soon")  # notices that the state line already shows
 _SEQUENCE = re.compile("\x1b(\\[[0-?]*[ -/]*[@-~]|O.|)")
 _CONTROLS = dict.fromkeys([*range(0x20), *range(0x7F, 0xA0)])
 
 
-def keys_in(typed: str) -> str:
+def extract_keys(typed: str) -> str:
     """Returns the keys in terminal input, without arrow and function keys, whose sequences may end with a letter."""
     return _SEQUENCE.sub("", typed)
 
@@ -49,7 +49,7 @@ class ConsoleContent:
     notices: Tuple[Notice, ...] = ()  # the most severe first
     language: str = sentences.ENGLISH
 
-    def words(self, code: str, **values: Any) -> str:
+    def translate(self, code: str, **values: Any) -> str:
         """Returns the words for a code in the operator's language."""
         return sentences.translate(code, values, self.language)
 
@@ -58,31 +58,33 @@ class ConsoleContent:
         style_by_sentence = dict(self._preview())
         for notice in self.notices:
             if self.state is None or notice.code not in _IN_STATE_LINE:
-                style_by_sentence.setdefault(f"! {notice.sentence(self.language)}", SEVERITIES[notice.severity])
+                style_by_sentence.setdefault(f"! {notice.sentence(self.language)}", SEVERITY_STYLES[notice.severity])
         sentence_lines = [printable(sentence, style) for sentence, style in style_by_sentence.items()]
         return [self._state_line(now), self._keys(), *sentence_lines]
 
     def _state_line(self, now: float) -> Text:
+        """Renders the line of the state: a stop, the state, its time, the spots so far, and what people should do soon."""
         state, progress = self.state, self.progress
         if state is None:
-            return printable(self.words("console_waiting_manager"), "bold yellow")
+            return printable(self.translate("console_waiting_manager"), "bold yellow")
         text = Text()
         if state.stopped:
             # before everything else
-            text.append(f" {self.words('console_stopped')} ", "bold white on red")
+            text.append(f" {self.translate('console_stopped')} ", "bold white on red")
             text.append_text(printable(f" {state.stopped_by} ", "bold red"))
         color = STATES.get(state.name, DEFAULT).color
-        text.append(f" {self.words('state_' + state.name).upper()} ", f"reverse {color}")
+        text.append(f" {self.translate('state_' + state.name).upper()} ", f"reverse {color}")
         if state.interaction_id:
             text.append(f"  {_clock(state.guide_s + state.border_s + state.seed_s)}")
         if state.interaction_id and state.interaction_id == progress.interaction_id:
             counts = {"border": progress.border_spots, "seed": progress.seed_spots, "ignored": progress.ignored_spots}
-            text.append(f"  {self.words('console_spots', **counts)}")
+            text.append(f"  {self.translate('console_spots', **counts)}")
             text.append_text(printable("  " + ", ".join(progress.cameras_seeing_spot), "bold green"))
         if state.confirm_save:
-            text.append("  " + self.words("console_confirm"), "bold yellow")
+            text.append("  " + self.translate("console_confirm"), "bold yellow")
         if not state.ends_at.is_zero():
-            text.append("  " + self.words("console_ends_in", time=_clock(state.ends_at.to_sec() - now)), "bold yellow")
+            time_left = _clock(state.ends_at.to_sec() - now)
+            text.append("  " + self.translate("console_ends_in", time=time_left), "bold yellow")
         return text
 
     def _preview(self) -> List[Tuple[str, str]]:
@@ -91,29 +93,28 @@ class ConsoleContent:
         can_save = preview.available and preview.success
         sentence = sentence_in(preview, self.language)
         if can_save:
-            sentence = self.words("preview_restricts", area=f"{preview.area_m2:.2f}")
+            sentence = self.translate("preview_restricts", area=f"{preview.area_m2:.2f}")
             if preview.free_parts > 1:
-                sentence += " " + self.words("preview_parts", parts=preview.free_parts)
-        lines = [(sentence, GOOD if can_save else BAD)] if sentence else []
+                sentence += " " + self.translate("preview_parts", parts=preview.free_parts)
+        style = OK_STYLE if can_save else WARNING_STYLE
+        lines = [(sentence, style)] if sentence else []
         for issue in preview.issues:
             text = sentence_in(issue, self.language)
+            style = ERROR_STYLE if issue.severity == BorderIssue.ERROR else WARNING_STYLE
             if text not in sentence:
-                lines.append((f"! {text}", WRONG if issue.severity == BorderIssue.ERROR else BAD))
+                lines.append((f"! {text}", style))
         return lines
 
     def _keys(self) -> Columns:
         # a stop needs no manager
         available = self.state.available_commands if self.state is not None else (STOP,)
-        keys = [
-            (self.words("console_space") if key == " " else key, "command_" + command, command in available)
-            for key, command in COMMAND_KEYS.items()
-        ]
-        keys.append((QUIT_KEY, "console_quit", True))
-        styles = {True: "", False: "dim"}
-        return Columns(
-            Text.assemble((f" {key} ", f"reverse {styles[usable]}"), f" {self.words(code)}", style=styles[usable])
-            for key, code, usable in keys
-        )
+        keys = [(key, "command_" + command, command in available) for key, command in COMMAND_KEYS.items()]
+        columns = []
+        for key, code, is_available in [*keys, (QUIT_KEY, "console_quit", True)]:
+            style = "" if is_available else "dim"
+            name = self.translate("console_space") if key == " " else key
+            columns.append(Text.assemble((f" {name} ", f"reverse {style}"), f" {self.translate(code)}", style=style))
+        return Columns(columns)
 
 
 def _clock(seconds: float) -> str:

@@ -25,7 +25,8 @@ from vb_core.ros.notices import NoticeListener
 from vb_msgs.msg import BorderProgress, InteractionState
 from vb_msgs.srv import CommandRequest, CommandResponse
 
-from vb_voice_wizard.wizard_console import BAD, COMMAND_KEYS, GOOD, QUIT_KEY, ConsoleContent, keys_in, printable
+from vb_voice_wizard.wizard_console import COMMAND_KEYS, QUIT_KEY, ConsoleContent, extract_keys, printable
+from vb_voice_wizard.wizard_console import OK_STYLE, WARNING_STYLE
 
 _PERIOD = 0.2  # [s] between two updates: an operator cannot follow more
 _SILENCE_TIMEOUT = 3.0  # [s] the state comes ten times a second
@@ -63,20 +64,21 @@ class WizardConsoleNode:
     def _on_state(self, message: InteractionState) -> None:
         self._heard_at = time.monotonic()
         self._content.state = message
-        previous_time, self._last_answered = self._last_answered, message.last_answered
+        previous_time = self._last_answered
+        self._last_answered = message.last_answered
         # an answer given before the console started is not news
         if message.last_command and previous_time not in (None, message.last_answered):
-            sender = message.last_source or self._content.words("console_somebody")
-            command = self._content.words("command_" + message.last_command)
+            sender = message.last_source or self._content.translate("console_somebody")
+            command = self._content.translate("command_" + message.last_command)
             answer = sentence_in(message, self._content.language, "last_")
-            self._print(f"{sender}, {command}: {answer}", GOOD if message.last_success else BAD)
+            self._print(f"{sender}, {command}: {answer}", OK_STYLE if message.last_success else WARNING_STYLE)
 
     # ------------------------------------------------------------------ commands
     def press(self, key: str) -> bool:
         """Sends the command of a pressed key, if it has one. Returns whether the key leaves the console."""
-        # sent by another thread, so that reading goes on
+        # another thread sends it, so that reading goes on
         if key in COMMAND_KEYS and not self._command_sender.put(COMMAND_KEYS[key]):
-            self._print(self._content.words("console_too_many_keys"), BAD)
+            self._print(self._content.translate("console_too_many_keys"), WARNING_STYLE)
         return key == QUIT_KEY
 
     def _on_answer(
@@ -85,9 +87,9 @@ class WizardConsoleNode:
         # answers arrive with the state, except for these
         if error is not None:
             sentence = sentences.translate(error.code, error.values, self._content.language, error.message)
-            self._print(self._content.words("console_try_again", what=sentence), BAD)
+            self._print(self._content.translate("console_try_again", what=sentence), WARNING_STYLE)
         elif answer is not None and answer.code in ("busy", "expired", "stop_held"):
-            self._print(sentence_in(answer, self._content.language), BAD)
+            self._print(sentence_in(answer, self._content.language), WARNING_STYLE)
 
     # ------------------------------------------------------------------ screen
     def _print(self, text: str, style: str) -> None:
@@ -124,7 +126,7 @@ class WizardConsoleNode:
                 typed = os.read(keyboard, 64).decode("utf-8", "replace")
                 if not typed:
                     return  # the terminal is gone
-            if any([self.press(key) for key in keys_in(typed)]):
+            if any([self.press(key) for key in extract_keys(typed)]):
                 return
 
 

@@ -1,7 +1,7 @@
 """Decides who may do what on the page, and how much of it: codes, roles, sessions, origins and slots for connections.
 
-A request is refused unless it proves its rights: on the loopback interface by a loopback name in the Host header,
-elsewhere by the cookie of a session, which only the holder of a code gets. Limited resources are divided: each role has
+A request is refused unless it proves its rights. On the loopback interface, a loopback name in the Host header does;
+elsewhere the cookie of a session, which only the holder of a code gets. Limited resources are divided: each role has
 its own slots for connections, and within a role the client that holds the most gives one up first.
 """
 
@@ -26,9 +26,8 @@ from vb_core.files import write_atomically
 
 COOKIE = "virtual_borders_page"
 COOKIE_DAYS = 30
-# without letters and digits that look alike; 8 of 31 are 40 bits: 14 years on average at 1000 tries a second
-_ALPHABET = "23456789abcdefghjkmnpqrstuvwxyz"
-_CODE_LENGTH = 8
+_ALPHABET = "23456789abcdefghjkmnpqrstuvwxyz"  # no letters and digits that look alike
+_CODE_LENGTH = 8  # 40 bits, which take 14 years on average to find at 1000 tries a second
 _MAX_SESSIONS = 100  # per code, so that holders of one code cannot log out those of the other
 
 
@@ -40,7 +39,7 @@ class Role(enum.IntEnum):
     OPERATOR = 2  # commands, changes borders, sees the cameras' images
 
 
-def normalize(code: str) -> str:
+def normalize_code(code: str) -> str:
     """Removes case, spaces and dashes from a code as typed."""
     return "".join(letter for letter in code.lower() if letter.isalnum())
 
@@ -67,9 +66,9 @@ def load_codes(path: Path) -> Dict[str, str]:
         raise CodedError("page_codes_bad", file=path, reason=error) from None
     if not isinstance(codes, dict) or set(codes) != set(names) or not all(isinstance(codes[n], str) for n in names):
         raise CodedError("page_codes_bad", file=path, reason=f"it needs the texts {', '.join(names)}")
-    if min(map(len, map(normalize, codes.values()))) < _CODE_LENGTH:
+    if min(map(len, map(normalize_code, codes.values()))) < _CODE_LENGTH:
         raise CodedError("page_codes_bad", file=path, reason=f"codes need {_CODE_LENGTH} letters or digits at least")
-    if len(set(map(normalize, codes.values()))) < len(names):
+    if len(set(map(normalize_code, codes.values()))) < len(names):
         raise CodedError("page_codes_bad", file=path, reason="viewer and operator need different codes")
     return codes
 
@@ -96,9 +95,9 @@ class Sessions:
         on_fault: Callable[[CodedError], None] = lambda _error: None,
     ) -> None:
         self._path, self._on_fault = path, on_fault
-        self._roles = {_digest(normalize(code)): Role[name.upper()] for name, code in codes.items()}
+        self._roles = {_digest(normalize_code(code)): Role[name.upper()] for name, code in codes.items()}
         self._lock = threading.Lock()
-        self._open: Dict[str, Tuple[str, float]] = {}  # by name: digest of the code, time of opening [s]
+        self._open: Dict[str, Tuple[str, float]] = {}  # each session's (digest of the code, time of opening [s])
         try:
             if path is not None and path.exists():
                 entries = json.loads(path.read_text()).items()
@@ -111,7 +110,7 @@ class Sessions:
 
         Digests are compared, so that the time it takes reveals nothing about the code.
         """
-        code = _digest(normalize(typed))
+        code = _digest(normalize_code(typed))
         cookie = secrets.token_urlsafe(24)
         if code not in self._roles:
             return None
@@ -151,7 +150,7 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def host_of(header: str) -> str:
+def parse_host(header: str) -> str:
     """Returns the host in a Host header, without the port, or "" if there is none."""
     try:
         return urlsplit(f"//{header}").hostname or ""
@@ -159,7 +158,7 @@ def host_of(header: str) -> str:
         return ""
 
 
-def same_origin(origin: Optional[str], scheme: str, host: str) -> bool:
+def is_same_origin(origin: Optional[str], scheme: str, host: str) -> bool:
     """Returns whether a browser's Origin header is this page's own. A missing one is not.
 
     Args:
@@ -183,20 +182,20 @@ class ConnectionSlots:
 
     def __init__(self, size: int, yields: bool) -> None:
         self._size, self._yields = size, yields
-        self._holders: Dict[Any, Tuple[str, ...]] = {}  # by connection, the longest unused first
+        self._holders: Dict[Any, Tuple[str, ...]] = {}  # each connection's holders, the longest unused first
 
-    def leave(self, connection: Any) -> None:
+    def release(self, connection: Any) -> None:
         """Gives up a connection's slot, if it has one."""
         self._holders.pop(connection, None)
 
-    def take(self, connection: Any, *holders: str) -> Optional[Any]:
+    def assign_slot(self, connection: Any, *holders: str) -> Optional[Any]:
         """Gives a connection a slot. Returns the connection that has to go for it, which may be the same one.
 
         Args:
             connection: anything with `closed()`. A closed one gives up its slot.
             holders: who holds it, for instance an address and a session. The one that holds more slots counts.
         """
-        self.leave(connection)
+        self.release(connection)
         self._holders[connection] = holders
         if len(self._holders) > self._size:
             self._holders = {peer: names for peer, names in self._holders.items() if not peer.closed()}
@@ -207,7 +206,7 @@ class ConnectionSlots:
         largest = [peer for peer, share in shares.items() if share == max(shares.values())]
         own = [] if self._yields else [peer for peer in largest if set(self._holders[peer]) & set(holders)]
         displaced = (own or largest)[0]
-        self.leave(displaced)
+        self.release(displaced)
         return displaced
 
 

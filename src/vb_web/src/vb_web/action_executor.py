@@ -23,10 +23,9 @@ from vb_core.ros.preview_service import PreviewBorderArray
 from vb_core.vocabulary import REDO, UNDO
 from vb_web.action_parser import ActionRequest
 from vb_web.page_messages import apply_draft, issues_section, region_uri
-from vb_web.page_view import answer, refusal, rounded
+from vb_web.page_view import answer_from_error, make_answer, rounded
 
-# [s] a preview of 16 million cells takes half a second on a busy computer
-_TIMEOUT = 20.0
+_TIMEOUT = 20.0  # [s] a preview of 16 million cells takes half a second on a busy computer
 _INTEGRATOR = "$map_integrator"
 _MONITOR = "$robot_monitor"
 _CHANGES = {  # to a stored border: services whose fields have the same names as the request's
@@ -37,7 +36,7 @@ _CHANGES = {  # to a stored border: services whose fields have the same names as
 }
 
 
-class ActionHandler:
+class ActionExecutor:
     """Carries out requests. Thread safe.
 
     Args:
@@ -82,11 +81,11 @@ class ActionHandler:
             identity=request.id,
             carry_out=_undo_or_redo if without_manager else send,
         ):
-            future.set_result(refusal(CodedError("page_too_fast")))
+            future.set_result(answer_from_error(CodedError("page_too_fast")))
         return future
 
     def _on_answer(self, _request: Any, future: "asyncio.Future[Dict[str, Any]]", response: Any, error: Any) -> None:
-        result = _answer(response) if error is None else refusal(error)
+        result = _answer(response) if error is None else answer_from_error(error)
         future.get_loop().call_soon_threadsafe(future.set_result, result)
 
     # ------------------------------------------------------------- borders
@@ -140,7 +139,7 @@ class ActionHandler:
         return _answer(_call(names.SEND_ROBOT, SendRobot, _MONITOR, robot=request.values["robot"], halt=True))
 
     def _invite(self, _request: ActionRequest, _source: str) -> Dict[str, Any]:
-        return {**answer("ok"), **self._make_invitation()}
+        return {**make_answer("ok", True, {}, ""), **self._make_invitation()}
 
 
 def _call(service_name: str, service: Any, answering_node: str = _INTEGRATOR, **fields: Any) -> Any:
@@ -155,7 +154,7 @@ def _undo_or_redo(request: CommandRequest) -> Any:
 
 def _answer(response: Any) -> Dict[str, Any]:
     code = response.code or ("ok" if response.success else "page_not_done")
-    result = answer(code, bool(response.success), mapping_from_values(response.values), response.message)
+    result = make_answer(code, bool(response.success), mapping_from_values(response.values), response.message)
     if hasattr(response, "issues"):
         result["issues"] = issues_section(response.issues)
     return result

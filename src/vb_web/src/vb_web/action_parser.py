@@ -17,7 +17,7 @@ from vb_core.errors import CodedError
 from vb_core.vocabulary import COMMANDS
 from vb_core.zones import ZONES
 
-KINDS = ("polygon", "curve", "wall")
+BORDER_KINDS = ("polygon", "curve", "wall")
 MAX_POINTS = 500  # a finger's line is thinned out to fewer than 100
 MAX_ROBOTS = 50
 MAX_BYTES = 64 * 1024
@@ -81,7 +81,7 @@ def _matching(pattern: "re.Pattern[str]", empty: bool = False) -> Check:
 
 
 def _number(low: float, high: float) -> Check:
-    # bools, which are ints in Python, are refused; NaN and infinity fail the comparison
+    # the exact type, as a bool is an int in Python; NaN and infinity fail the comparison
     return _valid(lambda value: type(value) in (int, float) and low <= value <= high, float)
 
 
@@ -115,11 +115,11 @@ def _check_draft(value: Any, field: str, bounds: Optional[Bounds]) -> Dict[str, 
 _FLAG = _valid(lambda value: isinstance(value, bool))
 _BORDER: Dict[str, Check] = {  # a draft that was drawn or edited on the page
     "name": _text(60),
-    "kind": _choice(*KINDS),
+    "kind": _choice(*BORDER_KINDS),
     "zone": _choice(*ZONES),
     "max_speed": _number(0.0, 2.0),  # [m/s] if the zone limits the speed
     "enabled": _FLAG,
-    "robots": _list_of(_matching(_ROBOT), 0, MAX_ROBOTS),  # those to which it applies; empty for all
+    "robots": _list_of(_matching(_ROBOT), 0, MAX_ROBOTS),  # the robots to which the border applies, none for all
     "points": _list_of(_check_point, 2, MAX_POINTS),  # [m] map frame
     "seed": _check_point,  # [m] on the side to be restricted; ignored for a wall
 }

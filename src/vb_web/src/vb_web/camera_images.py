@@ -18,6 +18,7 @@ from vb_core.ros.images import camera_from_info, decode
 from vb_core.ros.transforms import TransformLookup
 from vb_web import page_images
 
+_TRANSPORTS = {"raw": ("image_raw", Image), "compressed": ("image_raw/compressed", CompressedImage)}
 _IMAGE_TIMEOUT = 2.0  # [s] for a camera's next image
 _FLOOR_LIFETIME = 5.0  # [s] for which all browsers get the same image, if it shows all cameras' images
 
@@ -51,8 +52,7 @@ class CameraImages:
     ) -> None:
         self._find_detector, self._find_map = find_detector, find_map
         self._cameras, self._transforms = cameras, transforms
-        compressed = transport == "compressed"
-        self._topic, self._kind = ("image_raw/compressed", CompressedImage) if compressed else ("image_raw", Image)
+        self._topic, self._kind = _TRANSPORTS[transport]
         self._floor_lock = threading.Lock()
         self._floor: Optional[bytes] = None
         self._floor_at = -1e9
@@ -74,7 +74,7 @@ class CameraImages:
             if self._floor is None or time.monotonic() - self._floor_at > _FLOOR_LIFETIME:
                 grid = self._find_map()
                 images = [image for image in map(self._receive, self._cameras) if image is not None]
-                self._floor = page_images.draw_floor(grid, images).data if grid is not None and images else None
+                self._floor = page_images.draw_floor(grid, images).encoded if grid is not None and images else None
                 # if a camera is missing, the next request draws the image again, as the camera may be starting
                 self._floor_at = time.monotonic() if len(images) == len(self._cameras) else -1e9
             return self._floor

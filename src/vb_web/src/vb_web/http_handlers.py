@@ -22,10 +22,9 @@ from vb_core.rate_limiter import RateLimiter
 from vb_web import access_control
 from vb_web import action_parser
 from vb_web.access_control import Role
-from vb_web.page_view import as_message, refusal
+from vb_web.page_view import answer_from_error, to_json
 
-# [s] between two messages to a browser: 25 a second look fluid, and cost little for 20 browsers
-_SEND_PERIOD = 0.04
+_SEND_PERIOD = 0.04  # [s] between two messages to a browser: 25 a second look fluid, and cost little for 20 browsers
 MAX_BODY = 2048  # [B] the only body is a code
 _MAX_UNANSWERED = 4  # requests of one browser
 _MAX_REFUSED = 20  # messages after which the browser is disconnected
@@ -48,7 +47,7 @@ class _GuardedHandler(web.RequestHandler):
 
     NEEDS = Role.VIEWER
     role: Role
-    session: str  # its name; "" for a browser of this computer
+    session: str  # the name of the session, "" for a browser of this computer
 
     def initialize(self, page: Any) -> None:
         self.page = page
@@ -69,8 +68,8 @@ class _GuardedHandler(web.RequestHandler):
             self.set_header("Connection", "close")
             raise web.HTTPError(503)
         if request.method not in ("GET", "HEAD") or isinstance(self, WebSocketHandler):
-            # also for this computer's own browsers: any other page open in them could ask
-            if not access_control.same_origin(request.headers.get("Origin"), request.protocol, request.host):
+            # this computer's own browsers are checked too: any other page open in them could ask
+            if not access_control.is_same_origin(request.headers.get("Origin"), request.protocol, request.host):
                 raise web.HTTPError(403)
         if self.role < self.NEEDS:
             raise web.HTTPError(403 if self.role else 401)
@@ -81,7 +80,7 @@ class _GuardedHandler(web.RequestHandler):
         # a request by another host's name that leads here, or through a proxy here, is not from this computer
         headers = self.request.headers
         direct = not any(name in headers for name in ("Forwarded", "X-Forwarded-For", "X-Real-Ip", "Via"))
-        hosts = (access_control.host_of(self.request.host), self.request.remote_ip or "")
+        hosts = (access_control.parse_host(self.request.host), self.request.remote_ip or "")
         return (Role.OPERATOR, "") if direct and all(map(access_control.is_loopback, hosts)) else (Role.NOBODY, "")
 
     def write_error(self, status_code: int, **_kwargs: Any) -> None:
@@ -125,7 +124,7 @@ class _ImageHandler(_Handler):
         image = self.page.images.get(kind, name)
         if image is None:
             raise web.HTTPError(404)
-        self.send(image.data, "image/png", keep="private, max-age=31536000, immutable")
+        self.send(image.encoded, "image/png", keep="private, max-age=31536000, immutable")
 
 
 class _CameraHandler(_Handler):
@@ -151,10 +150,10 @@ class _SessionHandler(_Handler):
         self.send(json.dumps(status).encode("ascii"), "application/json")
 
     async def post(self) -> None:
-        sessions, address = self.page.sessions, self.request.remote_ip or ""
+        sessions = self.page.sessions
         if sessions is None:
             raise web.HTTPError(404)
-        if not self.page.login_limiter.allows(address, time.monotonic()):
+        if not self.page.login_limiter.allows(self.request.remote_ip or "", time.monotonic()):
             raise web.HTTPError(429)
         try:
             fields = json.loads(self.body.decode("utf-8"))
@@ -211,7 +210,7 @@ class _LinkHandler(_GuardedHandler, WebSocketHandler):
         with contextlib.suppress(WebSocketClosedError):
             while self in self.page.browsers:
                 view_changed = self.page.view_changed
-                revision, text = self.page.view.newer_than(revision)
+                revision, text = self.page.view.changes_since(revision)
                 if text:
                     await self.write_message(text)
                     await asyncio.sleep(_SEND_PERIOD - delay)
@@ -220,13 +219,14 @@ class _LinkHandler(_GuardedHandler, WebSocketHandler):
                     await asyncio.sleep(delay)
 
     def _write_json(self, message: Dict[str, Any]) -> None:
-        self._write(as_message(message))
+        self._write(to_json(message))
 
     def _write(self, text: str) -> None:
         with contextlib.suppress(WebSocketClosedError):
             self.write_message(text)
 
     def on_message(self, message: Any) -> None:
+        """Starts what a message asks for, or answers why not. A browser that is refused too often is disconnected."""
         request_id = ""  # a refusal names its request too, if that has a usable id
         try:
             if not self._message_limiter.allows("", time.monotonic()):
@@ -237,12 +237,12 @@ class _LinkHandler(_GuardedHandler, WebSocketHandler):
                 raise CodedError("page_viewer_only")
         except CodedError as error:
             self._refused += 1
-            self._write_json({"re": request_id, **refusal(error)})
+            self._write_json({"re": request_id, **answer_from_error(error)})
             if self._refused >= _MAX_REFUSED:
                 self.close(1008)
             return
         if self._unanswered >= _MAX_UNANSWERED and request.values.get("command") != "stop":
-            self._write_json({"re": request.id, **refusal(CodedError("page_too_fast"))})
+            self._write_json({"re": request.id, **answer_from_error(CodedError("page_too_fast"))})
             return
         self._unanswered += 1
         # by callback: each await would cost another turn of the loop, in which all others come first
@@ -253,6 +253,6 @@ class _LinkHandler(_GuardedHandler, WebSocketHandler):
         try:
             answer = future.result()
         except Exception:
-            self._write_json({"re": request.id, **refusal(CodedError("internal_error"))})
+            self._write_json({"re": request.id, **answer_from_error(CodedError("internal_error"))})
             raise
         self._write_json({"re": request.id, **answer})

@@ -24,8 +24,8 @@ FLOOR_PIXEL = 0.01  # [m] a ceiling camera resolves nothing finer
 STRIPE_PERIOD = 0.2  # [m] period of the stripes
 _INK = (40, 34, 30, 255)  # bgra of walls; the dark page inverts them
 _UNKNOWN = (128, 128, 128, 70)
-FORBIDDEN = (0, 94, 213)  # bgr, vermilion, as on the smart display
-PLANNED = (0, 159, 230)  # bgr, orange: what saving now would restrict
+RESTRICTED_COLOR = (0, 94, 213)  # bgr, vermilion, as on the smart display
+PREVIEW_COLOR = (0, 159, 230)  # bgr, orange: what saving now would restrict
 PREVIEW_SIDE = 700  # [px] of a preview, which travels inside a message
 
 
@@ -34,13 +34,13 @@ class EncodedImage:
     """A PNG or WebP.
 
     Attributes:
-        name: changes with the content, so that browsers may cache it for ever.
-        cells: map cells per pixel along a side, less than 1 if the image is finer than the map.
+        name: changes with the content, so that browsers may cache it forever.
+        cells_per_pixel: of the map, along a side; less than 1 if the image is finer than the map.
     """
 
-    data: bytes
+    encoded: bytes
     name: str
-    cells: float
+    cells_per_pixel: float
 
 
 class ImageCache:
@@ -100,8 +100,8 @@ def map_section(grid: GridMap, base: EncodedImage, restricted: Optional[EncodedI
         "columns": columns,
         "resolution": rounded(grid.resolution, 6),
         "origin": [rounded(value, 5) for value in grid.origin],
-        "cells": base.cells,
-        "floor": floor_cells(grid) if floor else 0,
+        "cells_per_pixel": base.cells_per_pixel,
+        "floor": floor_cells_per_pixel(grid) if floor else 0,
     }
 
 
@@ -111,7 +111,7 @@ def draw_restricted(prior: GridMap, posterior: GridMap) -> EncodedImage:
 
 
 def draw_region(
-    region: np.ndarray, resolution: float, tint: Tuple[int, int, int] = FORBIDDEN, side: int = MAX_SIDE
+    region: np.ndarray, resolution: float, tint: Tuple[int, int, int] = RESTRICTED_COLOR, side: int = MAX_SIDE
 ) -> EncodedImage:
     """Draws stripes over a region.
 
@@ -145,7 +145,7 @@ class CeilingImage:
     pose: np.ndarray
 
 
-def floor_cells(grid: GridMap) -> float:
+def floor_cells_per_pixel(grid: GridMap) -> float:
     """Returns the map cells per pixel of the floor's image, along a side."""
     return max(max(grid.shape) / FLOOR_SIDE, FLOOR_PIXEL / grid.resolution)
 
@@ -155,7 +155,7 @@ def draw_floor(grid: GridMap, images: Sequence[CeilingImage]) -> EncodedImage:
 
     Where several see the same floor, each is weighted by the pixel's distance to its image's edge: no hard seams.
     """
-    cells = floor_cells(grid)
+    cells = floor_cells_per_pixel(grid)
     rows, columns = (int(np.ceil(size / cells)) for size in grid.shape)
     centers = np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), axis=-1).reshape(-1, 2)
     positions = grid.grid_to_world(centers * cells - 0.5)

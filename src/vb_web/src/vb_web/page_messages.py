@@ -21,8 +21,8 @@ from vb_core.zones import ZONES, zone_by_number
 from vb_web import page_images
 from vb_web.page_view import rounded
 
-KINDS = {"polygon": VirtualBorder.POLYGON, "curve": VirtualBorder.SEPARATING_CURVE, "wall": VirtualBorder.VIRTUAL_WALL}
-_KIND_NAMES = {value: key for key, value in KINDS.items()}
+_KINDS = {"polygon": VirtualBorder.POLYGON, "curve": VirtualBorder.SEPARATING_CURVE, "wall": VirtualBorder.VIRTUAL_WALL}
+_KIND_NAMES = {number: name for name, number in _KINDS.items()}
 
 
 def centimeters(points: Iterable[Point]) -> List[int]:
@@ -87,8 +87,8 @@ def region_uri(region: Any) -> str:
     if not cells.size or cells.size != info.width * info.height:
         return ""
     cells = cells.reshape(info.height, info.width)
-    image = page_images.draw_region(cells, info.resolution, page_images.PLANNED, page_images.PREVIEW_SIDE)
-    return "data:image/png;base64," + base64.b64encode(image.data).decode("ascii")
+    image = page_images.draw_region(cells, info.resolution, page_images.PREVIEW_COLOR, page_images.PREVIEW_SIDE)
+    return "data:image/png;base64," + base64.b64encode(image.encoded).decode("ascii")
 
 
 def preview_section(message: BorderPreview) -> Dict[str, Any]:
@@ -155,7 +155,7 @@ def capabilities_section(
     }
 
 
-def drives_section(message: RobotStatusArray) -> Dict[str, Any]:
+def goals_section(message: RobotStatusArray) -> Dict[str, Any]:
     """Converts where robots are going: goal and path, by robot."""
     return {
         robot.robot: {"goal": centimeters([robot.goal]), "path": centimeters(robot.path)}
@@ -202,9 +202,11 @@ def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:
 
 def apply_draft(draft: Mapping[str, Any], border: VirtualBorder) -> VirtualBorder:
     """Puts a draft, checked by `action_parser`, into a border's message. Fields that a draft does not have are unchanged."""
-    border.name, border.enabled, border.robots = draft["name"], draft["enabled"], list(draft["robots"])
+    border.name = draft["name"]
+    border.enabled = draft["enabled"]
+    border.robots = list(draft["robots"])
     border.points = [Point(x, y, 0.0) for x, y in draft["points"]]
-    border.kind = KINDS[draft["kind"]]
+    border.kind = _KINDS[draft["kind"]]
     border.seed = Point(*draft["seed"], 0.0)
     zone = ZONES[draft["zone"]]
     if border.zone != zone.number or not border.occupancy:

@@ -27,10 +27,10 @@ from vb_core.ros.transforms import TransformLookup
 from vb_core.vocabulary import DEFAULT
 from vb_web import page_images, page_messages
 from vb_web.access_control import Sessions, is_loopback, load_codes
-from vb_web.action_executor import ActionHandler
+from vb_web.action_executor import ActionExecutor
 from vb_web.camera_images import CameraImages
 from vb_web.action_parser import Bounds
-from vb_web.server import PageParams, PageServer, addresses
+from vb_web.server import PageParams, PageServer, page_urls
 from vb_web.page_view import PageView, coarse_age, mark_borders, rounded
 
 _POSE_PERIOD = 0.1  # [s] between two updates of the robots' poses
@@ -41,14 +41,14 @@ _UNDER_WAY = ("saving", "changing")  # answers that precede the final one
 _EVENTS = 100
 
 
-class _Heard(NamedTuple):
+class _ReceivedEntry(NamedTuple):
     """An entry of a section, and when its newest message came."""
 
-    at: float  # [s] monotonic clock
+    received_at: float  # [s] monotonic clock
     entry: Dict[str, Any]
 
-    def entry_with_presence(self, now: float) -> Dict[str, Any]:
-        return {**self.entry, "there": now - self.at < _SILENCE_TIMEOUT}
+    def with_presence(self, now: float) -> Dict[str, Any]:
+        return {**self.entry, "present": now - self.received_at < _SILENCE_TIMEOUT}
 
 
 class PageNode:
@@ -88,27 +88,27 @@ class PageNode:
         self._events: Deque[Dict[str, Any]] = deque(maxlen=_EVENTS)  # what the page shows as history
         self._grid: Optional[GridMap] = None
         self._borders: Optional[VirtualBorderArray] = None  # None until they are known
-        self._border_marks: Dict[str, str] = {}  # by border's id
+        self._border_marks: Dict[str, str] = {}  # each border's, by its id
         self._capabilities: Optional[Capabilities] = None  # None while it is not known what is connected
         self._stoppable = False  # whether a robot has obeyed Stop since this node was started
-        self._base_frames: Dict[str, str] = {}  # by robot
+        self._base_frames: Dict[str, str] = {}  # each robot's
         self._last_answer: Any = None
-        self._is_drawing = False  # whether somebody draws
+        self._is_drawing = False
         self._state_at = time.monotonic()
-        self._spots: Dict[str, Any] = {}  # by camera
+        self._spots: Dict[str, Any] = {}  # each camera's newest spot
         self._notices_timer = node.WakeTimer(_HEALTH_PERIOD)  # a silent node's notices expire without a message
         self._notices = NoticeListener(self._notices_timer.set)
-        self._cameras: Dict[str, _Heard] = {}
+        self._cameras: Dict[str, _ReceivedEntry] = {}
         self._detectors: Dict[str, str] = {}  # namespaces by camera
-        self._drivers: Dict[str, _Heard] = {}  # by robot
+        self._drivers: Dict[str, _ReceivedEntry] = {}  # each robot's
         self._transforms = TransformLookup()
         self._camera_images = CameraImages(
             self._detectors.get, params.cameras, params.image_transport, lambda: self._grid, self._transforms
         )
-        self._actions = ActionHandler(
+        self._actions = ActionExecutor(
             lambda border_id: _by_id(self._borders).get(border_id),
             lambda: self._connected(names.STATE),
-            lambda: {"addresses": self._addresses, **(self._codes or {})},
+            lambda: {"addresses": self._addresses, **self._codes},
         )
         self._subscribe()
         self._robots = CapabilitiesListener()
@@ -125,18 +125,21 @@ class PageNode:
     def _serve(self) -> None:
         """Starts the server and logs where the page is."""
         params = self._params
-        local = is_loopback(params.address)
-        codes = Path(params.codes_file).expanduser()
-        secrets = [codes, *(codes.with_name(name) for name in (_SESSIONS, "page.key"))]
-        node.keep_private(*([] if local else secrets))
-        self._codes = None if local else load_codes(codes)
-        sessions = None if self._codes is None else Sessions(self._codes, codes.with_name(_SESSIONS), _warn)
+        codes_file = Path(params.codes_file).expanduser()
+        self._codes: Dict[str, str] = {}
+        sessions = None
+        hint = ""
+        if not is_loopback(params.address):
+            sessions_file = codes_file.with_name(_SESSIONS)
+            node.keep_private(codes_file, sessions_file, codes_file.with_name("page.key"))
+            self._codes = load_codes(codes_file)
+            sessions = Sessions(self._codes, sessions_file, _warn)
+            hint = f"; its codes are in {codes_file}"
         parts = (self._view, self._images, self._actions, self._camera_images, self._find_bounds)
         fault = CodedError("internal_error")
         self._server = PageServer(params, sessions, *parts, on_fault=lambda _error: node.shut_down_with_error(fault))
         self._server.start()
-        self._addresses = addresses(params, self._server.port, _own_addresses())
-        hint = "" if local else f"; its codes are in {codes}"
+        self._addresses = page_urls(params, self._server.port, _own_addresses())
         rospy.loginfo("%s: the page is at %s%s", rospy.get_name(), " or ".join(self._addresses), hint)
 
     def close(self) -> None:
@@ -148,6 +151,7 @@ class PageNode:
 
     # ------------------------------------------------------------- inputs
     def _subscribe(self) -> None:
+        """Subscribes to all topics. A worker draws the maps, for which the callbacks would take too long."""
         self._maps: node.Mailbox = node.Mailbox()
         self._grids: Dict[str, Any] = {}  # the newest message by topic
         node.Worker(self._maps, lambda _: self._draw_maps())
@@ -190,25 +194,28 @@ class PageNode:
     def _show_capabilities(self) -> None:
         """Shows what is connected. When that is no longer known, browsers get a null section."""
         message, capabilities = self._robots.current() or (None, None)
-        changed, self._capabilities = capabilities != self._capabilities, capabilities
+        changed = capabilities != self._capabilities
+        self._capabilities = capabilities
         if message is not None and capabilities is not None:
             self._base_frames = {robot.robot: robot.frame for robot in message.robots}
             # Stop does not vanish from under a finger while a driver is being restarted
             self._stoppable = self._stoppable or "stop" in capabilities.commands
             stop = ("stop", "resume") if self._stoppable and "stop" not in capabilities.commands else ()
             self._view.put("capabilities", page_messages.capabilities_section(capabilities, message, stop))
-            self._view.put("drives", page_messages.drives_section(message))
+            self._view.put("goals", page_messages.goals_section(message))
         elif changed:
             self._view.put("capabilities", None)
-            self._view.put("drives", {})
+            self._view.put("goals", {})
         if changed:
             self._show_borders()
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
-        previous, self._borders = self._borders, message
+        previous = self._borders
+        self._borders = message
         self._show_borders()
-        for kind, border in find_border_changes(_by_id(previous), _by_id(message)) if previous is not None else ():
-            self._log_event(f"page_event_{kind}", {"border": border.name or border.id})
+        if previous is not None:
+            for kind, border in find_border_changes(_by_id(previous), _by_id(message)):
+                self._log_event(f"page_event_{kind}", {"border": border.name or border.id})
 
     def _show_borders(self) -> None:
         """Shows the newest borders. Called from several threads, of which none can bring back an older list."""
@@ -233,11 +240,9 @@ class PageNode:
         if last["code"] in _UNDER_WAY:
             return  # the history shows only the final answer
         if self._last_answer is not None and answer != self._last_answer and last["command"]:
-            self._log_event(
-                "page_event_command" if last["ok"] else "page_event_refused",
-                {**last["values"], "command": last["command"], "code": last["code"]},
-                last["source"],
-            )
+            event = "page_event_command" if last["ok"] else "page_event_refused"
+            values = {**last["values"], "command": last["command"], "code": last["code"]}
+            self._log_event(event, values, last["source"])
         self._last_answer = answer
 
     def _on_progress(self, message: BorderProgress) -> None:
@@ -261,11 +266,11 @@ class PageNode:
     def _on_detector(self, message: DetectorStatus) -> None:
         with self._lock:
             self._detectors[message.camera] = message.detector
-            self._cameras[message.camera] = _Heard(time.monotonic(), page_messages.detector_entry(message))
+            self._cameras[message.camera] = _ReceivedEntry(time.monotonic(), page_messages.detector_entry(message))
 
     def _on_driver(self, message: DriverState) -> None:
         with self._lock:
-            self._drivers[message.robot] = _Heard(time.monotonic(), page_messages.driver_entry(message))
+            self._drivers[message.robot] = _ReceivedEntry(time.monotonic(), page_messages.driver_entry(message))
 
     # ------------------------------------------------------------- periodic checks
     def _show_poses(self) -> None:
@@ -275,26 +280,20 @@ class PageNode:
         for robot, frame in self._base_frames.items():
             pose = self._transforms.pose_on_map(frame, _SILENCE_TIMEOUT)
             if pose is not None:
-                poses[robot] = [rounded(value, 2) for value in pose]  # so that a robot at rest is reported once
+                poses[robot] = [rounded(value, 2) for value in pose]  # a robot at rest is then reported once
         self._view.put("robots", poses)
 
     def _show_health(self) -> None:
         self._show_capabilities()
         now = time.monotonic()
         with self._lock:
-            cameras = [heard.entry_with_presence(now) for heard in self._cameras.values()]
-            drivers = {robot: heard.entry_with_presence(now) for robot, heard in self._drivers.items()}
+            cameras = [received.with_presence(now) for received in self._cameras.values()]
+            drivers = {robot: received.with_presence(now) for robot, received in self._drivers.items()}
         self._view.put("cameras", sorted(cameras, key=lambda entry: entry["name"]))
         self._view.put("drivers", drivers)
-        self._view.put(
-            "health",
-            {
-                "manager": self._connected(names.STATE),
-                "integrator": self._connected(names.BORDERS),
-                "silent": coarse_age(now - self._state_at),
-            },
-        )
-        self._view.put("beat", int(now) // 2)  # so that a browser hears that it is still connected
+        health = {"manager": self._connected(names.STATE), "integrator": self._connected(names.BORDERS)}
+        self._view.put("health", {**health, "silent": coarse_age(now - self._state_at)})
+        self._view.put("beat", int(now) // 2)  # tells browsers that they are still connected
 
     def _connected(self, topic: str) -> bool:
         return self._subscribers[topic].get_num_connections() > 0

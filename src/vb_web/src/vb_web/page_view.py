@@ -1,7 +1,7 @@
 """What the page shows, as sections of JSON with a revision each.
 
-A section is serialised once, when it changes. A browser that knows revision N gets the sections that are newer; all
-browsers get the same text, and a slow one skips what was replaced meanwhile.
+A section is serialised once, when it changes. A browser that knows revision N gets the sections that are newer. All
+browsers get the same text, and a slow one skips what has been replaced.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ def coarse_age(seconds: float) -> int:
     return max([step for step in steps if step <= seconds], default=0)
 
 
-def as_message(value: Any) -> str:
+def to_json(value: Any) -> str:
     """Serialises a message to a browser as JSON."""
     return json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 
-def answer(code: str, ok: bool = True, values: Optional[Dict[str, str]] = None, message: str = "") -> Dict[str, Any]:
+def make_answer(code: str, ok: bool, values: Dict[str, str], message: str) -> Dict[str, Any]:
     """Makes the answer to a request: its code, the values of that code's sentence, and the sentence in English."""
-    return {"ok": ok, "code": code, "values": values or {}, "message": message}
+    return {"ok": ok, "code": code, "values": values, "message": message}
 
 
-def refusal(error: CodedError) -> Dict[str, Any]:
+def answer_from_error(error: CodedError) -> Dict[str, Any]:
     """Converts an error to an answer."""
-    return answer(error.code, False, {key: str(value) for key, value in error.values.items()}, error.message)
+    return make_answer(error.code, False, {key: str(value) for key, value in error.values.items()}, error.message)
 
 
 class PageView:
@@ -52,13 +52,13 @@ class PageView:
     def __init__(self, on_change: Callable[[], None] = lambda: None) -> None:
         self.on_change = on_change
         self._lock = threading.Lock()
-        self._sections: Dict[str, Tuple[int, str]] = {}  # by name: revision and JSON
+        self._sections: Dict[str, Tuple[int, str]] = {}  # each section's (revision, JSON)
         self._revision = 0
         self._last_message: Tuple[int, int, str] = (-1, -1, "")  # and the revisions between which it lies
 
     def put(self, section: str, value: Any) -> None:
         """Replaces a section. Browsers get it if it has changed."""
-        text = as_message(value)
+        text = to_json(value)
         with self._lock:
             if self._sections.get(section, (0, None))[1] == text:
                 return
@@ -66,7 +66,7 @@ class PageView:
             self._sections[section] = (self._revision, text)
         self.on_change()
 
-    def newer_than(self, revision: int) -> Tuple[int, str]:
+    def changes_since(self, revision: int) -> Tuple[int, str]:
         """Returns the current revision, and a message with all sections newer than `revision`, "" if there are none."""
         with self._lock:
             if revision >= self._revision:

@@ -1,8 +1,8 @@
-"""The web server: its thread, its connections, and the pools that carry out requests (handlers: `http_handlers`).
+"""The web server: its thread, its connections, and the pools that carry out the requests to `http_handlers`.
 
 An attacker must not prevent an operator's *stop*. Therefore each role has its own slots for connections
 (`access_control.ConnectionSlots`), slow work is separate from quick work and done one piece at a time for each person,
-and a connection that reads or writes too slowly is closed. No ROS here; `action_executor.ActionHandler` carries out requests.
+and a connection that reads or writes too slowly is closed. No ROS here; `action_executor.ActionExecutor` carries out requests.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from vb_web import action_parser
 from vb_web import http_handlers
 from vb_web.access_control import ConnectionSlots, Role, Sessions
 from vb_web.page_images import ImageCache
-from vb_web.page_view import PageView, as_message, refusal
+from vb_web.page_view import PageView, answer_from_error, to_json
 
 STATIC = Path(__file__).resolve().parent / "static"
 _TYPES = {
@@ -86,7 +86,7 @@ class PageServer:
 
     Args:
         sessions: None only for loopback addresses, where every user of this computer is an operator.
-        actions: an `action_executor.ActionHandler`, which carries out requests in the pools' threads. It may take seconds.
+        actions: an `action_executor.ActionExecutor`, which carries out requests in the pools' threads. It may take seconds.
         cameras: a `camera_images.CameraImages`, which may take seconds too.
         find_bounds: returns the map's bounds, for checking points, or None without a map.
         on_fault: called once with the error that ended the server's thread.
@@ -112,8 +112,10 @@ class PageServer:
         self.browsers: Set[Any] = set()  # the open WebSockets' handlers
         self.pool = ThreadPoolExecutor(max_workers=16, thread_name_prefix="page")
         self.slow_pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="page_slow")
-        self._turns: "WeakValueDictionary[str, asyncio.Lock]" = WeakValueDictionary()  # by person
-        self._answers: "OrderedDict[Tuple[str, str], asyncio.Future]" = OrderedDict()  # by person and request's id
+        self._turns: "WeakValueDictionary[str, asyncio.Lock]" = WeakValueDictionary()  # each person's
+        self._answers: "OrderedDict[Tuple[str, str], asyncio.Future]" = (
+            OrderedDict()
+        )  # answers by (person, request's id)
         self.hellos = {role: self._hello(role) for role in Role}
         self.files = {path.name: (path.read_bytes(), _TYPES[path.suffix]) for path in STATIC.iterdir()}
         for language in sentences.languages():
@@ -121,7 +123,7 @@ class PageServer:
             self.files[f"words/{language}.json"] = (words.encode("utf-8"), _TYPES[".json"])
         self.port = 0
         self._on_fault = on_fault
-        self._started: "Future[int]" = Future()  # with the port
+        self._started: "Future[int]" = Future()  # gets the port
         self._thread = threading.Thread(target=self._run, name="page_server", daemon=True)
 
     def _hello(self, role: Role) -> str:
@@ -133,7 +135,7 @@ class PageServer:
             **vocabulary.tables(),
             "zones": zones.table(),
         }
-        return as_message({"hello": hello})
+        return to_json({"hello": hello})
 
     def start(self) -> None:
         """Starts the thread and waits until it listens.
@@ -216,8 +218,8 @@ class PageServer:
     def assign_slot(self, stream: Any, role: Role, *holders: str) -> bool:
         """Gives a connection a slot of its role, for which another may be closed. Returns whether it got one."""
         for slots in self.slots.values():
-            slots.leave(stream)
-        displaced = self.slots[role].take(stream, *holders)
+            slots.release(stream)
+        displaced = self.slots[role].assign_slot(stream, *holders)
         if displaced is not None and displaced is not stream:
             displaced.close()
         return displaced is not stream
@@ -230,7 +232,8 @@ class PageServer:
 
     def carry_out(self, request: action_parser.ActionRequest, person: str) -> "asyncio.Future[Dict[str, Any]]":
         """Carries out a request and returns its answer. A repeated request gets the same answer."""
-        key, source = (person, request.id), f"page {person[:4]}".strip()
+        key = (person, request.id)
+        source = f"page {person[:4]}".strip()
         if key not in self._answers:
             if request.action == "command":
                 self._answers[key] = self.actions.command(request, source)
@@ -246,7 +249,7 @@ class PageServer:
                 return await self.in_turn(person, self.actions.carry_out, request, source)
             return await asyncio.get_event_loop().run_in_executor(self.pool, self.actions.carry_out, request, source)
         except CodedError as error:
-            return refusal(error)
+            return answer_from_error(error)
 
 
 class _BoundedServer(HTTPServer):
@@ -278,8 +281,8 @@ class _BoundedServer(HTTPServer):
         super().handle_stream(stream, address)
 
 
-def addresses(params: PageParams, port: int, own_addresses: List[str]) -> List[str]:
-    """Returns the page's addresses, the most useful first.
+def page_urls(params: PageParams, port: int, own_addresses: List[str]) -> List[str]:
+    """Returns the page's URLs, the most useful first.
 
     Args:
         own_addresses: this computer's addresses in the network.

@@ -1,11 +1,10 @@
 """Decides where each robot should go: the policy, apart from maps, messages and actions.
 
 One robot serves, and stays where it is as long as it sees the target from there. If it has not seen the target for a
-while, or its position has failed, the robots bid: each offers the cheapest position from which it would see the target
-(its present position costs nothing). Bids rank by whether they see the spot, then by the robot's failures, whether it
-is busy, and cost. A position fails if navigation does not accept it, the robot makes no progress, or no camera sees the
-spot in time; it is then not offered again for a while. The bid of the serving robot counts as SWITCH_GAIN cheaper, so
-that two robots do not alternate.
+while, or its position has failed, the robots bid. Each offers the cheapest position from which it would see the target.
+Its present position costs nothing. Bids rank by whether they see the spot, then by the robot's failures, whether it is
+busy, and cost. A position fails if navigation does not accept it, the robot makes no progress, or no camera sees the
+spot in time. It is not offered for a while. The serving robot bids SWITCH_GAIN less, so that two do not alternate.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ PREEMPTION_PAUSE = 15.0  # [s] after another node sent the robot elsewhere
 SWITCH_GAIN = 1.0  # [m] by which another robot's bid must be cheaper for it to take over
 
 Circle = Tuple[float, float, float]  # (x, y, radius) [m]
-Planners = Mapping[str, Optional[ViewpointPlanner]]  # by robot's name; None until a planner can be made
+Planners = Mapping[str, Optional[ViewpointPlanner]]  # keys are robots' names; None until a planner can be made
 
 
 class SentGoalState(enum.Enum):
@@ -46,10 +45,10 @@ class SentGoalState(enum.Enum):
     ACTIVE = "active"
     REACHED = "reached"
     FAILED = "failed"  # aborted, rejected or lost
-    PREEMPTED = "preempted"  # preempted although this policy did not cancel it
+    PREEMPTED = "preempted"  # by another node, as this policy did not cancel it
 
     @property
-    def under_way(self) -> bool:
+    def is_running(self) -> bool:
         """Whether the robot is on its way to the goal."""
         return self in (SentGoalState.SENT, SentGoalState.ACTIVE)
 
@@ -60,39 +59,39 @@ class DispatchStatus:
 
     Attributes:
         pose: (x, y, yaw) [m, m, rad], map frame; None if it is not localised.
-        server: whether its navigation is running.
+        has_navigation: whether its navigation is running.
         goal: the state of the last goal that was sent to it.
-        busy: whether it drives to another node's goal.
+        is_busy: whether it drives to another node's goal.
     """
 
     pose: Optional[Pose]
-    server: bool = True
+    has_navigation: bool = True
     goal: SentGoalState = SentGoalState.NONE
-    busy: bool = False
+    is_busy: bool = False
 
 
-class Assessment(enum.Enum):
+class PositionAssessment(enum.Enum):
     """An assessment of the serving robot's position: its goal's if it is on its way, else its own."""
 
     FIT = "fit"
-    UNKNOWN = "unknown"  # its viewpoint planner is not known yet
-    UNFIT = "unfit"  # it does not see the target from there, or has no room
-    HIDDEN = "hidden"  # it should see the spot from where it stands, but no camera does
+    UNKNOWN = "unknown"  # the viewpoint planner is not known yet
+    UNFIT = "unfit"  # the robot does not see the target from there, or has no room
+    HIDDEN = "hidden"  # the robot should see the spot from where it stands, but no camera does
     FAILED = "failed"  # navigation gave up, or the robot makes no progress
     PREEMPTED = "preempted"  # another node sent the robot elsewhere
 
 
-class Wait(NamedTuple):
-    """A robot's wait for an event, "" for none, since a time [s], at a pose; None if it has not begun yet."""
+class EventWait(NamedTuple):
+    """A robot's wait for an event ("" for none) since a time [s] at a pose, which is None before the wait begins."""
 
     event: str = ""
     since: float = 0.0
     pose: Optional[Pose] = None
 
-    def continued(self, event: str, now: float, pose: Pose) -> Wait:
+    def continued(self, event: str, now: float, pose: Pose) -> EventWait:
         """Returns this wait or, if the robot has moved or waits for another event, one that begins now."""
         stays = self.pose is not None and pose_distance(self.pose, pose) < STUCK_DISTANCE
-        return self if event == self.event and stays else Wait(event, now, pose)
+        return self if event == self.event and stays else EventWait(event, now, pose)
 
 
 class Failure(NamedTuple):
@@ -103,7 +102,7 @@ class Failure(NamedTuple):
     circle: Circle
 
 
-class Rank(NamedTuple):
+class BidRank(NamedTuple):
     """The rank of a bid. The smallest is the best, field by field; `cost` is in metres of path."""
 
     misses_spot: bool
@@ -131,7 +130,7 @@ class DispatchPolicy:
         self.serving: Optional[str] = None
         self.goal: Optional[Viewpoint] = None
         self._sent_at = -math.inf  # [s]
-        self._wait = Wait()
+        self._wait = EventWait()
 
     def _forget_failures(self) -> None:
         self._failures: List[Failure] = []
@@ -142,7 +141,7 @@ class DispatchPolicy:
     def step(
         self, now: float, key: Hashable, unseen: float, robots: Mapping[str, DispatchStatus], planners: Planners
     ) -> Dict[str, Optional[Viewpoint]]:
-        """Decides the goal of each robot, which it may have reached already; None if it has no goal.
+        """Decides the goal of each robot, which it may have reached already, or None for a robot without a goal.
 
         The caller sends a goal that differs from the previous one, and cancels the previous one if there is no new one.
 
@@ -153,14 +152,14 @@ class DispatchPolicy:
         """
         is_over = key is None or now < self._previous_time - 1.0  # if time has jumped back, this is another run
         if is_over or key != self._previous_key:
-            if is_over or self.goal is None or not robots[self.serving].goal.under_way:
-                self._forget_goal()  # else a robot that is on its way goes on
+            if is_over or self.goal is None or not robots[self.serving].goal.is_running:
+                self._forget_goal()  # but a robot that is on its way goes on
             self._forget_failures()
         self._previous_time, self._previous_key = now, key
         self._failures = [failure for failure in self._failures if now - failure.time < FAILED_MEMORY]
         self._hidden = self._hidden if unseen > LOST_TIMEOUT else []
         wanted = robots if key is not None else {}
-        able = {name: status for name, status in wanted.items() if status.server and status.pose is not None}
+        able = {name: status for name, status in wanted.items() if status.has_navigation and status.pose is not None}
         if self.serving not in able:
             self.serving = self.goal = None
         if self.serving is not None:
@@ -172,56 +171,56 @@ class DispatchPolicy:
 
     def _assess(
         self, now: float, unseen: float, status: DispatchStatus, planner: Optional[ViewpointPlanner]
-    ) -> Assessment:
+    ) -> PositionAssessment:
         """Assesses the position of the serving robot, and changes nothing."""
         goal = self.goal
-        on_way = goal is not None and status.goal.under_way
+        on_way = goal is not None and status.goal.is_running
         if goal is not None and status.goal in (SentGoalState.FAILED, SentGoalState.PREEMPTED):
-            return Assessment(status.goal.value)
+            return PositionAssessment(status.goal.value)
         if on_way:
             wait = self._wait.continued(status.goal.value, now, status.pose)
             if now - wait.since > STUCK_TIMEOUTS[wait.event]:
-                return Assessment.FAILED
+                return PositionAssessment.FAILED
         if planner is None:
-            return Assessment.UNKNOWN
+            return PositionAssessment.UNKNOWN
         pose = goal.pose if on_way else status.pose
         avoided = [*self._hidden, *self._circles_of(self.serving)]
         fits = planner.shows_target(pose) and (not on_way or planner.has_room_at(pose))
         fits = fits and all(math.dist(pose[:2], (x, y)) >= radius for x, y, radius in avoided)
         if on_way:
             # a robot that is leaving the seed's side goes on: the border would lock it in
-            return Assessment.FIT if fits or not goal.sees_spot else Assessment.UNFIT
+            return PositionAssessment.FIT if fits or not goal.sees_spot else PositionAssessment.UNFIT
         if not fits:
-            return Assessment.UNFIT
+            return PositionAssessment.UNFIT
         waited = now - self._wait.continued("seen", now, status.pose).since
         is_hidden = min(unseen, waited) >= HIDDEN_TIMEOUT and len(self._hidden) < HIDDEN_TRIES
-        return Assessment.HIDDEN if is_hidden else Assessment.FIT
+        return PositionAssessment.HIDDEN if is_hidden else PositionAssessment.FIT
 
-    def _record(self, now: float, assessment: Assessment, status: DispatchStatus) -> None:
+    def _record(self, now: float, assessment: PositionAssessment, status: DispatchStatus) -> None:
         """Records the assessment of the serving robot's position, and drops a goal that led nowhere."""
-        if assessment is Assessment.FAILED:
+        if assessment is PositionAssessment.FAILED:
             self._failures.append(Failure(self.serving, now, (*self.goal.pose[:2], FAILED_RADIUS)))
             self._rests_until[self.serving] = now + RETRY_AFTER * len(self._circles_of(self.serving))
-        elif assessment is Assessment.PREEMPTED:
+        elif assessment is PositionAssessment.PREEMPTED:
             self._rests_until[self.serving] = now + PREEMPTION_PAUSE
-        elif assessment is Assessment.HIDDEN:
+        elif assessment is PositionAssessment.HIDDEN:
             self._hidden.append((*status.pose[:2], FAILED_RADIUS))
-        elif self.goal is not None and status.goal.under_way:
+        elif self.goal is not None and status.goal.is_running:
             self._wait = self._wait.continued(status.goal.value, now, status.pose)
-        elif assessment is not Assessment.UNKNOWN:
+        elif assessment is not PositionAssessment.UNKNOWN:
             # only a wait where the robot should see the spot may show that something hides it
-            self._wait = self._wait.continued("seen" if assessment is Assessment.FIT else "", now, status.pose)
-        if assessment in (Assessment.FAILED, Assessment.PREEMPTED, Assessment.HIDDEN):
+            self._wait = self._wait.continued("seen" if assessment is PositionAssessment.FIT else "", now, status.pose)
+        if assessment in (PositionAssessment.FAILED, PositionAssessment.PREEMPTED, PositionAssessment.HIDDEN):
             self.goal = None
-            self._wait = Wait()
-        if assessment in (Assessment.FIT, Assessment.HIDDEN):
+            self._wait = EventWait()
+        if assessment in (PositionAssessment.FIT, PositionAssessment.HIDDEN):
             self._unfit_since = None
-        elif assessment is Assessment.UNFIT and self.goal is not None and self._unfit_since is None:
+        elif assessment is PositionAssessment.UNFIT and self.goal is not None and self._unfit_since is None:
             self._unfit_since = now
 
-    def _must_choose(self, now: float, unseen: float, assessment: Assessment) -> bool:
+    def _must_choose(self, now: float, unseen: float, assessment: PositionAssessment) -> bool:
         """Returns whether to choose another position, or robot: with patience while the present goal may fit again."""
-        if assessment in (Assessment.FIT, Assessment.UNKNOWN):
+        if assessment in (PositionAssessment.FIT, PositionAssessment.UNKNOWN):
             return False
         if self.goal is None:
             return True
@@ -235,20 +234,22 @@ class DispatchPolicy:
 
     def _choose(self, now: float, able: Mapping[str, DispatchStatus], planners: Planners) -> None:
         """Accepts the best bid. Changes nothing if there is none."""
-        bids: Dict[str, Tuple[Rank, Optional[Viewpoint]]] = {}
+        bids: Dict[str, Tuple[BidRank, Optional[Viewpoint]]] = {}
         for name, status in able.items():
-            planner, circles, serves = planners[name], self._circles_of(name), name == self.serving
+            planner = planners[name]
+            circles = self._circles_of(name)
+            serves = name == self.serving
             if planner is None or now < self._rests_until.get(name, -math.inf):
                 continue
-            if not serves and not status.busy and planner.shows_target(status.pose):
-                bids[name] = Rank(misses_spot=False, failures=len(circles), is_busy=False, cost=0.0), None
+            if not serves and not status.is_busy and planner.shows_target(status.pose):
+                bids[name] = BidRank(misses_spot=False, failures=len(circles), is_busy=False, cost=0.0), None
                 continue
             viewpoint = planner.best_viewpoint(status.pose, [*self._hidden, *circles])
             if viewpoint is None:
                 self._rests_until[name] = now + MIN_INTERVAL  # the same search would fail again now
                 continue
-            cost = viewpoint.cost - (SWITCH_GAIN if serves else 0.0)
-            bids[name] = Rank(not viewpoint.sees_spot, len(circles), status.busy and not serves, cost), viewpoint
+            cost = viewpoint.cost - SWITCH_GAIN if serves else viewpoint.cost
+            bids[name] = BidRank(not viewpoint.sees_spot, len(circles), status.is_busy and not serves, cost), viewpoint
         if not bids:
             return
         best = min(bids, key=lambda name: bids[name][0])
@@ -256,9 +257,12 @@ class DispatchPolicy:
         if best == self.serving and self._is_near_goal(chosen, status):
             self._unfit_since = now
             return
-        # copied, because the caller compares goals by identity: the same position again is another goal
-        self.serving, self.goal = best, chosen and replace(chosen)
-        self._sent_at, self._unfit_since, self._wait = now, None, Wait()
+        self.serving = best
+        # the goal is copied, because the caller compares goals by identity: the same position again is another goal
+        self.goal = chosen and replace(chosen)
+        self._sent_at = now
+        self._unfit_since = None
+        self._wait = EventWait()
 
     def _is_near_goal(self, chosen: Optional[Viewpoint], status: DispatchStatus) -> bool:
         """Returns whether a viewpoint is close to where the robot already is or is going."""
@@ -266,4 +270,4 @@ class DispatchPolicy:
         if chosen is None or goal is None or math.dist(chosen.pose[:2], goal.pose[:2]) >= MIN_GAIN:
             return False
         turn = abs(math.remainder(chosen.pose[2] - goal.pose[2], 2.0 * math.pi))
-        return turn < MIN_TURN and (status.goal.under_way or math.dist(status.pose[:2], goal.pose[:2]) <= MIN_GAIN)
+        return turn < MIN_TURN and (status.goal.is_running or math.dist(status.pose[:2], goal.pose[:2]) <= MIN_GAIN)

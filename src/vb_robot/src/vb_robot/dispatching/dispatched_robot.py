@@ -15,9 +15,9 @@ from vb_core.ros.transforms import TransformLookup
 from vb_robot.dispatching.dispatch_policy import DispatchStatus, SentGoalState
 from vb_robot.dispatching.viewpoint import RobotCameraView, Viewpoint
 from vb_robot.monitoring.watched_robot import WatchedRobot
-from vb_robot.monitoring.navigation_connections import within
+from vb_robot.monitoring.navigation_connections import resolve_name
 
-MARK = "-looks-"  # in the ids of goals, by which those of a process that died are recognised
+GOAL_ID_MARK = "-looks-"  # part of the ids of goals, by which those of a process that died are recognised
 OUTCOMES = {
     GoalStatus.PENDING: SentGoalState.SENT,
     GoalStatus.SUCCEEDED: SentGoalState.REACHED,
@@ -31,7 +31,7 @@ OUTCOMES = {
 
 def next_goal_state(state: SentGoalState, status: Optional[int]) -> SentGoalState:
     """Returns a goal's new state, from its status in navigation, which is None if navigation does not know the goal."""
-    if not state.under_way:
+    if not state.is_running:
         return state
     if status is None:  # the goal has not arrived yet, or navigation was started again
         return SentGoalState.FAILED if state is SentGoalState.ACTIVE else state
@@ -54,7 +54,7 @@ class DispatchedRobot:
         self._state = SentGoalState.NONE
         self._ids: Set[str] = set()  # ids of all goals that were sent
         self._id = ""  # id of the last goal
-        camera_info = within(robot.name, profile.camera.info)
+        camera_info = resolve_name(robot.name, profile.camera.info)
         self._camera = rospy.Subscriber(camera_info, CameraInfo, self._on_info, queue_size=1)
 
     def _on_info(self, message: CameraInfo) -> None:
@@ -63,7 +63,8 @@ class DispatchedRobot:
             return
         try:
             T = self._transforms.lookup(self._robot.frame, message.header.frame_id, rospy.Time(0), timeout=0.0)
-            self.view, self._lens = RobotCameraView(camera_from_info(message), T, self._max_range), lens
+            self.view = RobotCameraView(camera_from_info(message), T, self._max_range)
+            self._lens = lens
         except CodedError as error:
             camera = f"the camera of {self._robot.frame}"
             rospy.logwarn_throttle(30.0, f"{rospy.get_name()}: what {camera} sees is not known: {error}")
@@ -74,9 +75,10 @@ class DispatchedRobot:
             return
         self._goal = goal
         if goal is not None:
-            self._id, self._state = self._robot.send(goal.pose, MARK), SentGoalState.SENT
+            self._id = self._robot.send_goal(goal.pose, GOAL_ID_MARK)
+            self._state = SentGoalState.SENT
             self._ids.add(self._id)
-        elif self._state.under_way:
+        elif self._state.is_running:
             self._robot.cancel_goals(self._id)
             self._state = SentGoalState.NONE
             rospy.loginfo("%s: the goal of %s is cancelled", rospy.get_name(), self._robot.frame)
@@ -88,8 +90,8 @@ class DispatchedRobot:
         running = GoalStatus.PENDING, GoalStatus.ACTIVE
         others = {goal for goal, status in statuses.items() if status in running} - self._ids
         for goal in others:
-            if goal.startswith(rospy.get_name() + MARK):
-                # repeated, because a message may be lost while publishers are being connected
+            if goal.startswith(rospy.get_name() + GOAL_ID_MARK):
+                # again and again, because a message may be lost while publishers are being connected
                 self._robot.cancel_goals(goal)
                 rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: cancels a goal from before a restart: {goal}")
         if wanted:

@@ -12,10 +12,9 @@ from vb_core.vocabulary import SEED
 from vb_robot.clearance_map import ClearanceMap, bounding_window
 from vb_robot.dispatching.dispatch_policy import DispatchPolicy, DispatchStatus
 from vb_robot.dispatching.viewpoint import DrawingState, RobotCameraView, Viewpoint, ViewpointPlanner
-from vb_robot.spot_sightings import LOST_TIMEOUT, Sightings
+from vb_robot.spot_sightings import LOST_TIMEOUT, SpotSightings
 
-# [s] after which a notice says so: a stroke's first spots are confirmed late, and choosing a robot takes 1 s
-UNSERVED_TIME = 2.0
+UNSERVED_TIME = 2.0  # [s] until a notice says so: first spots are confirmed late, and choosing a robot takes 1 s
 
 
 class RobotMap:
@@ -36,7 +35,7 @@ class RobotMap:
     def make_planner(
         self, drawing: DrawingState, status: DispatchStatus, others: Sequence
     ) -> Optional[ViewpointPlanner]:
-        """Makes the robot's viewpoint planner for a drawing; None until map, pose and camera are known."""
+        """Makes the robot's viewpoint planner for a drawing, or returns None until map, pose and camera are known."""
         borders, physical = self._maps
         if self._view is None or status.pose is None or borders is None:
             return None
@@ -64,7 +63,7 @@ class Dispatcher:
 
     def __init__(self, radii: Mapping[str, float]) -> None:
         self.maps = {name: RobotMap(radius) for name, radius in radii.items()}
-        self.sightings = Sightings(mobile_cameras=[name or "robot" for name in radii])
+        self.sightings = SpotSightings(mobile_cameras=[name or "robot" for name in radii])
         self.notice: Optional[Notice] = None
         self._policy = DispatchPolicy(self.maps)
         self._unserved_since = math.inf  # [s] time since which no camera sees the spot and no robot comes
@@ -74,17 +73,18 @@ class Dispatcher:
     def set_progress(self, interaction: str, drawn: DrawingState, cameras: Iterable[str]) -> None:
         """Stores what has been drawn so far in an interaction, and which cameras contributed."""
         self._drawn_in, self._newest_drawing = interaction, drawn
-        # also before any robot is wanted, because it depends on these cameras whether one is
+        # these cameras count even before a robot is wanted, because they decide whether one is
         self.sightings.add_contributors(interaction, cameras)
 
     def decide(self, now: float, robots: Mapping[str, DispatchStatus]) -> Dict[str, Optional[Viewpoint]]:
         """Decides the goal of each robot at time `now` [s], by `DispatchPolicy.step`. A new goal takes some 10 ms."""
-        sightings, robot_wanted = self.sightings, self.sightings.should_dispatch()
+        sightings = self.sightings
+        robot_wanted = sightings.should_dispatch()
         sightings.forget_after(now)
         drawing = self._drawing(now) if robot_wanted else None
         time_since_seen = sightings.time_since_seen(now)
-        if sightings.newest() is None and drawing is not None and not drawing.seeding:
-            time_since_seen = 2.0 * LOST_TIMEOUT  # this program was restarted in the middle of a drawing
+        if sightings.newest() is None and drawing is not None and not drawing.marks_side:
+            time_since_seen = 2.0 * LOST_TIMEOUT  # the program was restarted in the middle of a drawing
         planners: Dict[str, Optional[ViewpointPlanner]] = {}
         for name, status in robots.items():
             others = [s.pose[:2] for other, s in robots.items() if other != name and s.pose is not None]
@@ -94,17 +94,16 @@ class Dispatcher:
         return goals
 
     def _drawing(self, now: float) -> Optional[DrawingState]:
-        """Returns the drawing with its spot at time `now` [s]; None while the spot's position is not known."""
+        """Returns the drawing with its spot at time `now` [s], or None while the spot's position is not known."""
         sightings = self.sightings
         drawing = self._newest_drawing if self._drawn_in == sightings.key[0] else DrawingState()
         if sightings.state == SEED and drawing.seed is not None:
-            target = drawing.seed  # because a moving camera sees other bright things once the pointer is off
+            target = drawing.seed  # a moving camera sees other bright things once the pointer is off
         elif sightings.newest() is not None:
             target = sightings.target()
         else:
-            # this program was restarted in the middle of a drawing: the spot was last at the line's end; the seed of a
-            # closed line is most likely inside it, where a robot would hide it
-            inner_point = drawing.inside() if sightings.state == SEED else None
+            # after a restart, the spot was last at the line's end; a closed line's seed is inside, where robots would hide it
+            inner_point = drawing.interior_point() if sightings.state == SEED else None
             target = drawing.spot if inner_point is None else inner_point
         if target is None:
             return None
@@ -112,7 +111,7 @@ class Dispatcher:
             drawing,
             spot=target,
             velocity=sightings.velocity(),
-            seeding=sightings.state == SEED,
+            marks_side=sightings.state == SEED,
             seen_by_stationary=sightings.seen_by_stationary(now),
         )
 
@@ -125,4 +124,4 @@ class Dispatcher:
             notice = Notice.of_robot(self._policy.serving or "", "spot_not_seen_robot_looks", Severity.INFO)
         elif now - self._unserved_since >= UNSERVED_TIME:
             notice = Notice("spot_not_seen_no_robot", Severity.WARNING)
-        self.notice = notice  # at once, because another thread reads it
+        self.notice = notice  # set in one step, because another thread reads it

@@ -2,8 +2,7 @@
 
 A robot looks a little ahead of the spot, to where the line continues, so that it sees the spot before ceiling cameras
 lose it. It goes nowhere that the border will probably restrict. The same test decides whether the camera sees what it
-must from the robot's pose, from its goal and from candidate poses. Candidates need some more margin, and the cheapest
-in metres of path is chosen.
+must from the robot's pose, its goal and candidates, which need some more margin. The cheapest in metres of path wins.
 """
 
 from __future__ import annotations
@@ -35,8 +34,7 @@ DISTANCE_COST = 0.5  # for each metre off BEST_DISTANCE
 UNSEEN_COST = 0.5  # if the robot sees nothing of where the line continues
 LOCKED_COST = 5.0  # if the path crosses the area that the border will restrict, and again if the pose is on it
 STEP = 0.05  # [m] between points of an extrapolated line
-# A quick hand has moved on when the robot arrives, so the robot looks at the middle of the distance that the hand may
-# have covered until then, as long as it sees the spot too.
+# A quick hand moves on until the robot arrives, so the robot looks ahead by half of that way, but sees the spot too.
 REACTION = 1.2  # [s] of the hand's motion until then
 MIN_LOOKAHEAD, MAX_LOOKAHEAD = 0.3, 0.6  # [m] to that point
 LINE_AHEAD = 0.8  # [m] length of the extrapolated line, which a robot should see too, and keeps off
@@ -53,7 +51,7 @@ class DrawingState:
         chain: (M, 2) [m] the line drawn so far.
         velocity: (2,) [m/s] the spot's velocity, or None.
         closed: whether the chain is a polygon.
-        seeding: whether the spot marks the side to be restricted, from which robots keep off.
+        marks_side: whether the spot marks the side to be restricted, from which robots keep off.
         seen_by_stationary: whether a stationary camera sees the spot, so that a robot need not.
         seed: (2,) [m] the seed with which the border would be saved now, or None.
     """
@@ -62,38 +60,38 @@ class DrawingState:
     chain: np.ndarray = field(default_factory=lambda: NO_POINTS)
     velocity: Optional[np.ndarray] = None
     closed: bool = False
-    seeding: bool = False
+    marks_side: bool = False
     seen_by_stationary: bool = False
     seed: Optional[np.ndarray] = None
 
-    def inside(self) -> Optional[np.ndarray]:
-        """Returns a point (2,) [m] inside a closed line, near its middle; None if the line is open."""
+    def interior_point(self) -> Optional[np.ndarray]:
+        """Returns a point (2,) [m] inside a closed line, near its middle, or None if the line is open."""
         if not self.closed or len(self.chain) < 3:
             return None
         return np.array(Polygon(self.chain).representative_point().coords[0])
 
-    def line_ahead(self, clearance_map: ClearanceMap) -> np.ndarray:
+    def extrapolate_line(self, clearance_map: ClearanceMap) -> np.ndarray:
         """Extrapolates the line from the spot, (K, 2) [m], up to a wall at most; the spot alone if it does not move."""
-        if self.velocity is None or self.seeding:
+        if self.velocity is None or self.marks_side:
             return np.array([self.spot])
         room = float(np.linalg.norm(clearance_map.ray_end(self.spot, self.velocity) - self.spot)) - STEP
         lengths = np.arange(0.0, min(LINE_AHEAD, max(0.0, room)) + 1e-9, STEP)
         return self.spot + lengths[:, None] * self.velocity / np.linalg.norm(self.velocity)
 
-    def look_at(self, ahead: np.ndarray) -> np.ndarray:
+    def target_point(self, ahead: np.ndarray) -> np.ndarray:
         """Returns the point (2,) [m] of the line ahead (K, 2) [m] that a robot should look at."""
         speed = float(np.linalg.norm(self.velocity)) if self.velocity is not None else 0.0
         length = min(max(0.5 * REACTION * speed, MIN_LOOKAHEAD), MAX_LOOKAHEAD)
         return ahead[min(int(round(length / STEP)), len(ahead) - 1)]
 
     def expected_area(self, clearance_map: ClearanceMap) -> Optional[np.ndarray]:
-        """Predicts which cells (H, W) bool the border will restrict; None if it is too early to tell.
+        """Predicts which cells (H, W) bool the border will restrict, or returns None if it is too early to tell.
 
         While the seed is shown, this is the seed's side. Before that, it is the area between the line and the straight
         line that joins its ends, because a half-drawn polygon looks like a curve.
         """
-        if self.seeding:
-            return clearance_map.side_of(self.spot, self.chain, self.closed)
+        if self.marks_side:
+            return clearance_map.predict_restricted_side(self.spot, self.chain, self.closed)
         if len(self.chain) < 2 or float(np.ptp(self.chain, axis=0).max()) < MIN_LINE:
             return None
         canvas = np.zeros(clearance_map.grid.shape, dtype=np.uint8)
@@ -122,7 +120,7 @@ class RobotCameraView:
         self._widest = 1.05 * float(min(camera.limit, tangents.max()))
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
-        """Projects floor points (N, 2) [m], base frame, to pixels (N, 2) [px]; NaN far outside the image."""
+        """Projects floor points (N, 2) [m], base frame, to pixels (N, 2) [px], or NaN far outside the image."""
         points = np.asarray(points, dtype=float).reshape(-1, 2)
         points = geometry.transform_points(self._T_camera_base, np.column_stack([points, np.zeros(len(points))]))
         ahead = (points[:, 2] > 1e-6) & (np.hypot(points[:, 0], points[:, 1]) <= self._widest * points[:, 2])
@@ -134,8 +132,7 @@ class RobotCameraView:
         """Returns (N,) bool: which floor points (N, 2) [m], base frame, are in the image and within range.
 
         Args:
-            margin: minimum distance from the image's edges, as a fraction of its width and height, or (2,) of each;
-                0.5 leaves only the middle.
+            margin: minimum distance from the image's edges, as a fraction of width and height, or (2,) of each.
         """
         points = np.asarray(points, dtype=float).reshape(-1, 2)
         width, height = self.camera.width, self.camera.height
@@ -167,10 +164,10 @@ class ViewpointPlanner:
     ) -> None:
         self.clearance_map, self.view, self.drawing = clearance_map, view, drawing
         self._others = np.asarray(list(others), dtype=float).reshape(-1, 2)
-        self._ahead = drawing.line_ahead(clearance_map)
-        self.look_at = drawing.look_at(self._ahead)
+        self._ahead = drawing.extrapolate_line(clearance_map)
+        self.target_point = drawing.target_point(self._ahead)
         area = drawing.expected_area(clearance_map)
-        # so that the future border does not lock the robot in, it stands and drives clear of the border's area
+        # the robot stands and drives clear of the future border's area, so that the border does not lock it in
         area_distance = None if area is None else clearance_grid(area, clearance_map.grid.resolution)
         self._outside = None if area_distance is None else area_distance >= clearance_map.radius + STOP_MARGIN
         self._touching = None if area_distance is None else area_distance < clearance_map.radius
@@ -186,7 +183,7 @@ class ViewpointPlanner:
         return bool(self.clearance_map.has_room_at(np.array([pose[:2]]))[0])
 
     def best_viewpoint(self, robot: Pose, avoid: Iterable[Tuple[float, float, float]] = ()) -> Optional[Viewpoint]:
-        """Finds the cheapest reachable pose that shows the target; None if there is none.
+        """Finds the cheapest reachable pose that shows the target, or None if there is none.
 
         The pose is clear of obstacles and borders by radius and margin, off the drawn line and its extrapolation, and
         never on the side that the seed marks. If possible, pose and path avoid the area that the border will probably
@@ -196,7 +193,7 @@ class ViewpointPlanner:
         Args:
             avoid: circles (x, y, radius) [m] around positions that failed.
         """
-        places, yaws, distances = _poses_around(self.look_at, robot)
+        places, yaws, distances = _poses_around(self.target_point, robot)
         keep = self.view.sees(np.column_stack([distances, np.zeros_like(distances)]), IMAGE_MARGIN)
         keep &= self.clearance_map.has_room_at(places)
         min_gap = 2.0 * self.clearance_map.radius + STOP_MARGIN
@@ -211,13 +208,13 @@ class ViewpointPlanner:
         lengths = self.clearance_map.path_lengths(robot[:2], places, self._others)
         crossing = self._cross_area(robot, places, lengths)
         lengths[moves < 1e-6] = 0.0
-        # the robot first turns towards the position, and there to the yaw; if it is there already, only to the yaw
+        # the robot first turns towards the position and there to the yaw, or only to the yaw if it is there already
         heading = np.where(moves < 0.1, robot[2], np.arctan2(offsets[:, 1], offsets[:, 0]))
         turns = np.abs([np.arctan2(np.sin(turn), np.cos(turn)) for turn in (heading - robot[2], yaws - heading)])
         cost = lengths + TURN_COST * turns.sum(axis=0) + DISTANCE_COST * np.abs(distances - BEST_DISTANCE)
         cost += UNSEEN_COST * (1.0 - self._seen(self._ahead, places, yaws).mean(axis=1))
         # while the seed is shown, the border may be saved at any moment, so a robot that need not come waits
-        waits = self.drawing.seeding and self.drawing.seen_by_stationary
+        waits = self.drawing.marks_side and self.drawing.seen_by_stationary
         cost += np.where(crossing, np.inf if waits else LOCKED_COST, 0.0) + LOCKED_COST * ~self._is_outside(places)
         best = int(np.argmin(cost))
         if not np.isfinite(cost[best]):
@@ -238,13 +235,13 @@ class ViewpointPlanner:
     def _shows(self, places: np.ndarray, yaws: np.ndarray) -> np.ndarray:
         """Returns (N,) bool: which poses see what they must, and are off the line and the seed's side."""
         drawing = self.drawing
-        required = [self.look_at] if drawing.seen_by_stationary else [self.look_at, drawing.spot]
+        required = [self.target_point] if drawing.seen_by_stationary else [self.target_point, drawing.spot]
         keep = self._seen(np.array(required), places, yaws, SEEN_MARGIN).all(axis=1)
         gaps = np.linalg.norm(places[:, None, :] - self._line[None, :, :], axis=2).min(axis=1)
         keep &= gaps >= self.clearance_map.radius + LINE_MARGIN
-        if drawing.seeding:
+        if drawing.marks_side:
             keep &= self._is_outside(places)
-        keep[keep] = self.clearance_map.line_of_sight(places[keep], self.look_at)
+        keep[keep] = self.clearance_map.has_line_of_sight(places[keep], self.target_point)
         return keep
 
     def _is_outside(self, places: np.ndarray) -> np.ndarray:
@@ -264,7 +261,7 @@ class ViewpointPlanner:
     def _retreat(self, robot: Pose) -> Optional[Viewpoint]:
         """Returns the nearest pose off the side that the seed marks, if the robot is on it."""
         clearance_map, spot = self.clearance_map, self.drawing.spot
-        if not self.drawing.seeding or self._is_outside(np.array([robot[:2]]))[0]:
+        if not self.drawing.marks_side or self._is_outside(np.array([robot[:2]]))[0]:
             return None
         cells = np.argwhere(self._outside & (clearance_map.clearance >= clearance_map.radius + STOP_MARGIN))
         places = clearance_map.grid.cell_to_world(cells)
@@ -276,14 +273,16 @@ class ViewpointPlanner:
         return Viewpoint((*places[best].tolist(), yaw), float(lengths[best]), sees_spot=False)
 
 
-def _poses_around(look_at: np.ndarray, robot: Pose) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _poses_around(target_point: np.ndarray, robot: Pose) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns places (N, 2) [m], yaws (N,) [rad], distances (N,) [m] of poses facing a point, also at the robot."""
-    x, y = look_at - robot[:2]
-    robot_distance, robot_yaw = float(np.hypot(x, y)), math.atan2(y, x)
+    x, y = target_point - robot[:2]
+    robot_distance = float(np.hypot(x, y))
+    robot_yaw = math.atan2(y, x)
     # starts at the robot's own bearing, so that a robot that only has to come nearer need not drive around the point
     yaw = np.arange(BEARINGS) * (2.0 * math.pi / BEARINGS) + robot_yaw
     distance, yaw = (values.ravel() for values in np.meshgrid(np.linspace(MIN_DISTANCE, MAX_DISTANCE, DISTANCES), yaw))
     if 0.8 * MIN_DISTANCE <= robot_distance <= 1.3 * MAX_DISTANCE:
         # turning is quicker than driving to a slightly better position
-        distance, yaw = np.append(distance, robot_distance), np.append(yaw, robot_yaw)
-    return look_at - distance[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)]), yaw, distance
+        distance = np.append(distance, robot_distance)
+        yaw = np.append(yaw, robot_yaw)
+    return target_point - distance[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)]), yaw, distance

@@ -1,8 +1,8 @@
 """Arbitrates between the sources that request motion of one robot.
 
-Exactly one source drives at a time, and every command passes one gate (gate.py). In doubt the robot stops, and a code
-says why. The sources, in order of priority, are: stop (in force until resume), teleoperation, following the spot,
-escape from a border or obstacle that is too near, navigation.
+Exactly one source drives at a time, and every command passes one gate, `CommandGate`. In doubt the robot stops, and a
+code says why. In order of priority, the sources are a stop, which is in force until resume, teleoperation, following
+the spot, escape from a border or obstacle that is too near, and navigation.
 """
 
 from __future__ import annotations
@@ -22,13 +22,12 @@ from vb_robot.driving.command_gate import ESCAPE, FOLLOW, INPUT_TIMEOUT, NAVIGAT
 from vb_robot.driving.rotation_shim import RotationShim
 from vb_robot.driving.spot_follower import SpotFollower
 from vb_robot.driving.velocity import VelocityRequest
-from vb_robot.spot_sightings import Sighting, Sightings
+from vb_robot.spot_sightings import Sighting, SpotSightings
 
-# [s] for which a new subscriber is sent zero commands, as a base may still execute the last one of a crashed driver
-START_ZEROS = 3.0
+START_ZEROS = 3.0  # [s] of zero commands to a new subscriber, as a base may still execute those of a crashed driver
 GOAL_TIMEOUT = 1.0  # [s] without a report of a goal after which it counts as ended; navigation sends five a second
 CANCEL_PERIOD = 1.0  # [s] between cancellations of navigation's goals while the robot follows the spot
-STILL = 0.1  # [rad/s] turn rate below which a robot counts as standing; navigation's slowest turn is twice as fast
+MAX_STANDING_TURN_RATE = 0.1  # [rad/s] of a robot that counts as standing; navigation's slowest turn is twice as fast
 
 
 @dataclass(frozen=True)
@@ -39,8 +38,7 @@ class DriveCommand:
         v, w: [m/s, rad/s]
         source: the source that drives: "none", "stop", "teleop", "follow", "escape" or "navigation".
         code: "driving", or the reason why the robot stops or slows down.
-        publish: whether to publish the command. While no source drives, only a refusal is published, and zeros: for a
-            moment after a source has stopped driving, and after a subscriber has come.
+        publish: whether to publish it: without a source, only refusals, and zeros after a source or for a new subscriber.
         cancel: whether to cancel navigation's goals.
     """
 
@@ -82,7 +80,7 @@ class Arbiter:
         self._goal_at = -math.inf  # [s] when navigation last reported a goal
         self._zeros_until = -math.inf  # [s] until which new subscribers are sent zero commands
         self._listeners = 0
-        self._spots = Sightings(mobile_cameras=(*mobile_cameras, camera))
+        self._spots = SpotSightings(mobile_cameras=(*mobile_cameras, camera))
         self.stops = stops or HeldStops()
         self._cancelled_at = -math.inf
         self._commands: Dict[str, VelocityRequest] = {}
@@ -99,7 +97,7 @@ class Arbiter:
         """Adds a spot of any camera."""
         with self._lock:
             counts = self._spots.add(sighting)
-            # only this camera's spots, because spots of other cameras may arrive in another order
+            # the robot follows only its own camera's spots, because those of others may arrive in another order
             if counts and sighting.mobile and sighting.camera == self._camera:
                 self.follower.spot, self.gate.stamps["spot"] = sighting.position, sighting.stamp
 
@@ -124,7 +122,8 @@ class Arbiter:
 
     def request(self, source: str, v: float, w: float, now: float) -> None:
         """Stores a command of navigation or teleoperation [m/s, rad/s]."""
-        self._commands[source], self.gate.stamps[source] = VelocityRequest(v, w), now
+        self._commands[source] = VelocityRequest(v, w)
+        self.gate.stamps[source] = now
 
     # ------------------------------------------------------------- commands
     def halt(self, code: str) -> DriveCommand:
@@ -139,12 +138,12 @@ class Arbiter:
             if listeners > self._listeners:
                 self._zeros_until = now + START_ZEROS
             self._listeners = listeners
-            goal = 0.0 <= now - self._goal_at <= GOAL_TIMEOUT
-            source, request = self._choose(now, goal)
+            has_goal = 0.0 <= now - self._goal_at <= GOAL_TIMEOUT
+            source, request = self._choose(now, has_goal)
             if source in (STOP, TELEOP, FOLLOW):
                 self._escape.interrupt(now)
             v, w, code = self.gate.limit(now, source, request)
-            cancel = goal and source == FOLLOW and not 0.0 <= now - self._cancelled_at < CANCEL_PERIOD
+            cancel = has_goal and source == FOLLOW and not 0.0 <= now - self._cancelled_at < CANCEL_PERIOD
             if cancel:
                 self._cancelled_at = now
             if source != NONE:
@@ -154,7 +153,7 @@ class Arbiter:
             self._last = DriveCommand(v, w, source, code, publish, cancel)
             return self._last
 
-    def _choose(self, now: float, goal: bool) -> Tuple[str, VelocityRequest]:
+    def _choose(self, now: float, has_goal: bool) -> Tuple[str, VelocityRequest]:
         """Chooses the source that drives. Returns it and its request."""
         if self.stops.stopped:
             return STOP, VelocityRequest(code="stopped")
@@ -164,7 +163,7 @@ class Arbiter:
         # if the state is lost while a person guides the robot, the source stays the same and the gate stops the robot
         if self._spots.should_follow(self._camera, now):
             return FOLLOW, self.follower.compute_request(self.gate.pose(now))
-        request = self._compute_escape(now, goal)
+        request = self._compute_escape(now, has_goal)
         if request is not None:
             return ESCAPE, request
         navigation = self._command(NAVIGATION, now)
@@ -173,15 +172,16 @@ class Arbiter:
         return NONE, VelocityRequest(code="idle")
 
     def _command(self, source: str, now: float) -> Optional[VelocityRequest]:
-        """Returns the newest command of navigation or teleoperation; None if it is too old."""
+        """Returns the newest command of navigation or teleoperation, or None if it is too old."""
         age = now - self.gate.stamps.get(source, -math.inf)
         return self._commands[source] if -0.1 <= age <= INPUT_TIMEOUT else None
 
-    def _compute_escape(self, now: float, goal: bool) -> Optional[VelocityRequest]:
-        pose, workspace = self.gate.pose(now), self.gate.workspace
+    def _compute_escape(self, now: float, has_goal: bool) -> Optional[VelocityRequest]:
+        pose = self.gate.pose(now)
+        workspace = self.gate.workspace
         if pose is None or workspace is None:
             return None
         # a command that the gate stopped, at a border or a wall, does not move the robot
-        granted = self._last.source != NAVIGATION or self._last.v != 0.0 or abs(self._last.w) > STILL
+        granted = self._last.source != NAVIGATION or self._last.v != 0.0 or abs(self._last.w) > MAX_STANDING_TURN_RATE
         moves = granted and self._command(NAVIGATION, now) is not None
-        return self._escape.compute_request(now, pose, workspace, goal and self._spots.state == DEFAULT, moves)
+        return self._escape.compute_request(now, pose, workspace, has_goal and self._spots.state == DEFAULT, moves)

@@ -1,11 +1,11 @@
 """The gate that every command passes: it limits a command to what is known to be safe, and names the reason.
 
 If anything that a command depends on is unknown, the robot stops, with a code that says why. All periodic inputs share
-one age limit: the robot has stopped INPUT_TIMEOUT after the last message of any of them (up to MAX_SLACK later for an
-input slower than 10 Hz). The older the oldest input, the slower the robot drives, so that it can brake in time from any
+one age limit. The robot has stopped INPUT_TIMEOUT after the last message of any of them, or up to MAX_SLACK later for an
+input slower than 10 Hz. The older the oldest input, the slower the robot drives, so that it can brake in time from any
 speed. A message that is a little late, as on a busy computer, slows the robot for a moment but does not stop it.
 
-With or without ROS, the gate makes any source of velocities respect borders and a laser scanner: pass it every input,
+With or without ROS, the gate makes any source of velocities respect borders and a laser scanner. Pass it every input,
 and send the result of `limit` to the base.
 
 >>> import numpy as np
@@ -36,13 +36,13 @@ from typing import Deque, Dict, Optional, Tuple
 from vb_core.grid_map import GridMap
 from vb_core.geometry import Pose
 from vb_core.robot_profile import RobotProfile
-from vb_robot.driving.scan_clearance import MAX_POSE_JUMP, Clearance, Fix, Scan, limit_around, pose_jump, safe_speed
-from vb_robot.driving.scan_clearance import stop_distance
+from vb_robot.driving.scan_clearance import MAX_POSE_JUMP, Clearance, Fix, Scan
+from vb_robot.driving.scan_clearance import lowest_speed_limit, pose_jump, safe_speed, stop_distance
 from vb_robot.driving.velocity import MAX_SPEED, VelocityRequest
 from vb_robot.driving.workspace import Workspace
 
 RATE = 20.0  # [1/s] how often commands are limited, and late messages noticed
-INPUT_TIMEOUT = 0.5  # [s] from the last scan, state, pose or command until the robot has stopped, without slack
+INPUT_TIMEOUT = 0.5  # [s] from the last message of any input until the robot has stopped, without slack
 BASE_DELAY = 0.02  # [s] from a command to the wheels
 MAX_FUTURE_STAMP = 0.5  # [s] a stamp farther in the future comes from another clock, and its age is not known
 USUAL_PERIOD, MAX_SLACK = 0.1, 0.15  # [s] an input with a longer period may be older by the excess, up to MAX_SLACK
@@ -104,7 +104,7 @@ class CommandGate:
     def set_pose(
         self, pose: Optional[Pose], stamp: float, correction: float = 0.0, odometry: Optional[Pose] = None
     ) -> None:
-        """Stores the robot's pose (x, y, yaw), map frame, at time `stamp` [s]; None if it is not known.
+        """Stores the robot's pose (x, y, yaw) in the map frame at time `stamp` [s], or None if it is not known.
 
         Args:
             odometry: the pose in the odometry frame, if there is odometry.
@@ -115,11 +115,13 @@ class CommandGate:
             if correction != self._corrected_stamp:
                 self._corrected_stamp, self._corrected_at = correction, stamp
             stamp = min(stamp, self._corrected_at) if correction else stamp
-            was_located, self._pose_known = self._pose_known, pose is not None
+            was_located = self._pose_known
+            self._pose_known = pose is not None
             if pose is None:
                 self.stamps.pop("pose", None)
                 return
-            recent_fixes, fix = self._recent_fixes, Fix(stamp, pose, odometry)
+            fix = Fix(stamp, pose, odometry)
+            recent_fixes = self._recent_fixes
             if not was_located or not recent_fixes or stamp != recent_fixes[-1].stamp:
                 self.record_input("pose", stamp)  # a repeated pose is as old as before
             # the last fix stays at any age, because the pose must agree with the odometry even after a pause
@@ -141,7 +143,7 @@ class CommandGate:
             self.stamps[name] = stamp
 
     def set_contact(self, sensor: Tuple[str, int], blocks: str) -> None:
-        """Stores the motion that a sensor's contact forbids: "forward" or "all"; "" for no contact."""
+        """Stores the motion that a sensor's contact forbids: "forward", "all", or "" without contact."""
         with self._lock:
             self.contacts.pop(sensor, None)
             if blocks:
@@ -159,7 +161,7 @@ class CommandGate:
         return ", ".join(sorted({*recent, *self.other_commanders}))
 
     def pose(self, now: float) -> Optional[Pose]:
-        """Returns the robot's pose; None if it is unknown, or has just jumped."""
+        """Returns the robot's pose, or None if it is unknown or has just jumped."""
         if self._jump_hold_until > now + POSE_JUMP_HOLD + MAX_FUTURE_STAMP:
             self._jump_hold_until = -math.inf  # time has jumped back
         unknown = not self._pose_known or self.pose_uncertain or now < self._jump_hold_until
@@ -184,7 +186,7 @@ class CommandGate:
             w = min(max(w, -max_turn_rate), max_turn_rate)
             max_speed, reason = self._speed_limit(now, source, v, w) if v != 0.0 else (math.inf, "")
             if abs(v) > max_speed:
-                # the same arc, which was checked, at a lower speed; a round robot can always turn in place
+                # the arc has been checked, so only the speed is reduced; a round robot can always turn in place
                 scale = max_speed / abs(v)
                 v, w, code = (scale * v, scale * w, reason) if max_speed >= 0.02 else (0.0, w, reason)
             scale, missing_code = self._age_factor(now, source, v, w)
@@ -221,9 +223,10 @@ class CommandGate:
 
     def _speed_limit(self, now: float, source: str, v: float, w: float) -> Tuple[float, str]:
         """Returns the highest speed [m/s] on the arc of (v, w), and the code of what limits it."""
-        limits, clearance, radius = self.profile.limits, CLEARANCES[source], self.profile.radius
-        guided = source in (FOLLOW, ESCAPE)
-        speeds = [(min(MAX_SPEED, limits.max_speed) if guided else limits.max_speed, "speed_limit")]
+        limits, radius = self.profile.limits, self.profile.radius
+        clearance = CLEARANCES[source]
+        max_speed = min(MAX_SPEED, limits.max_speed) if source in (FOLLOW, ESCAPE) else limits.max_speed
+        speeds = [(max_speed, "speed_limit")]
         if v > 0 and self.contacts:
             speeds.append((0.0, "contact"))
         unscanned = self._scan is None or not self.profile.scanner.present
@@ -238,20 +241,19 @@ class CommandGate:
                 speeds.append((0.0, "floor_not_scanned"))
         if unscanned:
             speeds.append((BLIND_SPEED, "floor_not_scanned"))
-        pose, workspace = self.pose(now), self.workspace
+        pose = self.pose(now)
+        workspace = self.workspace
         if pose is not None and workspace is not None:
             if source == NAVIGATION and workspace.distance_to_border(pose) <= 0.0:
                 speeds.append((0.0, "inside_border"))
             speeds.append((safe_speed(workspace.free_distance(pose, v, w, clearance.cells), limits, delay), "border"))
         if pose is not None and self.speed_limits is not None:
-            speeds.append((limit_around(self.speed_limits, pose[:2], stop_distance(v, limits, delay)), "speed_zone"))
+            reach = stop_distance(v, limits, delay)
+            speeds.append((lowest_speed_limit(self.speed_limits, pose[:2], reach), "speed_zone"))
         return min(speeds, key=lambda entry: entry[0])
 
     def _age(self, now: float, name: str) -> float:
-        """Returns the age [s] of an input's newest message, minus the slack that its period allows.
-
-        Returns inf if none has arrived, or its stamp is from another clock.
-        """
+        """Returns the age [s] of an input's newest message less its slack, or inf for none, or one of another clock."""
         age = now - self.stamps.get(name, -math.inf)
         period = statistics.median(self._periods[name]) if name in self._periods else 0.0
         slack = min(max(period - USUAL_PERIOD, 0.0), MAX_SLACK)

@@ -1,8 +1,7 @@
 """Drives a robot away from a border or obstacle that is too near, so that navigation finds a path again.
 
 Navigation's planner requires PATH_MARGIN more clearance than its controller, so the controller may stop the robot at a
-position from which no path can start. The robot then drives straight to the nearest position with enough clearance, and
-continues to its goal.
+position from which no path can start. The robot then drives straight to the nearest position with enough clearance.
 """
 
 from __future__ import annotations
@@ -12,17 +11,18 @@ from typing import Optional
 
 import numpy as np
 
-from vb_core import geometry
+from vb_core.geometry import Pose, wrap_angle
 from vb_core.navigation_parameters import PATH_MARGIN
-from vb_core.geometry import Pose
 from vb_robot.driving.velocity import MAX_SPEED, VelocityRequest, steer
 from vb_robot.driving.workspace import Workspace
 
-NEAR, FREE = PATH_MARGIN + 0.02, PATH_MARGIN + 0.04  # [m] beyond the radius: start and end (cells flicker)
-ROOM = FREE + 0.05  # [m] beyond the radius at the target, so that a robot that stops a few centimetres short is free
+START_CLEARANCE = PATH_MARGIN + 0.02  # [m] beyond the radius, below which an escape starts
+END_CLEARANCE = PATH_MARGIN + 0.04  # [m] the same for its end, which is farther away because single cells flicker
+TARGET_CLEARANCE = END_CLEARANCE + 0.05  # [m] so that a robot that stops a few centimetres short of the target is free
 REACH = 0.5  # [m] to the farthest target; a robot without a target is trapped, not pinched
 PINCHED_AFTER = 1.5  # [s] for which navigation must have a goal without moving the robot
-TRIES_FOR, RESTS_FOR = 10.0, 20.0  # [s] until it gives up, and then until it tries again, as the obstacle may move
+TRIES_FOR = 10.0  # [s] until the escape gives up
+RESTS_FOR = 20.0  # [s] until it then tries again, as the obstacle may have moved
 
 
 class Escape:
@@ -44,27 +44,29 @@ class Escape:
         self._target, self._started, self._idle_since = None, -math.inf, now
 
     def compute_request(
-        self, now: float, pose: Pose, workspace: Workspace, goal: bool, moves: bool
+        self, now: float, pose: Pose, workspace: Workspace, has_goal: bool, moves: bool
     ) -> Optional[VelocityRequest]:
-        """Computes the robot's motion at time `now` [s]; None if it needs no help.
+        """Computes the robot's motion at time `now` [s], or None if it needs no help.
 
         Args:
-            goal: whether navigation has a goal, and nobody draws or guides; moves: whether navigation moves the robot.
+            has_goal: whether navigation has a goal, and nobody draws or guides; moves: whether navigation moves the robot.
         """
-        if moves or not goal or now < self._idle_since:  # also at the start, and when time was set back
+        if moves or not has_goal or now < self._idle_since:  # the last at the start, or if time was set back
             self._idle_since = now
         gap = workspace.distance_to_blocked(pose) - self._radius
-        if not (goal and -self._radius < gap < (NEAR if self._target is None else FREE)):
+        clearance = START_CLEARANCE if self._target is None else END_CLEARANCE
+        if not (has_goal and -self._radius < gap < clearance):
             self._target = None
             return None
         if self._target is None:
             resting = 0.0 <= now - self._started < TRIES_FOR + RESTS_FOR
             if resting or not now - self._idle_since >= PINCHED_AFTER:
                 return None
-            self._started, self._target = now, workspace.nearest_room(pose, self._radius + ROOM, REACH)
+            self._started = now
+            self._target = workspace.nearest_free_position(pose, self._radius + TARGET_CLEARANCE, REACH)
         if self._target is None or not 0.0 <= now - self._started < TRIES_FOR:
             self._target = None
             return None
         x, y = self._target - pose[:2]
-        bearing = geometry.wrap_angle(math.atan2(y, x) - pose[2])
+        bearing = wrap_angle(math.atan2(y, x) - pose[2])
         return VelocityRequest(*steer(bearing, min(MAX_SPEED, 0.8 * math.hypot(x, y) + 0.03)))

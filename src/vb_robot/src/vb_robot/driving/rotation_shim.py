@@ -4,8 +4,8 @@ DWA compares the end poses of short turns. If a robot faces away from its path, 
 from it, so that the robot turns back and forth on the spot for minutes. While the path starts behind the robot, the
 shim (Nav2's term) therefore turns it the shorter way until the path is ahead. A round robot can always turn in place.
 
-The shim acts only while navigation's controller drives, not backwards, on a path that continues: a rotating recovery
-follows its own plan and never ends if it is turned back, and at the goal navigation decides the robot's heading.
+The shim acts only while navigation's controller drives, not backwards, on a path that continues. A rotating recovery
+follows its own plan, and never ends if it is turned back. At the goal, navigation decides the robot's heading.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ import numpy as np
 from vb_core.geometry import Pose, look_ahead
 from vb_robot.driving.velocity import VelocityRequest
 
-AHEAD = 0.3  # [m] along the path to the point that gives its direction
-NEAR = 0.5  # [m] of remaining path below which the shim does not act: twice the usual tolerance
+LOOK_AHEAD = 0.3  # [m] along the path to the point that gives its direction
+MIN_REMAINING_PATH = 0.5  # [m] with less, the shim does not act: twice the usual tolerance
 RECOVERY = 20.0  # [s] a recovery's full turn takes 16 s at 0.4 rad/s; a driving command ends the recovery earlier
-LOST = 0.5  # [m] from a path, beyond which navigation must be following another one
-BEHIND = 0.5 * math.pi  # [rad] off the robot's heading, at which a turn starts
-ALIGNED = math.radians(30)  # [rad] at which it ends: DWA can then tell the better direction
-TURN = 0.5  # [rad/s] at least
+MAX_PATH_DISTANCE = 0.5  # [m] farther from a path, navigation must be following another one
+START_ANGLE = 0.5 * math.pi  # [rad] off the robot's heading, at which a turn starts
+END_ANGLE = math.radians(30)  # [rad] at which it ends: DWA can then tell the better direction
+MIN_TURN_RATE = 0.5  # [rad/s]
 
 
 class RotationShim:
@@ -36,7 +36,7 @@ class RotationShim:
 
     def __init__(self) -> None:
         self.path: Optional[np.ndarray] = None
-        self._direction = 0.0  # of the present turn
+        self._direction = 0.0  # 1 for a turn to the left, -1 to the right, 0 without a turn
         self._recovering_until = -math.inf
 
     def recover(self, now: float) -> None:
@@ -55,22 +55,22 @@ class RotationShim:
             return request
         angle = self._angle_to_path(pose) if pose is not None else None
         is_stop = request.v == 0.0 and request.w == 0.0
-        if angle is None or abs(angle) < ALIGNED:
+        if angle is None or abs(angle) < END_ANGLE:
             self._direction = 0.0
-        elif abs(angle) > BEHIND:
+        elif abs(angle) > START_ANGLE:
             self._direction = self._direction or math.copysign(1.0, angle)
         elif is_stop:
             self._direction = 0.0  # a stop ends the turn
         if is_stop or self._direction == 0.0:
             return request
-        return VelocityRequest(0.0, self._direction * max(abs(request.w), TURN))
+        return VelocityRequest(0.0, self._direction * max(abs(request.w), MIN_TURN_RATE))
 
     def _angle_to_path(self, pose: Pose) -> Optional[float]:
-        """Returns the angle [rad] from the heading to the path's direction; None without a path to follow here."""
+        """Returns the angle [rad] from the heading to the path's direction, or None without a path to follow here."""
         if self.path is None or not len(self.path):
             return None
-        target, path_distance, remaining = look_ahead(self.path, pose[:2], AHEAD)
-        if path_distance > LOST or remaining + path_distance < NEAR:
+        target, path_distance, remaining = look_ahead(self.path, pose[:2], LOOK_AHEAD)
+        if path_distance > MAX_PATH_DISTANCE or remaining + path_distance < MIN_REMAINING_PATH:
             return None
         x, y = target - np.asarray(pose[:2])
         return math.remainder(math.atan2(y, x) - pose[2], 2.0 * math.pi)

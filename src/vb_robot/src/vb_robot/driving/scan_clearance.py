@@ -12,16 +12,15 @@ from typing import Optional
 
 import numpy as np
 
-from vb_core import geometry
+from vb_core.geometry import Pose, along_arc, base_to_map, map_to_base, transform_points, wrap_angle
 from vb_core.grid_map import GridMap, crop
-from vb_core.geometry import Pose, map_to_base, base_to_map
 from vb_core.robot_profile import Limits
 
 HORIZON = 0.8  # [m] checked length of the arc: from 1 m/s a robot stops within that at 1.5 m/s^2
 MIN_ARC_RADIUS = 0.3  # [m] on a narrower arc, a robot counts as driving straight
 GAP_DEG = 4.0  # [deg] a gap in a scan up to this width hides nothing wider than a hand at arm's length
-OWN_MARGIN = 0.03  # [m] a scanner's error: an echo this little inside the rim may be an object that touches the robot
-MAX_POSE_JUMP = 0.25  # [m] of the localisation: ten times what AMCL corrects; a turn of 1 rad counts as 0.5 m
+SELF_ECHO_MARGIN = 0.03  # [m] a scanner's error: an echo this near inside the rim may be a touching object
+MAX_POSE_JUMP = 0.25  # [m] ten times what AMCL corrects; a turn of 1 rad counts as 0.5 m
 
 
 @dataclass(frozen=True)
@@ -36,8 +35,8 @@ class Clearance:
 def safe_speed(free: float, limits: Limits, delay: float) -> float:
     """Returns the highest speed [m/s] from which a robot stops within a free distance [m] after a delay [s]."""
     # v * delay + v^2 / (2 deceleration) = free
-    b, free = limits.deceleration, max(free, 0.0)
-    return b * (math.sqrt(delay**2 + 2.0 * free / b) - delay)
+    b = limits.deceleration
+    return b * (math.sqrt(delay**2 + 2.0 * max(free, 0.0) / b) - delay)
 
 
 def stop_distance(v: float, limits: Limits, delay: float) -> float:
@@ -52,9 +51,8 @@ class Scan:
         ranges: (N,) [m] as in sensor_msgs/LaserScan; nan is an invalid beam, inf one without an echo.
         angle_min, angle_increment: [rad]; range_min, range_max: [m].
         mount: T_base_scanner, 4x4.
-        radius: [m] of the robot. Echoes more than OWN_MARGIN within it come from the robot's own parts.
-        no_return: the range that means no echo, besides inf: "zero" or "nan". Otherwise 0 is an echo too near to be
-            measured, and nan an invalid beam.
+        radius: [m] of the robot. Echoes more than SELF_ECHO_MARGIN within it come from the robot's own parts.
+        no_return: the range that means no echo, besides inf: "zero" or "nan". Otherwise, 0 is an echo that is too near.
     """
 
     def __init__(
@@ -75,10 +73,10 @@ class Scan:
         with np.errstate(invalid="ignore"):
             too_near = ranges < range_min
             valid = (ranges >= range_min) & (ranges <= range_max)
-        origin = geometry.transform_points(mount, np.zeros(3))
-        beams = (geometry.transform_points(mount, directions) - origin)[:, :2]
+        origin = transform_points(mount, np.zeros(3))
+        beams = (transform_points(mount, directions) - origin)[:, :2]
         points = origin[:2] + ranges[valid, None] * beams[valid]
-        points = points[np.hypot(*points.T) > radius - OWN_MARGIN]
+        points = points[np.hypot(*points.T) > radius - SELF_ECHO_MARGIN]
         # an obstacle too near to be measured may touch the robot
         nearest = origin[:2] + np.maximum(ranges[too_near, None], 0.0) * beams[too_near]
         nearest = np.where(np.hypot(*nearest.T)[:, None] > radius, nearest, radius * beams[too_near])
@@ -89,17 +87,18 @@ class Scan:
 
     def covers(self, bearing: float, half_angle: float) -> bool:
         """Returns whether beams cover all directions within `half_angle` [rad] of a bearing [rad] without wide gaps."""
-        offsets = geometry.wrap_angle(self._bearings - bearing)
+        offsets = wrap_angle(self._bearings - bearing)
         offsets = np.sort(offsets[np.abs(offsets) <= half_angle + self._gap])
         if not len(offsets) or offsets[0] > -half_angle + self._gap or offsets[-1] < half_angle - self._gap:
             return False
         return bool((np.diff(offsets) <= self._gap).all())
 
     def free_distance(self, v: float, w: float, radius: float, clearance: Clearance) -> float:
-        """Returns how far [m] the arc of (v, w) [m/s, rad/s] is clear of points; inf if none is in the way."""
-        curvature, width = w / v, radius + clearance.sides
+        """Returns how far [m] the arc of (v, w) [m/s, rad/s] is clear of points, or inf if none is in the way."""
+        curvature = w / v
+        width = radius + clearance.sides
         checked_curvature = curvature if abs(curvature) <= 1.0 / MIN_ARC_RADIUS else 0.0
-        along, across = geometry.along_arc(self.points * [np.sign(v), 1.0], checked_curvature)
+        along, across = along_arc(self.points * [np.sign(v), 1.0], checked_curvature)
         in_the_way = (np.abs(across) < width) & (along > 0.0)
         if not in_the_way.any():
             return math.inf
@@ -117,8 +116,8 @@ class Scan:
         return self.covers(bearing, math.atan2(radius, radius + HORIZON))
 
 
-def limit_around(limits: GridMap, position, reach: float) -> float:
-    """Returns the lowest speed limit [m/s] within `reach` [m] of a position (2,) [m]; inf without a limit.
+def lowest_speed_limit(limits: GridMap, position, reach: float) -> float:
+    """Returns the lowest speed limit [m/s] within `reach` [m] of a position (2,) [m], or inf without a limit.
 
     Args:
         limits: the map that map_integrator publishes [cm/s]; 0 means no limit.
@@ -145,16 +144,18 @@ def pose_jump(earlier: Fix, later: Fix) -> float:
 
     Without odometry, the excess is that over the motion of any robot in that time (1 m/s, 3 rad/s).
     """
-    expected, elapsed = earlier.pose, later.stamp - earlier.stamp
+    expected = earlier.pose
+    elapsed = later.stamp - earlier.stamp
     if earlier.odometry is not None and later.odometry is not None:
         position = base_to_map(map_to_base(later.odometry[:2], earlier.odometry), earlier.pose)[0]
-        expected, elapsed = (*position, earlier.pose[2] + later.odometry[2] - earlier.odometry[2]), 0.0
+        expected = (*position, earlier.pose[2] + later.odometry[2] - earlier.odometry[2])
+        elapsed = 0.0
     distance = max(0.0, math.dist(expected[:2], later.pose[:2]) - elapsed)
     rotation = abs(math.remainder(later.pose[2] - expected[2], 2.0 * math.pi))
     return distance + 0.5 * max(0.0, rotation - 3.0 * elapsed)
 
 
-def arc(pose: Pose, lengths: np.ndarray, curvature: float) -> np.ndarray:
+def arc_positions(pose: Pose, lengths: np.ndarray, curvature: float) -> np.ndarray:
     """Returns the positions (N, 2) [m] at signed lengths (N,) [m] along an arc of a curvature [1/m] from a pose."""
     lengths = np.asarray(lengths, dtype=float)
     if abs(curvature) < 1e-6:

@@ -16,12 +16,11 @@ import numpy as np
 from vb_core.geometry import Pose, map_to_base
 from vb_robot.driving.velocity import MAX_SPEED, VelocityRequest, steer
 
-# [m] from the base to the spot. With a usual mount, the image ends at 0.45 m, so a spot that is drawn towards the robot
-# from NEAR_DISTANCE soon leaves it.
+# [m] from the base to the spot; a usual mount's image ends at 0.45 m, which a spot that nears the robot soon reaches
 GOOD_DISTANCE, FAR_DISTANCE = 1.0, 1.3  # beyond FAR, the robot drives nearer, to GOOD
 NEAR_DISTANCE, BACK_TO_DISTANCE = 0.75, 0.9  # below NEAR, it backs off, to BACK_TO
-# bearings of the spot: beyond INNER, half of a usual camera's view, the robot turns until the spot is within SETTLED
-INNER_ZONE, SETTLED_ZONE = math.radians(14.0), math.radians(4.0)
+INNER_ZONE = math.radians(14.0)  # if the spot's bearing is larger, the robot turns: half of a usual camera's view
+SETTLED_ZONE = math.radians(4.0)  # if it is smaller again, the turn ends
 DISTANCE_GAIN = 0.8  # [1/s]
 
 
@@ -63,5 +62,6 @@ class SpotFollower:
         v, w = steer(bearing, DISTANCE_GAIN * (distance - GOOD_DISTANCE + 0.05))
         if self._driving == 1:
             return v, w
-        reverse_speed = DISTANCE_GAIN * (distance - BACK_TO_DISTANCE - 0.05)
-        return reverse_speed if self._driving == -1 else 0.0, w if self._turning else 0.0
+        v = DISTANCE_GAIN * (distance - BACK_TO_DISTANCE - 0.05) if self._driving == -1 else 0.0
+        w = w if self._turning else 0.0
+        return v, w

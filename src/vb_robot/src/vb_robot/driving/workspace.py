@@ -15,14 +15,14 @@ import numpy as np
 
 from vb_core.grid_map import GridMap, clearance_grid, nearest_cell, sample
 from vb_core.geometry import Pose
-from vb_robot.driving.scan_clearance import HORIZON, arc
+from vb_robot.driving.scan_clearance import HORIZON, arc_positions
 
 LETHAL_THRESHOLD = 99  # [%] a cell of this occupancy or more is never entered
-# The localisation's error. AMCL reports the spread of its particles; the error of their mean, which is its pose, is
-# much smaller: at 96 of 100 updates it was below the distance that robots keep with these values (`git show
+# The localisation's error. AMCL reports the spread of its particles. Its pose is their mean, whose error is much smaller.
+# At 96 of 100 updates, that error was below the distance that robots keep with these values (`git show
 # 27ba7133:docs/results/robots/navigation.md`). Navigation's own clearance covers the rest.
-STD_FACTOR = 0.75  # of the particles' standard deviation
-MIN_UNCERTAINTY = 0.05  # [m] also if no covariance is published
+STD_FACTOR = 0.75  # the part of the particles' standard deviation that counts
+MIN_UNCERTAINTY = 0.05  # [m] the least that counts, and what counts without a covariance
 MAX_STD, MAX_YAW_STD = 0.4, 0.35  # [m, rad] above these, three times what the margin covers, the robot counts as lost
 MAX_UNCERTAINTY = 0.10  # [m] with more, navigation would refuse viewpoints, which may be this near to borders
 UNCERTAINTY_STEP = 0.025  # [m] each step gives navigation a new map
@@ -53,7 +53,7 @@ class PoseUncertainty:
         return self.meters != previous
 
 
-def forbidden(borders: GridMap, physical: GridMap) -> np.ndarray:
+def forbidden_cells(borders: GridMap, physical: GridMap) -> np.ndarray:
     """Returns (H, W) bool: the cells that only a border forbids, including unknown cells."""
     return (borders.data >= LETHAL_THRESHOLD) & (borders.data > physical.data)
 
@@ -76,20 +76,20 @@ class Workspace:
     def __init__(self, borders: GridMap, physical: GridMap, radius: float, uncertainty: float = 0.0) -> None:
         self.borders, self._radius = borders, radius
         # the map's edge is neither a border nor an obstacle, because the floor may continue beyond it
-        self._border_distance = clearance_grid(forbidden(borders, physical), borders.resolution)
+        self._border_distance = clearance_grid(forbidden_cells(borders, physical), borders.resolution)
         near_border = (self._border_distance < uncertainty) & (borders.data >= 0)
         self.keep_out = borders.with_data(np.where(near_border, np.int8(100), borders.data))
         self._blocked_distance = clearance_grid(self.keep_out.data >= LETHAL_THRESHOLD, borders.resolution)
 
     def distance_to_border(self, point) -> float:
-        """Returns the distance [m] from a point (2,) [m] to the nearest cell that a border forbids; 0 inside it."""
+        """Returns the distance [m] from a point (2,) [m] to the nearest cell that a border forbids, or 0 inside it."""
         return self._at(self._border_distance, point)
 
     def distance_to_blocked(self, point) -> float:
-        """Returns the distance [m] from a point (2,) [m] to the nearest blocked cell of `keep_out`; 0 inside it."""
+        """Returns the distance [m] from a point (2,) [m] to the nearest blocked cell of `keep_out`, or 0 inside it."""
         return self._at(self._blocked_distance, point)
 
-    def nearest_room(self, point, clearance: float, reach: float) -> Optional[np.ndarray]:
+    def nearest_free_position(self, point, clearance: float, reach: float) -> Optional[np.ndarray]:
         """Finds the nearest known point (2,) [m], within `reach` [m], with this clearance [m] from blocked cells."""
         has_room = (self._blocked_distance >= clearance) & (self.borders.data >= 0)
         cell, center = nearest_cell(self.borders, has_room, point[:2], reach)
@@ -102,7 +102,8 @@ class Workspace:
         inside it, so that a person can guide it out. Nothing is free off the map.
         """
         distances = np.arange(0.0, HORIZON + 1e-9, 0.02)
-        clearance = sample(self.borders, self._blocked_distance, arc(pose, distances * math.copysign(1.0, v), w / v))
+        positions = arc_positions(pose, distances * math.copysign(1.0, v), w / v)
+        clearance = sample(self.borders, self._blocked_distance, positions)
         required = min(self._radius + margin, float(clearance[0]))
         too_near = np.flatnonzero(clearance < required - 1e-6)
         return float(max(0.0, distances[too_near[0]] - 0.02)) if len(too_near) else math.inf

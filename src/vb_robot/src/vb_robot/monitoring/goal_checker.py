@@ -15,9 +15,9 @@ import numpy as np
 from vb_core.geometry import resample_chain
 from vb_core.grid_map import GridMap, clearance_grid, nearest_cell, sample
 from vb_robot.clearance_map import START_TOLERANCE, ShortestPaths
-from vb_robot.driving.workspace import LETHAL_THRESHOLD, forbidden
+from vb_robot.driving.workspace import LETHAL_THRESHOLD, forbidden_cells
 
-NEAR = 0.1  # [m] beyond twice the radius: two cells of most maps
+_NAMING_MARGIN = 0.1  # [m] beyond twice the radius: two cells of most maps
 _NAMING_STEP = 0.05  # [m] between the points to which a border's distance is measured
 SEARCH_CELLS = 200  # maximum along the map's longer side; the path is searched only for the border's name
 
@@ -29,39 +29,37 @@ class KnownBorder:
     name: str
     points: np.ndarray
     seed: np.ndarray
-    polygon: bool
+    is_polygon: bool
 
     def may_restrict(self, point) -> bool:
         """Returns whether a point is on the seed's side of a polygon; true for a curve, as it has no inside."""
         polygon = np.asarray(self.points, dtype=np.float32).reshape(-1, 1, 2)
         inside = [cv2.pointPolygonTest(polygon, (float(p[0]), float(p[1])), False) >= 0 for p in (point, self.seed)]
-        return not self.polygon or inside[0] == inside[1]
+        return not self.is_polygon or inside[0] == inside[1]
 
 
-def name_of(borders: Sequence[KnownBorder], point) -> str:
-    """Returns the name of the border that restricts a point (2,) [m]; "" if there are no borders.
+def find_border_name(borders: Sequence[KnownBorder], point) -> str:
+    """Returns the name of the border that restricts a point (2,) [m], or "" if there are no borders.
 
-    The maps do not say which border a cell is from. Polygons that may restrict the point come before curves, and nearer
-    borders before farther ones.
+    The maps do not say which border a cell is from. Fitting polygons come before curves, near borders before far ones.
     """
 
     def order(border: KnownBorder) -> tuple:
-        line = resample_chain(border.points, _NAMING_STEP, border.polygon)
+        line = resample_chain(border.points, _NAMING_STEP, border.is_polygon)
         distance = float(np.linalg.norm(line - point, axis=1).min())
-        return not border.may_restrict(point), not border.polygon, distance
+        return not border.may_restrict(point), not border.is_polygon, distance
 
     return min(borders, key=order).name if borders else ""
 
 
 def is_inside(borders: GridMap, physical: GridMap, point) -> bool:
     """Returns whether only a border forbids the robot to be at a point (2,) [m]."""
-    with_borders, without = (
-        sample(grid, grid.data, np.reshape(point, (1, 2)), -1.0)[0] for grid in (borders, physical)
-    )
+    place = np.reshape(point, (1, 2))
+    with_borders, without = (sample(grid, grid.data, place, -1.0)[0] for grid in (borders, physical))
     return bool(with_borders >= LETHAL_THRESHOLD and with_borders > without)
 
 
-def quoted(name: str) -> str:
+def quote_border_name(name: str) -> str:
     """Returns a border's name as it appears in sentences."""
     return f"'{name}'" if name else "$border_without_name"
 
@@ -77,21 +75,21 @@ class GoalChecker:
 
     def __init__(self, borders: GridMap, physical: GridMap, radius: float, known: Sequence[KnownBorder]) -> None:
         self.borders, self.physical, self.known = borders, physical, known
-        self._barred = forbidden(borders, physical)
-        # a cell smaller, because navigation may round differently, and a goal is refused only for certain reasons
+        self._barred = forbidden_cells(borders, physical)
+        # one cell less, because navigation may round differently, and a goal is refused only for certain reasons
         self._radius = max(radius - borders.resolution, 0.5 * borders.resolution)
         self._parts = {layer: self._connected(grid) for layer, grid in (("borders", borders), ("physical", physical))}
 
     def name_at(self, point) -> str:
         """Returns the name of the border that contains a point (2,) [m], or that leaves no room at it."""
-        return name_of(self.known, nearest_cell(self.borders, self._barred, point, 2.0 * self._radius + NEAR)[1])
+        reach = 2.0 * self._radius + _NAMING_MARGIN
+        return find_border_name(self.known, nearest_cell(self.borders, self._barred, point, reach)[1])
 
     def check(self, start, goal) -> Optional[Tuple[str, str]]:
         """Returns why navigation will refuse a goal (2,) [m] from a start (2,) [m]: a code, and the border's name.
 
         The codes are "goal_off_map", "goal_in_border", "goal_in_obstacle", "goal_behind_border" and
-        "goal_out_of_reach". Returns None if nothing is known against the goal. `start` is None if the robot's
-        position is unknown.
+        "goal_out_of_reach". Returns None if nothing is known against the goal. An unknown `start` is None.
         """
         grid = self.borders
         if not grid.contains_cells(grid.world_to_cell(goal))[0]:
@@ -116,7 +114,7 @@ class GoalChecker:
         return cv2.connectedComponents(room.astype(np.uint8), connectivity=4)[1]
 
     def _part_at(self, layer: str, point, reach: float) -> int:
-        """Returns the label of the part of the floor at a point (2,), or nearest within `reach` [m]; 0 if none."""
+        """Returns the label of the part of the floor at a point (2,), or nearest within `reach` [m], or 0 if none."""
         parts, grid = self._parts[layer], self.borders
         cell = tuple(grid.world_to_cell(point)[0])
         if grid.contains_cells(np.array([cell]))[0] and parts[cell]:
@@ -132,7 +130,7 @@ class GoalChecker:
         allowed, passable = (_any_of(self._parts[layer] > 0, step) for layer in ("borders", "physical"))
         passable |= allowed
         ends = self.borders.world_to_cell(np.array([start, goal])) // step
-        passable[tuple(ends.T)] = True  # even if they are outside the blocks that have room
+        passable[tuple(ends.T)] = True  # the ends may be outside the blocks that have room
         cost = np.where(passable, np.where(allowed, 1.0, 1e3), np.inf)
         for row, column in ShortestPaths(cost, ends[:1], np.zeros(1)).path_to(ends[1]):
             if not allowed[row, column]:

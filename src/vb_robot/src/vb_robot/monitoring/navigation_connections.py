@@ -15,8 +15,7 @@ from vb_core import names
 GRIDS = ("nav_msgs/OccupancyGrid",)
 PATHS = ("nav_msgs/Path",)
 VELOCITIES = ("geometry_msgs/Twist",)
-# local planners whose speed limit can be set while they run, with the parameters to lower: maximum speeds, and values
-# that must stay below these
+# local planners whose speed can be limited while they run, with its maximum values and others that must stay below these
 PLANNERS: Mapping[str, Tuple[str, ...]] = {
     "DWAPlannerROS": ("max_vel_trans", "max_vel_x", "min_vel_trans"),
     "TebLocalPlannerROS": ("max_vel_x", "max_vel_x_backwards", "penalty_epsilon"),
@@ -25,7 +24,7 @@ PLANNERS: Mapping[str, Tuple[str, ...]] = {
 
 
 @dataclass(frozen=True)
-class Wiring:
+class NavigationWiring:
     """What a robot's move_base is connected to.
 
     Attributes:
@@ -46,20 +45,19 @@ class Wiring:
     radius: Optional[float] = None
 
 
-def within(robot: str, name: str) -> str:
+def resolve_name(robot: str, name: str) -> str:
     """Returns the full name of a topic or node in a robot's namespace."""
     return f"/{robot}/{name}" if robot else f"/{name}"
 
 
 def find_move_base(graph: Any, robot: str) -> str:
-    """Finds the node that plans for a robot, whatever its name, and even if it waits for a map; "" if there is none."""
-    nodes = graph.publishers.get(within(robot, "move_base/status")) or graph.subscribers.get(
-        within(robot, "move_base_simple/goal")
-    )
+    """Finds the node that plans for a robot, whatever its name and even if it waits for a map, or "" if there is none."""
+    servers = graph.publishers.get(resolve_name(robot, "move_base/status"))
+    nodes = servers or graph.subscribers.get(resolve_name(robot, "move_base_simple/goal"))
     return nodes[0] if nodes else ""
 
 
-def observe(graph: Any, robot: str, parameters: Mapping[str, Any]) -> Wiring:
+def find_wiring(graph: Any, robot: str, parameters: Mapping[str, Any]) -> NavigationWiring:
     """Finds the wiring of a robot's navigation.
 
     Args:
@@ -68,14 +66,14 @@ def observe(graph: Any, robot: str, parameters: Mapping[str, Any]) -> Wiring:
     """
     node = find_move_base(graph, robot)
     if not node:
-        return Wiring()
+        return NavigationWiring()
     maps = tuple(sorted(graph.subscriptions(node, GRIDS)))
-    is_serving = bool(graph.publishers.get(within(robot, "move_base/status")))
+    is_serving = bool(graph.publishers.get(resolve_name(robot, "move_base/status")))
     planner = next((name for name in PLANNERS if f"{node}/{name}/set_parameters" in graph.services), "")
-    return Wiring(
+    return NavigationWiring(
         move_base=node,
         maps=maps,
-        # its action server starts once it has all maps, so a running one waits for none
+        # the action server starts once it has all maps, so a running one waits for none
         missing_maps=tuple(topic for topic in maps if not (is_serving or graph.publishers.get(topic))),
         unheard=tuple(topic for topic in graph.publications(node, VELOCITIES) if not graph.subscribers.get(topic)),
         plans_round_borders=_plans_round_borders(robot, maps, parameters),
@@ -87,8 +85,8 @@ def observe(graph: Any, robot: str, parameters: Mapping[str, Any]) -> Wiring:
 
 
 def _plans_round_borders(robot: str, maps: Sequence[str], parameters: Mapping[str, Any]) -> bool:
-    own = {names.MAP_WITH_BORDERS, within(robot, names.MAP_WITH_BORDERS.strip("/"))}
-    if own.isdisjoint(maps) or names.PHYSICAL_MAP in maps or within(robot, "map") in maps:
+    border_maps = {names.MAP_WITH_BORDERS, resolve_name(robot, names.MAP_WITH_BORDERS.strip("/"))}
+    if border_maps.isdisjoint(maps) or names.PHYSICAL_MAP in maps or resolve_name(robot, "map") in maps:
         return False
     # if the local costmap lacks the map, borders are noticed only if the global plan is renewed periodically
     local = parameters.get("local_costmap")

@@ -1,14 +1,13 @@
 """Limits a robot's speed in slow zones without the driver, by requests to its local planner.
 
-A local planner's maximum speed is a parameter that can be set while it drives. This is only a request: a planner that
-hangs, a joystick or another program that commands the wheels ignores it. Each planner is called in its own thread, so
-that a planner that hangs does not delay other robots.
+A local planner's maximum speed is a parameter that can be set while it drives. This is only a request, which a planner
+that hangs, a joystick or another program ignores. Each planner has its own thread, so that none delays other robots.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Dict, Mapping, Optional
+from typing import Dict, Mapping, Optional, Sequence
 
 import rospy
 from dynamic_reconfigure.msg import Config, DoubleParameter
@@ -20,7 +19,7 @@ from vb_core.ros import node, services
 TIMEOUT = 2.0  # [s] without an answer after which a planner counts as not obeying
 
 
-def limited(usual: Mapping[str, float], limit: float) -> Dict[str, float]:
+def cap_speeds(usual: Mapping[str, float], limit: float) -> Dict[str, float]:
     """Returns a planner's values capped by a limit [m/s]: maximum speeds at the limit, all others at half of it."""
     return {name: min(value, limit if name.startswith("max") else 0.5 * limit) for name, value in usual.items()}
 
@@ -39,8 +38,8 @@ class PlannerSpeed:
         obeys: whether the planner has confirmed the last requested limit.
     """
 
-    def __init__(self, server: str, names) -> None:
-        self._server, self._names = server, tuple(names)
+    def __init__(self, server: str, names: Sequence[str]) -> None:
+        self._server, self._names = server, names
         self._kept = f"/usual_speed{server}"
         self._set: Optional[float] = None  # the limit in force; None if unknown
         self._highest: Mapping[str, float] = {}  # the maximum values under this limit
@@ -87,6 +86,7 @@ class PlannerSpeed:
                 raise
 
     def _apply(self, limit: float) -> None:
+        """Sets a limit that is not in force, and stores or removes the usual values on the parameter server."""
         usual = rospy.get_param(self._kept, None)
         if usual is None:
             usual = self._set_parameters({})
@@ -94,7 +94,7 @@ class PlannerSpeed:
                 self._set = limit
                 return
             rospy.set_param(self._kept, usual)
-        values = limited(usual, limit)
+        values = cap_speeds(usual, limit)
         if not math.isinf(limit):
             self._highest = values
         confirmed = self._set_parameters(values)

@@ -25,10 +25,10 @@ from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import DriverState, RobotStatus
 from vb_robot.driving.command_gate import OTHER_PUBLISHER
 from vb_robot.subscriptions import RUNNING
-from vb_robot.monitoring import navigation_connections
-from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, is_inside, quoted
+from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, is_inside, quote_border_name
 from vb_robot.monitoring.planner_speed import PlannerSpeed
-from vb_robot.monitoring.navigation_connections import Wiring, within
+from vb_robot.monitoring.navigation_connections import PLANNERS, NavigationWiring
+from vb_robot.monitoring.navigation_connections import find_move_base, find_wiring, resolve_name
 
 DRIVER_SILENCE = 3.0  # [s] after which a driver counts as gone; it reports twice a second
 NAVIGATION_SILENCE = 2.0  # [s] after which navigation counts as gone; it sends its status five times a second
@@ -39,13 +39,13 @@ DEFAULT_RADIUS = 0.18  # [m] of a robot whose radius neither costmap nor profile
 
 
 @dataclass
-class MapLayers:
-    """The newest maps for one robot; None for each that has not arrived."""
+class NewestMaps:
+    """The newest maps for one robot. A map that has not arrived is None."""
 
-    physical: Optional[GridMap] = None  # without borders
-    borders: Optional[GridMap] = None  # with all robots' borders
-    own: Optional[GridMap] = None  # with only this robot's borders; a robot without a name has none
-    keep_out: Optional[GridMap] = None  # its driver's, with a margin around borders; its navigation may plan on it
+    physical: Optional[GridMap] = None  # the map without borders
+    borders: Optional[GridMap] = None  # the map with all robots' borders
+    robot_borders: Optional[GridMap] = None  # the map with only its borders; a robot without a name has none
+    keep_out: Optional[GridMap] = None  # the driver's, with a margin around borders; navigation may plan on it
 
 
 class WatchedRobot:
@@ -67,7 +67,7 @@ class WatchedRobot:
         self, name: str, frame: str, transforms: TransformLookup, request_check: Callable[[WatchedRobot], None]
     ) -> None:
         self.name, self.frame = name, frame
-        self.wiring = Wiring()
+        self.wiring = NavigationWiring()
         self.pose: Optional[Pose] = None
         self.goal: Optional[Tuple[float, float]] = None
         self.goal_statuses: Dict[str, int] = {}
@@ -76,25 +76,25 @@ class WatchedRobot:
         self._goal_at = self._status_at = self._driver_heard_at = -math.inf
         self._in_control = False
         self._path = np.zeros((0, 2))
-        self._maps = MapLayers()
+        self._maps = NewestMaps()
         self._borders: Sequence[KnownBorder] = ()
         self._goal_checker: Optional[GoalChecker] = None
         self._checked_radius: Optional[float] = None  # [m] for which the checker was made
         self._transforms, self._request_check = transforms, request_check
         self._ids = itertools.count()
-        self._goals = rospy.Publisher(within(name, "move_base/goal"), MoveBaseActionGoal, queue_size=2)
-        self._cancel = rospy.Publisher(within(name, "move_base/cancel"), GoalID, queue_size=2)
+        self._goals = rospy.Publisher(resolve_name(name, "move_base/goal"), MoveBaseActionGoal, queue_size=2)
+        self._cancel = rospy.Publisher(resolve_name(name, "move_base/cancel"), GoalID, queue_size=2)
         self._path_subscriber: Optional[rospy.Subscriber] = None
-        rospy.Subscriber(within(name, "move_base/goal"), MoveBaseActionGoal, self._on_goal, queue_size=5)
-        rospy.Subscriber(within(name, "move_base/status"), GoalStatusArray, self._on_status, queue_size=1)
+        rospy.Subscriber(resolve_name(name, "move_base/goal"), MoveBaseActionGoal, self._on_goal, queue_size=5)
+        rospy.Subscriber(resolve_name(name, "move_base/status"), GoalStatusArray, self._on_status, queue_size=1)
 
     # ------------------------------------------------------------- inputs
-    def hear_driver(self, message: DriverState, now: float) -> None:
+    def update_driver(self, message: DriverState, now: float) -> None:
         """Stores the driver's report, which arrived at time `now` [s]."""
         self._driver_heard_at, self._in_control = now, message.code != OTHER_PUBLISHER
 
     def set_map(self, layer: str, grid: GridMap) -> None:
-        """Stores a map. The layer is a field of MapLayers."""
+        """Stores a map. The layer is a field of NewestMaps."""
         setattr(self._maps, layer, grid)
         self._request_another_check()
 
@@ -116,13 +116,13 @@ class WatchedRobot:
 
     def update_wiring(self, graph: Any) -> None:
         """Updates the wiring from the ROS graph and the parameters of the robot's navigation."""
-        node = navigation_connections.find_move_base(graph, self.name)
+        node = find_move_base(graph, self.name)
         parameters = rospy.get_param(node, {}) if node else {}
-        wiring = navigation_connections.observe(graph, self.name, parameters if isinstance(parameters, dict) else {})
+        wiring = find_wiring(graph, self.name, parameters if isinstance(parameters, dict) else {})
         if (wiring.move_base, wiring.planner) != (self.wiring.move_base, self.wiring.planner):
             if self.speed is not None:
                 self.speed.close()
-            limits = navigation_connections.PLANNERS.get(wiring.planner)
+            limits = PLANNERS.get(wiring.planner)
             self.speed = PlannerSpeed(f"{wiring.move_base}/{wiring.planner}", limits) if limits else None
         if wiring.path != self.wiring.path:
             if self._path_subscriber is not None:
@@ -149,7 +149,9 @@ class WatchedRobot:
             position = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0)) @ [x, y, 0.0, 1.0]
         except CodedError:
             return  # navigation cannot transform it either
-        self.goal, self._path, self.refusal = (float(position[0]), float(position[1])), np.zeros((0, 2)), None
+        self.goal = (float(position[0]), float(position[1]))
+        self._path = np.zeros((0, 2))
+        self.refusal = None
         self._goal_at = rospy.get_time()
         self._request_check(self)
 
@@ -169,7 +171,7 @@ class WatchedRobot:
 
     # ------------------------------------------------------------- status and notices
     def status(self, stops: Optional[Sequence[str]]) -> RobotStatus:
-        """Returns what is connected. `stops` are those for which its goals are cancelled; None if they never are."""
+        """Returns what is connected. `stops` are those for which its goals are cancelled, or None if they never are."""
         wiring = self.wiring
         obeys_stop = stops is not None and bool(wiring.move_base)
         goal = self.goal if self._has_goal() else None
@@ -192,18 +194,19 @@ class WatchedRobot:
         )
 
     def driving_maps(self) -> Tuple[Optional[GridMap], Optional[GridMap]]:
-        """Returns the map with the borders for this robot, and the map without borders; None for one not known yet.
+        """Returns the map with the borders for this robot, and the map without borders. A map not known yet is None.
 
         A robot with a name waits for its own map, because the common one also has the borders of other robots.
         """
-        return self._maps.own if self.name else self._maps.borders, self._maps.physical
+        borders = self._maps.robot_borders if self.name else self._maps.borders
+        return borders, self._maps.physical
 
     def _checked_map(self) -> Optional[GridMap]:
         """Returns the map on which goals and poses are checked: its own, or the common one if nobody publishes that."""
-        return self._maps.borders if self._maps.own is None else self._maps.own
+        return self._maps.borders if self._maps.robot_borders is None else self._maps.robot_borders
 
     def goal_checker(self) -> Optional[GoalChecker]:
-        """Returns the checker of this robot's goals on the newest maps; None until matching maps arrive."""
+        """Returns the checker of this robot's goals on the newest maps, or None until matching maps arrive."""
         grid, physical, radius = self._checked_map(), self._maps.physical, self.wiring.radius
         plans_on_margin = any(topic.endswith(names.MAP_WITH_MARGIN) for topic in self.wiring.maps)
         if grid is not None and plans_on_margin and self._maps.keep_out is not None:
@@ -219,13 +222,13 @@ class WatchedRobot:
         return self._goal_checker
 
     def check_goal(self, goal) -> Optional[Notice]:
-        """Returns a notice that says why a goal (2,) [m] will be refused; None if nothing is known against it."""
+        """Returns a notice that says why a goal (2,) [m] will be refused, or None if nothing is known against it."""
         checker = self.goal_checker()
         refusal = checker.check(self.pose[:2] if self.pose else None, np.asarray(goal)) if checker else None
         if refusal is None:
             return None
         code, border = refusal
-        return self.notice(code, Severity.WARNING, border=quoted(border))
+        return self.notice(code, Severity.WARNING, border=quote_border_name(border))
 
     def notices(self, now: float) -> List[Notice]:
         """Returns the notices about the robot's goal and position at time `now` [s]."""
@@ -236,7 +239,7 @@ class WatchedRobot:
         if checker is not None and pose is not None and (self.wiring.move_base or self._has_driver()):
             # not on the map on which it plans, whose borders may have a margin
             if is_inside(self._checked_map(), self._maps.physical, pose[:2]):
-                border = quoted(checker.name_at(pose[:2]))
+                border = quote_border_name(checker.name_at(pose[:2]))
                 notices.append(self.notice("robot_caught_in_border", Severity.WARNING, border=border))
         return notices
 
@@ -248,9 +251,10 @@ class WatchedRobot:
     def send_to(self, position) -> None:
         """Sends the robot to a position (2,) [m], with the yaw of the direction from its present position."""
         x, y = position
-        self.send((x, y, math.atan2(y - self.pose[1], x - self.pose[0]) if self.pose else 0.0))
+        yaw = math.atan2(y - self.pose[1], x - self.pose[0]) if self.pose else 0.0
+        self.send_goal((x, y, yaw))
 
-    def send(self, pose: Pose, mark: str = "-") -> str:
+    def send_goal(self, pose: Pose, mark: str = "-") -> str:
         """Sends the robot to a pose. Returns the goal's id, which contains the mark."""
         now = rospy.Time.now()
         identity = f"{rospy.get_name()}{mark}{next(self._ids)}-{now.to_nsec()}"

@@ -17,10 +17,10 @@ from vb_core.ros.messages import NumpyBorderPreview, array_from_points, mapping_
 from vb_msgs.msg import BorderIssue, BorderProgress, VirtualBorder, VirtualBorderArray
 
 from vb_voice_wizard.border_services import BorderServices
-from vb_voice_wizard.preview.preview_scheduler import DrawingWarnings, PreviewInputs, PreviewScheduler, to_key
+from vb_voice_wizard.preview.preview_scheduler import DrawingWarnings, PreviewInputs, PreviewScheduler, comparison_key
 
 
-class Previewer:
+class PreviewPublisher:
     """Publishes /virtual_borders/preview (vb_msgs/BorderPreview, latched) from its own thread.
 
     The `on_*` methods only store their inputs, so that a command never waits for a preview. `get` and `close` make it
@@ -77,15 +77,12 @@ class Previewer:
         message = self._progress
         if message is None or not message.interaction_id or message.interaction_id != self._inputs.interaction_id:
             return
-        missing = Notice("seed_not_drawn", message=sentences.translate("seed_not_drawn"))
+        missing_reason = Notice("seed_not_drawn", message=sentences.translate("seed_not_drawn"))
         if message.code != "ok":
-            missing = Notice(message.code, values=mapping_from_values(message.values), message=message.message)
-        self._inputs = dataclasses.replace(
-            self._inputs,
-            chain=to_key(array_from_points(message.chain)),
-            seed=to_key(array_from_points([message.seed] if message.has_seed else [])),
-            missing=missing,
-        )
+            missing_reason = Notice(message.code, values=mapping_from_values(message.values), message=message.message)
+        chain = comparison_key(array_from_points(message.chain))
+        seed = comparison_key(array_from_points([message.seed] if message.has_seed else []))
+        self._inputs = dataclasses.replace(self._inputs, chain=chain, seed=seed, missing_reason=missing_reason)
 
     def is_doubtful(self, interaction_id: str) -> bool:
         """Returns whether a save should be confirmed, as the preview has issues or the drawing has warnings."""
@@ -124,16 +121,17 @@ class Previewer:
             self._condition.notify()
 
     def _publish_preview(self, inputs: PreviewInputs) -> None:
-        started, answered = time.monotonic(), True
-        preview = _empty_preview(inputs, inputs.missing)
-        if inputs.complete:
+        """Makes and publishes a preview, which is obsolete if the interaction then has ended or is being saved."""
+        started = time.monotonic()
+        answered = True
+        preview = _empty_preview(inputs, inputs.missing_reason)
+        if inputs.is_complete:
             try:
                 preview = self._make_preview(inputs)
             except CodedError as error:
                 answered = error.code not in services.UNANSWERED
                 preview = _empty_preview(inputs, Notice.from_error(error, Severity.INFO))
         with self._condition:
-            # if the interaction has ended or is being saved meanwhile, its preview is obsolete
             if self._inputs.interaction_id == inputs.interaction_id and not self._is_saving:
                 self._publisher.publish(preview)
                 self._shown = preview
@@ -166,9 +164,5 @@ def _empty_preview(inputs: PreviewInputs, reason: Notice) -> NumpyBorderPreview:
 
 
 def _issue_from_warning(warning: Notice) -> BorderIssue:
-    return BorderIssue(
-        severity=BorderIssue.WARNING,
-        code=warning.code,
-        message=warning.sentence(),
-        values=values_from_mapping(warning.values),
-    )
+    values = values_from_mapping(warning.values)
+    return BorderIssue(severity=BorderIssue.WARNING, code=warning.code, message=warning.sentence(), values=values)

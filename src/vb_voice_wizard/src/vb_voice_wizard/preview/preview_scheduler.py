@@ -9,18 +9,17 @@ import numpy as np
 
 from vb_core.notices import Notice, Severity
 
-PERIOD = 0.5  # [s] between two previews: faster than people read
+PREVIEW_PERIOD = 0.5  # [s] between two previews: faster than people read
 RETRY_DELAY = 2.0  # [s] after which a service that did not answer is called again
-TOLERANCE = 0.02  # [m] a vertex or seed that moved less causes no visible change: a map cell is larger
+VISIBLE_MOVE = 0.02  # [m] a vertex or seed that moved less causes no visible change: a map cell is larger
 MAX_TIME_SHARE = 0.25  # share of the time that previews may take: the same computer searches the images
-# notices that a part of the drawing is not in the border, that a part of the border was not seen, or that the spot was
-# held elsewhere for longer or later
+# notices of a stroke that is not in the border, of a piece that was not seen, and of a spot that was held elsewhere
 DOUBTS = ("strokes_left_out", "piece_unseen", "seed_held_elsewhere")
 
 
-def to_key(points: np.ndarray) -> bytes:
-    """Returns points (N, 2) [m] as a key to compare: equal only if no point has moved visibly; b"" for none."""
-    return np.round(points / TOLERANCE).astype(np.int32).tobytes()
+def comparison_key(points: np.ndarray) -> bytes:
+    """Returns a key of points (N, 2) [m] that differs once a point has moved visibly, or b"" if there are none."""
+    return np.round(points / VISIBLE_MOVE).astype(np.int32).tobytes()
 
 
 @dataclass(frozen=True)
@@ -29,9 +28,9 @@ class PreviewInputs:
 
     Attributes:
         interaction_id: id of the current interaction; "": none.
-        chain, seed: `to_key` of the border and the seed so far, map frame.
+        chain, seed: `comparison_key` of the border and the seed so far, map frame.
         borders: changes with every change of the map or the borders in it.
-        missing: why there is no border or no seed, if known.
+        missing_reason: why there is no border or no seed, if known.
         warnings: what else makes the drawing doubtful (`DrawingWarnings`).
     """
 
@@ -39,11 +38,11 @@ class PreviewInputs:
     chain: bytes = b""
     seed: bytes = b""
     borders: Tuple[float, int] = (0.0, 0)
-    missing: Notice = Notice("")
+    missing_reason: Notice = Notice("")
     warnings: Tuple[Notice, ...] = ()
 
     @property
-    def complete(self) -> bool:
+    def is_complete(self) -> bool:
         """Whether there is something to preview."""
         return bool(self.interaction_id and self.chain and self.seed)
 
@@ -80,7 +79,7 @@ class PreviewScheduler:
         """
         self.shown = inputs
         self._retry_at = None if answered else now + RETRY_DELAY
-        self._not_before = max(started + PERIOD, now + (now - started) * (1.0 / MAX_TIME_SHARE - 1.0))
+        self._not_before = max(started + PREVIEW_PERIOD, now + (now - started) * (1.0 / MAX_TIME_SHARE - 1.0))
 
 
 class DrawingWarnings:
@@ -92,7 +91,7 @@ class DrawingWarnings:
 
     def __init__(self) -> None:
         self._current: Tuple[Notice, ...] = ()
-        self._failed_cameras: Set[str] = set()  # since the drawing began
+        self._failed_cameras: Set[str] = set()  # all that had an error since the drawing began
 
     def start(self) -> None:
         """Begins another interaction, which is not concerned by errors that were over before."""

@@ -10,7 +10,7 @@ from typing import Callable, Generator, Iterator, List, Optional
 import numpy as np
 
 SAMPLE_RATE = 16000  # [1/s] of all sound that is processed
-PIECE = 800  # samples that `Microphone.get` returns at a time
+CHUNK_SAMPLES = 800  # samples that `Microphone.get` returns at a time
 
 
 def has_sound(pcm: np.ndarray) -> bool:
@@ -22,7 +22,7 @@ class Microphone:
     """Reads samples from a recording program's standard output, and restarts the program when it ends.
 
     Args:
-        command: the program with its arguments; see `arecord`.
+        command: the program with its arguments; see `arecord_command`.
         on_trouble: called with a sentence each time the program cannot be started or ends.
         retry: [s] how long to wait before the next start.
     """
@@ -35,7 +35,7 @@ class Microphone:
         self._pieces = self._record()
 
     def get(self) -> Optional[np.ndarray]:
-        """Waits for the next samples, (PIECE,) int16; returns None once closed. For one thread only."""
+        """Waits for the next samples, (CHUNK_SAMPLES,) int16, or returns None once closed. For one thread only."""
         return next(self._pieces, None)
 
     def close(self) -> None:
@@ -53,7 +53,8 @@ class Microphone:
                 self._closing.wait(self._retry)
 
     def _record_once(self) -> Generator[np.ndarray, None, str]:
-        # stderr goes to a file, because the program would block, and recording stop, once an unread pipe was full
+        """Yields the samples of one run of the program. Returns a sentence that says why it ended."""
+        # stderr goes to a file: once an unread pipe was full, the program would block and record nothing
         with tempfile.TemporaryFile() as stderr:
             try:
                 with self._lock:
@@ -61,7 +62,7 @@ class Microphone:
             except OSError as error:
                 return f"cannot start {self._command[0]}: {error.strerror}; is alsa-utils installed?"
             with process.stdout as stdout:
-                while len(data := stdout.read(2 * PIECE)) == 2 * PIECE:
+                while len(data := stdout.read(2 * CHUNK_SAMPLES)) == 2 * CHUNK_SAMPLES:
                     yield np.frombuffer(data, dtype="<i2").astype(np.int16)
             process.wait()
             stderr.seek(0)
@@ -69,7 +70,7 @@ class Microphone:
         return f"{self._command[0]} ended with status {process.returncode}: {messages[-1]}"
 
 
-def arecord(device: str) -> list:
+def arecord_command(device: str) -> list:
     """Returns the command line that records from an ALSA device in the model's format."""
     raw = "-q -t raw -f S16_LE -c 1 --buffer-time=200000".split()
     return ["arecord", *raw, "-r", str(SAMPLE_RATE), "-D", device]

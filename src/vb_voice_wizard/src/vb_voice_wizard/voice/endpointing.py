@@ -21,7 +21,7 @@ _THRESHOLD = 0.5  # probability from which a chunk is speech, as the network's a
 _HYSTERESIS = 0.15  # how much lower the probability may be for speech to continue, as they recommend
 END_SILENCE = 0.25  # [s] silence that ends an utterance: longer than pauses within a phrase, but it delays the answer
 MAX_UTTERANCE = 3.0  # [s] a longer utterance is not a command, though its end may be
-PADDING = 0.2  # [s] kept before and after speech, as it may begin and end softly
+PADDING = 0.2  # [s] of sound before and after speech that belongs to the utterance: words may begin and end softly
 
 
 @dataclass(frozen=True)
@@ -85,9 +85,8 @@ class Endpointer:
     def __init__(self, probability: Optional[Callable[[bytes], float]] = None) -> None:
         self._probability = SpeechDetector() if probability is None else probability
         self._pending = np.zeros(0, dtype=np.int16)
-        self._recent: Deque[np.ndarray] = deque(
-            maxlen=_MAX_CHUNKS + _PADDING_CHUNKS + 1 + _END_CHUNKS
-        )  # the newest chunks
+        # the newest chunks
+        self._recent: Deque[np.ndarray] = deque(maxlen=_MAX_CHUNKS + _PADDING_CHUNKS + 1 + _END_CHUNKS)
         self._chunk_number = 0
         self._speech_run = 0  # consecutive chunks of speech
         self._speech_start = -1  # chunk in which the current utterance began; -1 between utterances
@@ -107,8 +106,9 @@ class Endpointer:
         return [utterance for utterance in utterances if utterance is not None]
 
     def _step(self, samples: np.ndarray) -> Optional[Utterance]:
+        """Adds the next chunk. Returns the utterance that ended before it, or None."""
         is_speaking = self._speech_start >= 0
-        threshold = _THRESHOLD - (_HYSTERESIS if is_speaking else 0.0)
+        threshold = _THRESHOLD - _HYSTERESIS if is_speaking else _THRESHOLD
         chunk = self._chunk_number
         self._chunk_number += 1
         self._recent.append(samples)
@@ -121,14 +121,16 @@ class Endpointer:
             self._speech_run = 0
         if self._speech_start < 0 or chunk - self._speech_end < _END_CHUNKS:
             return None
-        first, self._speech_start = self._speech_start, -1
+        first = self._speech_start
+        self._speech_start = -1
         count = self._speech_end + 1 - first
         return self._cut(first, too_long=count > _MAX_CHUNKS) if count >= _MIN_CHUNKS else None
 
     def _cut(self, first: int, too_long: bool) -> Utterance:
         """Returns the padded speech that began in chunk `first`, or only its end if it is too long."""
         oldest = self._chunk_number - len(self._recent)
-        begin = (self._speech_end + 1 - _MAX_CHUNKS if too_long else first) - _PADDING_CHUNKS - 1
+        begin = self._speech_end + 1 - _MAX_CHUNKS if too_long else first
+        begin -= _PADDING_CHUNKS + 1
         chunks = list(self._recent)[max(0, begin - oldest) : self._speech_end + 1 + _PADDING_CHUNKS - oldest]
         seconds = CHUNK / SAMPLE_RATE
         return Utterance(np.concatenate(chunks), first * seconds, (self._speech_end + 1) * seconds, too_long)

@@ -2,8 +2,8 @@
 
 Endpointing finds the speech, and a network trained on people's speech tells how much more probable the utterance makes
 each command than silence does (speech_model). Several variants of the sound are scored, and the evidence is weighed
-against what else sounds like this command: two words are hardly ever heard by mistake, one syllable is. Even odds are
-enough to accept a command, but not to be certain of it. An uncertain command that would move a robot, change the map or
+against what else sounds like this command. Two words are hardly ever heard by mistake, but one syllable is. Even odds
+are enough to accept a command, but not to be certain of it. An uncertain command that would move a robot, change the map or
 lose a drawing is asked about, and confirmed with another phrase, "yes, save" (interaction.py). Talk and then a shouted
 *stop* are one utterance, so the end of an utterance that is not a command counts as a *stop* if it is one beyond doubt.
 Nothing is trained here; bench/voice/command_recognition.py measures the results.
@@ -43,10 +43,9 @@ _EVEN_TWO_WORDS = -6.0
 # group reached for a command with consequences.
 CERTAIN_ODDS = 10.0
 THRESHOLD = 0.5  # confidence from which a command is accepted: even odds
-# [s] of speech at an utterance's end that may be a "stop", as short and as long as people say it
-_ENDINGS = (0.4, 0.6, 0.8)
+_ENDINGS = (0.4, 0.6, 0.8)  # [s] at an utterance's end that may be a "stop", as short and as long as people say it
 _STOP_AT_END = -0.7  # evidence from which it is one: there are many ends in an hour of talk
-_STOP_WHOLE = -3.7  # the same for a whole utterance, with fewer variants: a false stop does less harm than a missed one
+_STOP_WHOLE = -3.7  # evidence from which a whole utterance is one, low as a false stop does less harm than a missed one
 _MIN_LENGTH = 0.2  # [s] with its padding: anything shorter is not a word
 
 
@@ -58,7 +57,7 @@ class _Variant(NamedTuple):
     after: float = 0.0
 
 
-# Their evidence is averaged: what noise, a breath before the word, or the network's whim hides in one, another shows.
+# Their evidence is averaged: what noise or a breath before the word hides from the network in one, another shows.
 _VARIANTS = (
     _Variant(),
     _Variant(speed=0.94),
@@ -105,7 +104,7 @@ class CommandRecognizer:
 
     def __init__(self) -> None:
         phrases = [(command, text) for command, texts in PHRASES.items() for text in texts]
-        self._commands = np.array([command for command, _ in phrases])  # by the phrase's number
+        self._commands = np.array([command for command, _ in phrases])  # each phrase's
         self._even_evidence = np.array([_EVEN_TWO_WORDS if " " in text else _EVEN_ONE_WORD for _, text in phrases])
         self._model = SpeechModel([text.lower() for _, text in phrases])
 
@@ -139,9 +138,9 @@ class CommandRecognizer:
         """Returns the number of the best of some phrases, and its log likelihood ratio, averaged over the variants."""
         first = self._model.log_likelihood_ratios(_make_variant(pcm, variants[0]), phrases)
         closest = np.argsort(-first)[:_CLOSEST]
-        ratios = [first[closest]] + [
-            self._model.log_likelihood_ratios(_make_variant(pcm, variant), phrases[closest]) for variant in variants[1:]
-        ]
+        ratios = [first[closest]]
+        for variant in variants[1:]:
+            ratios.append(self._model.log_likelihood_ratios(_make_variant(pcm, variant), phrases[closest]))
         evidence = np.log(np.mean(np.exp(ratios), axis=0))
         best = int(evidence.argmax())
         return int(phrases[closest[best]]), float(evidence[best])
@@ -174,7 +173,7 @@ class CommandListener:
 
     `push` and `play` may be called from different threads. The stream has no gaps and is never reset, so that people can
     speak even while the system plays a sound. An utterance that lies entirely within such a sound is ignored, because it
-    may be the sound; the time that counts is when it was spoken, however late it is processed. None of the sounds
+    may be the sound. The time that counts is when it was spoken, however late it is processed. None of the sounds
     resembles *stop*, so a *stop* always counts.
 
     Args:

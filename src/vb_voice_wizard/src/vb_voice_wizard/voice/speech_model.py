@@ -1,9 +1,9 @@
 """Scores how much more probable an utterance makes a text than silence does: a likelihood ratio from a speech network.
 
 A network trained on a great deal of human speech recognises more than one that a laboratory can train on synthetic
-voices. This one is Moonshine (tiny, English; MIT licence); scripts/setup takes its files from the package
+voices. This one is Moonshine (tiny, English, MIT licence), whose files scripts/setup takes from the package
 moonshine-voice. It transcribes speech token by token (a word or a part of one), but does not know which phrases are
-commands: it transcribes *guide robot* as "guide robots". Therefore its probability for each phrase is used, not its
+commands, and transcribes *guide robot* as "guide robots". Therefore its probability for each phrase is used, not its
 transcript. As some phrases are rare in any speech, a part of each phrase's score for silence is subtracted. Nothing is
 trained here, and any English phrase can be a command.
 """
@@ -21,10 +21,12 @@ from scipy.special import log_softmax, logsumexp
 
 from vb_core.errors import CodedError
 
-FOLDER = Path(sys.prefix) / "share" / "moonshine"
+MODEL_FOLDER = Path(sys.prefix) / "share" / "moonshine"
 _START = 1  # the token before a text
-_END_TOKENS = np.array([2, 29889, 29892, 29991, 29973])  # that may follow a whole text: the end, or . , ! ?
-_PEAK = 0.5  # of full scale; utterances are normalised to it, as loudness is not part of a word
+_END_TOKENS = np.array(
+    [2, 29889, 29892, 29991, 29973]
+)  # tokens that may follow a whole text: the end and four punctuation marks
+_PEAK = 0.5  # utterances are normalised to this share of full scale, as loudness is not part of a word
 # Share of a text's score for silence that is subtracted; with all of it, rare texts would win in noise. Chosen with the
 # development group, where 0.1 to 0.3 do equally well.
 _RARITY = 0.2
@@ -41,7 +43,7 @@ class SpeechModel:
         CodedError: "no_speech_model" if a file is missing or unusable.
     """
 
-    def __init__(self, texts: Sequence[str], folder: Path = FOLDER) -> None:
+    def __init__(self, texts: Sequence[str], folder: Path = MODEL_FOLDER) -> None:
         self._encoder = _load_network(folder / "encoder_model.ort")
         self._decoder = _load_network(folder / "decoder_model_merged.ort")
         # the cache of earlier tokens stays empty, as all tokens are given at once
@@ -67,22 +69,21 @@ class SpeechModel:
         samples = np.asarray(pcm, dtype=np.float32)[None]
         samples = samples * (_PEAK / max(1.0, float(np.abs(samples).max())))
         audio = {"input_values": samples, "attention_mask": np.ones(samples.shape, np.int64)}
-        states = np.repeat(self._encoder.run(None, audio)[0], len(indices), axis=0)
+        count = len(indices)
+        states = np.repeat(self._encoder.run(None, audio)[0], count, axis=0)
         tokens, lengths = self._tokens[indices], self._lengths[indices]
-        feed = {
-            name: np.zeros((len(indices), heads, 0, size), np.float32) for name, (heads, size) in self._past.items()
-        }
+        feed = {name: np.zeros((count, heads, 0, size), np.float32) for name, (heads, size) in self._past.items()}
         feed.update(
             input_ids=tokens,
             encoder_hidden_states=states,
             encoder_attention_mask=np.ones(states.shape[:2], np.int64),
             use_cache_branch=np.array([False]),
         )
-        # log probabilities of the token after each token: (M, L, number of tokens)
+        # (M, L, number of tokens) log probabilities of the token after each token
         log_p = log_softmax(self._decoder.run(["logits"], feed)[0].astype(np.float64), axis=2)
         token_scores = np.take_along_axis(log_p[:, :-1], tokens[:, 1:, None], axis=2)[..., 0]
         token_scores[np.arange(token_scores.shape[1]) >= lengths[:, None]] = 0.0
-        end_scores = log_p[np.arange(len(indices))[:, None], lengths[:, None], _END_TOKENS]
+        end_scores = log_p[np.arange(count)[:, None], lengths[:, None], _END_TOKENS]
         return token_scores.sum(axis=1) + logsumexp(end_scores, axis=1)
 
 
@@ -107,7 +108,8 @@ def _read_tokens(path: Path) -> Dict[bytes, int]:
         data = path.read_bytes()
     except OSError as error:
         raise CodedError("no_speech_model", file=path, reason=error.strerror) from error
-    tokens, number = {}, 0
+    tokens: Dict[bytes, int] = {}
+    number = 0
     stream = io.BytesIO(data)
     while head := stream.read(1):
         length = head[0]

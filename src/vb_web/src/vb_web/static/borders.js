@@ -2,8 +2,8 @@
 "use strict";
 import { closeButton, leave, show, whenAnswered } from "./dialog.js";
 import { draft, edit, map } from "./editor.js";
-import { hello, isOperator, row, say, view, words } from "./state.js";
-import { $, ask, button, element, fill, nameField, toast } from "./elements.js";
+import { hello, isOperator, row, sentence, view, words } from "./state.js";
+import { $, ask, button, element, replaceContent, nameField, toast } from "./elements.js";
 
 // Says why a border is not in force; "" if it is.
 function idleReason(border) {
@@ -12,7 +12,7 @@ function idleReason(border) {
     : border.reason && !border.in_force
       ? `page_reason_${border.reason}`
       : "";
-  return code && say(words.has(code) ? code : border.reason);
+  return code && sentence(words.has(code) ? code : border.reason);
 }
 
 // The style class of a border, on the map and in the list.
@@ -23,14 +23,14 @@ const markOf = (border) => element("span", { class: `mark ${idleClass(border)}` 
 // Describes a border in the line below its name: first what is wrong with it, then area, zone and robots.
 function describe(border) {
   const zone = row("zones", border.zone).limits_speed
-    ? say(border.unkept ? "page_slow_meant" : "page_slow_at", { speed: words.number(border.max_speed, 2) })
+    ? sentence(border.unkept ? "page_slow_meant" : "page_slow_at", { speed: words.number(border.max_speed, 2) })
     : border.zone === hello.zones[0].name
       ? ""
-      : say(`page_zone_${border.zone}`);
-  const size = border.kind === "wall" ? say("page_kind_wall") : `${words.number(border.area, 2)} m²`;
-  const robots = border.robots.length ? say("page_only_for", { who: border.robots.join(", ") }) : "",
+      : sentence(`page_zone_${border.zone}`);
+  const size = border.kind === "wall" ? sentence("page_kind_wall") : `${words.number(border.area, 2)} m²`;
+  const robots = border.robots.length ? sentence("page_only_for", { who: border.robots.join(", ") }) : "",
     unkept = border.unkept && !idleReason(border) ? words.tell(border.unkept) : "";
-  const waiting = border.in_force && border.reason && say(`page_reason_${border.reason}`);
+  const waiting = border.in_force && border.reason && sentence(`page_reason_${border.reason}`);
   return [unkept, idleReason(border) || size, waiting, zone, robots].filter(Boolean).join(" · ");
 }
 
@@ -41,16 +41,16 @@ export function drawBorders() {
     list.map((border) => ({ ...border, idle: idleClass(border), note: idleReason(border) })),
     draft && draft.border,
   );
-  fill(
+  replaceContent(
     $("borders"),
     !list.length
-      ? [element("li", { class: "muted" }, say("page_no_borders"))]
+      ? [element("li", { class: "muted" }, sentence("page_no_borders"))]
       : list.map((border) => {
           const toggle = element("button", {
             class: "switch operator",
             role: "switch",
             "aria-checked": String(border.enabled),
-            "aria-label": say("page_switch", { border: border.name }),
+            "aria-label": sentence("page_switch", { border: border.name }),
             "data-key": `switch ${border.id}`,
             onclick: () => toggleBorder(border),
           });
@@ -65,7 +65,7 @@ export function drawBorders() {
             element(
               "span",
               {},
-              words.border(border.name) || say("page_no_name"),
+              words.border(border.name) || sentence("page_no_name"),
               element("small", { class: border.unkept && !idleReason(border) ? "ill" : "" }, describe(border)),
             ),
           );
@@ -87,7 +87,7 @@ export function borderDialog(id, typedName = null) {
   const find = () => view.borders.list.find((border) => border.id === id);
   const border = find();
   if (!border) return;
-  const heading = [markOf(border), words.border(border.name) || say("page_no_name")];
+  const heading = [markOf(border), words.border(border.name) || sentence("page_no_name")];
   if (!isOperator()) return show(heading, element("p", { class: "muted" }, describe(border)), closeButton());
   const target = { border: id, revision: view.borders.revision };
   const name = nameField(typedName === null ? words.border(border.name) : typedName);
@@ -95,7 +95,7 @@ export function borderDialog(id, typedName = null) {
   const form = element(
     "form",
     {},
-    element("label", {}, element("span", {}, say("page_name")), name),
+    element("label", {}, element("span", {}, sentence("page_name")), name),
     button("page_rename", () => form.requestSubmit()),
   );
   const change = (promise) =>
@@ -106,7 +106,7 @@ export function borderDialog(id, typedName = null) {
     });
   form.addEventListener("submit", (event) => {
     event.preventDefault();
-    if (!name.value.trim()) toast(say("page_name_empty"), true);
+    if (!name.value.trim()) toast(sentence("page_name_empty"), true);
     else if (name.value === words.border(border.name)) $("dialog").close();
     else change(ask("rename", { ...target, name: name.value }, "page_renamed"));
   });

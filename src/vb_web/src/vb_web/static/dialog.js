@@ -1,6 +1,6 @@
 // Dialogs, and what Escape and a phone's Back do. Dialogs are not modal, because stop must be in reach all the time.
 "use strict";
-import { page, say } from "./state.js";
+import { page, sentence } from "./state.js";
 import { $, button, element, lock } from "./elements.js";
 
 // The part of the page below a dialog: whether it has unsaved changes, and how it is left. The editor fills this in.
@@ -15,7 +15,7 @@ export function show(title, ...children) {
   Object.assign(dialog, { unsaved: () => null, onBack: leave });
   if (!dialog.open) dialog.show();
   lock(dialog);
-  catchBack();
+  closeOnBack();
   document.querySelector("main").inert = true;
   // not the first field: a phone's keyboard would come up at once
   $("dialog-title").focus();
@@ -36,7 +36,7 @@ export function leave(next = () => $("dialog").close()) {
   const comeBack = $("dialog").open ? $("dialog").unsaved() : below.isChanged() ? () => $("dialog").close() : null;
   if (!comeBack) return next();
   show(
-    say("page_unsaved"),
+    sentence("page_unsaved"),
     element(
       "div",
       { class: "row" },
@@ -58,14 +58,14 @@ function goBack() {
 }
 
 // Adds an entry to the history for what lies on top, so that a phone's Back does not leave the page.
-export function catchBack() {
+export function closeOnBack() {
   if (!history.state && ($("dialog").open || page.mode !== "look")) history.pushState("on top", "");
 }
 
 window.addEventListener("popstate", () => {
   if (!history.state) {
     goBack();
-    catchBack();
+    closeOnBack();
   }
 });
 

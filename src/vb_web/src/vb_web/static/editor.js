@@ -3,11 +3,23 @@
 // page.mode is what a touch of the map means: "look" moves the map and chooses borders; "draw" and "wall" draw a line; "side"
 // chooses the side to be restricted; "review" moves corners of the draft; "go" sends a robot there.
 "use strict";
-import { below, catchBack } from "./dialog.js";
+import { below, closeOnBack } from "./dialog.js";
 import { MapView } from "./map.js";
-import { distance, inside, middle, pairs, simplify } from "./shapes.js";
-import { hello, isOperator, kindWord, page, promptCode, row, say, shownNotices, view, words } from "./state.js";
-import { $, areaLine, ask, button, element, fill, issueLines, lock, nameField, select, toast } from "./elements.js";
+import { distance, inside, innermostPoint, toPoints, simplify } from "./shapes.js";
+import { hello, isOperator, kindWord, page, promptCode, row, sentence, shownNotices, view, words } from "./state.js";
+import {
+  $,
+  areaLine,
+  ask,
+  button,
+  element,
+  replaceContent,
+  issueLines,
+  lock,
+  nameField,
+  select,
+  toast,
+} from "./elements.js";
 
 export let draft = null;
 let modeChanges = 0, // so far
@@ -55,16 +67,16 @@ export const map = new MapView(words, {
   },
   drag(corner, point, ended) {
     changeCorners(corner, 1, [point], corner);
-    if (ended) examine();
+    if (ended) previewDraft();
   },
   between(corner, point) {
     changeCorners(corner + 1, 0, [point], corner + 1);
-    examine();
+    previewDraft();
     return corner + 1;
   },
   removeCorner,
   outside() {
-    toast(say("page_off_map"), true);
+    toast(sentence("page_off_map"), true);
   },
 });
 
@@ -72,7 +84,7 @@ export const map = new MapView(words, {
 function changeCorners(start, count, corners, chosen) {
   const seedFollows = draft.kind === "polygon" && inside(draft.seed, draft.points);
   draft.points.splice(start, count, ...corners);
-  if (seedFollows) draft.seed = middle(draft.points);
+  if (seedFollows) draft.seed = innermostPoint(draft.points);
   map.setDraft(draft, (chosenCorner = chosen));
 }
 
@@ -80,7 +92,7 @@ export function setMode(next) {
   page.mode = document.body.dataset.mode = next;
   modeChanges += 1;
   lock($("panel"));
-  catchBack();
+  closeOnBack();
   if (next !== "look") toast(""); // which is about what was done before
   map.drawing = next === "draw" || next === "wall";
   map.picking = next === "side" || next === "go";
@@ -95,7 +107,7 @@ export function setMode(next) {
   map.setDraft(next === "review" || next === "side" ? draft : null, chosenCorner);
   drawHint();
   listeners.mode();
-  if (next === "review") examine();
+  if (next === "review") previewDraft();
   drawReview();
   $("map-area").scrollIntoView({ block: "nearest" });
   if (["draw", "wall", "side", "go"].includes(next)) $("map").focus({ preventScroll: true });
@@ -130,10 +142,10 @@ function robotPanel(cancel) {
     ),
   );
   return [
-    element("h2", {}, say("page_title_go")),
-    element("p", { class: "muted" }, say("page_help_go")),
+    element("h2", {}, sentence("page_title_go")),
+    element("p", { class: "muted" }, sentence("page_help_go")),
     robots.length > 1
-      ? element("div", { class: "row", role: "group", "aria-label": say("page_robot") }, ...choices)
+      ? element("div", { class: "row", role: "group", "aria-label": sentence("page_robot") }, ...choices)
       : null,
     element("div", { class: "row" }, cancel),
   ];
@@ -158,7 +170,9 @@ export function drawHint() {
           : taps.length && (page.mode === "draw" || page.mode === "wall")
             ? `${page.mode}_next`
             : page.mode;
-  const text = notice ? words.tell(notice) : say((page.mode === "look" && promptCode()) || `page_hint_${situation}`);
+  const text = notice
+    ? words.tell(notice)
+    : sentence((page.mode === "look" && promptCode()) || `page_hint_${situation}`);
   if ($("hint").textContent !== text) $("hint").firstChild.textContent = text;
   $("hint").classList.toggle("warning", Boolean(notice && notice.severity));
 }
@@ -168,7 +182,7 @@ function begin(points, kind) {
   draft = {
     points,
     kind,
-    seed: kind === "polygon" ? middle(points) : points[0],
+    seed: kind === "polygon" ? innermostPoint(points) : points[0],
     name: "",
     zone: hello.zones[0].name,
     max_speed: 0.2,
@@ -182,11 +196,11 @@ function begin(points, kind) {
 
 // Makes a draft of a stored border, thinned out if it has too many corners to be moved one by one.
 function draftOf(border) {
-  const line = pairs(border.points);
+  const line = toPoints(border.points);
   return {
     points: line.length > 40 ? simplify(line, 0.02) : line,
     kind: border.kind,
-    seed: pairs(border.seed)[0],
+    seed: toPoints(border.seed)[0],
     name: border.name,
     zone: border.zone,
     max_speed: border.max_speed || 0.2,
@@ -212,7 +226,7 @@ const hasSpareCorners = () => draft.points.length > (draft.kind === "polygon" ? 
 function removeCorner(corner) {
   if (!hasSpareCorners()) return;
   changeCorners(corner, 1, [], null);
-  examine();
+  previewDraft();
 }
 
 // Returns the draft as a request's field.
@@ -229,7 +243,7 @@ const draftFields = () => ({
 
 // Asks what saving would do: one question at a time, and after each answer only the newest question, whose answer counts.
 // The previous answer is shown until then, so that nothing jumps.
-export async function examine() {
+export async function previewDraft() {
   newestQuestion = {};
   drawReview();
   if (isAsking) return;
@@ -251,7 +265,7 @@ async function save() {
   const savedDraft = draft,
     { border, revision } = draft;
   if (!isUnsaved()) {
-    toast(say("page_saved"));
+    toast(sentence("page_saved"));
     return setMode("look");
   }
   const answer = border
@@ -267,9 +281,9 @@ async function save() {
     draft.revision = view.borders.revision;
     if (!view.borders.list.some(({ id }) => id === border)) {
       draft.border = draft.stored = ""; // what is drawn may be saved as a new border
-      toast(say("page_removed", { border: draft.name }), true);
+      toast(sentence("page_removed", { border: draft.name }), true);
     }
-    examine();
+    previewDraft();
   }
 }
 
@@ -278,15 +292,19 @@ async function save() {
 const zonesFor = ({ zone }) =>
   hello.zones
     .map(({ name }) => name)
-    .filter((name, index) => index === 0 || name === zone || !view.capabilities || view.capabilities.zones.includes(name));
+    .filter(
+      (name, index) => index === 0 || name === zone || !view.capabilities || view.capabilities.zones.includes(name),
+    );
 
 // Makes the choice of the robots that a border is for: all, unless some are chosen.
 function robotChoice() {
-  const allRobots = [...new Set([...((view.capabilities && view.capabilities.robots) || []), ...draft.robots])].filter(Boolean);
+  const allRobots = [...new Set([...((view.capabilities && view.capabilities.robots) || []), ...draft.robots])].filter(
+    Boolean,
+  );
   if (allRobots.length < 2) return null;
   const choose = (robots) => () => {
     draft.robots = robots.length === allRobots.length ? [] : robots;
-    examine();
+    previewDraft();
   };
   const choice = (label, pressed, robots) =>
     element(
@@ -296,8 +314,8 @@ function robotChoice() {
     );
   return element(
     "div",
-    { class: "row robots", role: "group", "aria-label": say("page_for") },
-    choice(say("page_for_all"), !draft.robots.length, []),
+    { class: "row robots", role: "group", "aria-label": sentence("page_for") },
+    choice(sentence("page_for_all"), !draft.robots.length, []),
     ...allRobots.map((name) => {
       const isChosen = draft.robots.includes(name);
       return choice(
@@ -314,10 +332,10 @@ export function drawReview() {
   box.hidden = page.mode === "look";
   if (page.mode === "look") {
     map.showPicture("region", "");
-    return fill(box, []);
+    return replaceContent(box, []);
   }
   const cancel = button("page_discard", () => setMode("look"));
-  fill(
+  replaceContent(
     box,
     page.mode === "go" ? robotPanel(cancel) : page.mode === "review" ? reviewPanel(cancel) : drawingPanel(cancel),
   );
@@ -334,13 +352,13 @@ function drawingPanel(cancel) {
     page.mode === "side" && draft.kind === "curve" && draft.points.length > 2
       ? button("page_end_polygon", () => {
           draft.kind = "polygon";
-          draft.seed = middle(draft.points);
+          draft.seed = innermostPoint(draft.points);
           setMode("review");
         })
       : null;
   return [
-    element("h2", {}, say(`page_title_${page.mode}`)),
-    page.mode === "side" ? null : element("p", { class: "muted" }, say(`page_help_${page.mode}`)),
+    element("h2", {}, sentence(`page_title_${page.mode}`)),
+    page.mode === "side" ? null : element("p", { class: "muted" }, sentence(`page_help_${page.mode}`)),
     element(
       "div",
       { class: "row" },
@@ -353,7 +371,7 @@ function drawingPanel(cancel) {
 // While a draft is reviewed: what saving would do, and what can be chosen.
 function reviewPanel(cancel) {
   const isWall = draft.kind === "wall";
-  const name = nameField(words.border(draft.name), say(isWall ? "page_name_wall" : "page_name_free"));
+  const name = nameField(words.border(draft.name), sentence(isWall ? "page_name_wall" : "page_name_free"));
   name.addEventListener("input", () => {
     draft.name = name.value;
   });
@@ -367,15 +385,15 @@ function reviewPanel(cancel) {
   });
   speed.addEventListener("change", () => {
     speed.value = draft.max_speed = Math.max(0.05, Math.min(1, Number(speed.value) || 0.2));
-    examine();
+    previewDraft();
   });
   const isRefused = check && !check.ok;
   return [
-    element("h2", {}, say(draft.border ? "page_title_edit" : "page_title_review", kindWord(draft.kind))),
-    element("label", { class: "beside" }, element("span", {}, say("page_name")), name),
+    element("h2", {}, sentence(draft.border ? "page_title_edit" : "page_title_review", kindWord(draft.kind))),
+    element("label", { class: "beside" }, element("span", {}, sentence("page_name")), name),
     // what saving would do stands above what can be chosen, so that people see it before they save, also on a small screen
     check === null
-      ? element("p", { class: "muted" }, say("page_checking"))
+      ? element("p", { class: "muted" }, sentence("page_checking"))
       : isRefused
         ? element("p", { class: "issue error" }, words.tell(check))
         : isWall
@@ -386,9 +404,11 @@ function reviewPanel(cancel) {
       ? null
       : select("page_zone", draft.zone, zonesFor(draft), (value) => {
           draft.zone = value;
-          examine();
+          previewDraft();
         }),
-    row("zones", draft.zone).limits_speed ? element("label", {}, element("span", {}, say("page_speed")), speed) : null,
+    row("zones", draft.zone).limits_speed
+      ? element("label", {}, element("span", {}, sentence("page_speed")), speed)
+      : null,
     robotChoice(),
     element(
       "div",

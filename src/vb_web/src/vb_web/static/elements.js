@@ -1,6 +1,6 @@
 // Elements, requests and their answers, of which every part of the page is made.
 "use strict";
-import { page, promptCode, say, view, words } from "./state.js";
+import { page, promptCode, sentence, view, words } from "./state.js";
 
 export const $ = (id) => document.getElementById(id);
 const CHANGES = ["add", "update", "rename", "enable", "remove"]; // actions that undo takes back
@@ -20,15 +20,15 @@ export function element(tag, attributes = {}, ...children) {
 }
 
 export const button = (code, onclick, kind = "", attributes = {}) =>
-  element("button", { class: kind, onclick, ...attributes }, say(code));
+  element("button", { class: kind, onclick, ...attributes }, sentence(code));
 
 export const clock = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
 
-const contents = new WeakMap(); // the HTML that `fill` has put into each parent
+const contents = new WeakMap(); // the HTML that `replaceContent` has put into each parent
 
 // Replaces an element's content if it has changed, as a button that is replaced under a finger is never pressed. What has
 // the focus keeps it, by its data-key. A field that is being typed into stays, with its caret and half a number.
-export function fill(parent, children) {
+export function replaceContent(parent, children) {
   const nodes = children.filter(Boolean);
   const html = nodes.map((node) => node.outerHTML).join("");
   if (contents.get(parent) === html) return;
@@ -92,7 +92,7 @@ export async function ask(action, fields, doneCode = null, values = {}) {
   const answer = await page.link.ask(action, { ...fields, ...seen }, subject);
   if (answer.ok && doneCode)
     toast(
-      say(doneCode, values),
+      sentence(doneCode, values),
       false,
       "",
       CHANGES.includes(action) ? button("page_undo", () => ask("command", { command: "undo" })) : null,
@@ -108,7 +108,7 @@ export function issueLines(issues) {
 }
 
 export const areaLine = (area) =>
-  element("p", { class: "figures" }, element("b", {}, `${words.number(area, 2)} m²`), ` ${say("page_area")}`);
+  element("p", { class: "figures" }, element("b", {}, `${words.number(area, 2)} m²`), ` ${sentence("page_area")}`);
 
 export function nameField(value, placeholder = "") {
   const field = element("input", {
@@ -119,7 +119,7 @@ export function nameField(value, placeholder = "") {
     autocomplete: "off",
   });
   field.addEventListener("input", () => {
-    if (field.value.length === NAME_LENGTH) toast(say("page_name_long", { count: NAME_LENGTH }), true);
+    if (field.value.length === NAME_LENGTH) toast(sentence("page_name_long", { count: NAME_LENGTH }), true);
   });
   return field;
 }
@@ -130,9 +130,9 @@ export function select(code, value, options, onchange) {
     "select",
     { "data-key": code },
     ...options.map((option) =>
-      element("option", { value: option, selected: option === value }, say(`${code}_${option}`)),
+      element("option", { value: option, selected: option === value }, sentence(`${code}_${option}`)),
     ),
   );
   choice.addEventListener("change", () => onchange(choice.value));
-  return element("label", {}, element("span", {}, say(code)), choice);
+  return element("label", {}, element("span", {}, sentence(code)), choice);
 }

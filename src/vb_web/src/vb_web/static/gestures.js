@@ -1,6 +1,6 @@
 // Turns what fingers, mouse and keys do on the map into its movements, and into calls of `map.on`: strokes, taps, drags.
 "use strict";
-import { distance, distanceToSegment, inside, mean } from "./shapes.js";
+import { distance, distanceToSegment, inside, meanPoint } from "./shapes.js";
 
 export const HANDLE_PX = 24; // half of a finger
 
@@ -98,7 +98,7 @@ export class Gestures {
       if (other) {
         const [previousSpan, span] = [distance(previous, other), distance(position, other)];
         this.map.pan(right / 2, down / 2);
-        this.map.zoom(previousSpan > 10 ? span / previousSpan : 1, mean([position, other]));
+        this.map.zoom(previousSpan > 10 ? span / previousSpan : 1, meanPoint([position, other]));
       }
     } else if (!this.moved && distance(position, this.start) < 6) return;
     else {

@@ -11,12 +11,12 @@ import {
   page,
   promptCode,
   row,
-  say,
+  sentence,
   sourceName,
   view,
   words,
 } from "./state.js";
-import { $, areaLine, ask, button, clock, dropRepeatedToast, element, fill, issueLines } from "./elements.js";
+import { $, areaLine, ask, button, clock, dropRepeatedToast, element, replaceContent, issueLines } from "./elements.js";
 
 // Whether a command is what most people do next: save, or else draw what is missing.
 const isNextStep = (command, available) =>
@@ -32,11 +32,11 @@ async function giveCommand(name) {
 
 // Returns a command button's content: what it does now, and below it the spoken command if that is another word.
 function commandLabel(name) {
-  const label = name === "save" && view.state && view.state.confirm ? say("page_save_again") : commandName(name),
+  const label = name === "save" && view.state && view.state.confirm ? sentence("page_save_again") : commandName(name),
     { spoken } = row("commands", name);
-  return label.toLowerCase() === spoken || label === say("page_save_again")
+  return label.toLowerCase() === spoken || label === sentence("page_save_again")
     ? [label]
-    : [element("span", {}, label, element("small", {}, say("page_spoken", { command: spoken })))];
+    : [element("span", {}, label, element("small", {}, sentence("page_spoken", { command: spoken })))];
 }
 
 function confirmSave() {
@@ -47,7 +47,7 @@ function confirmSave() {
     "primary",
   );
   show(
-    say("page_title_review", kindWord("polygon")),
+    sentence("page_title_review", kindWord("polygon")),
     preview.ok ? areaLine(preview.area) : element("p", { class: "issue error" }, words.tell(preview)),
     ...issueLines(preview.issues),
     element("div", { class: "row" }, closeButton("page_back"), saveButton),
@@ -59,13 +59,14 @@ export function drawState() {
     hasManager = page.online && view.health && view.health.manager;
   // where no manager belongs to the lab, nothing waits for one: the state is that of the robots
   const needsNoManager = view.capabilities && !view.capabilities.interaction && !hasManager;
-  const robotsState = needsNoManager && view.capabilities.state === "ready" ? "default" : needsNoManager && view.capabilities.state;
+  const robotsState =
+    needsNoManager && view.capabilities.state === "ready" ? "default" : needsNoManager && view.capabilities.state;
   const name = !page.online ? "offline" : robotsState || (!state || !hasManager ? "absent" : state.name);
   document.body.dataset.state = name;
   document.body.style.setProperty("--state", promptCode() ? row("states", name).color : "");
   const stopped = Boolean(page.online && state && state.stopped);
   document.body.classList.toggle("stopped", stopped);
-  $("state-name").textContent = say(`page_state_${stopped ? "stopped" : name}`);
+  $("state-name").textContent = sentence(`page_state_${stopped ? "stopped" : name}`);
   $("stop").disabled = !page.online;
   $("stop").hidden = !isAvailable("stop");
   $("laser").hidden = (!state && !hasManager) || !isAvailable("define_border");
@@ -75,7 +76,7 @@ export function drawState() {
   for (const { name, button_place } of hello.commands.filter((command) => command.button_place))
     if (available.has(name) || !places.has(button_place)) places.set(button_place, name);
   const commands = [...places.keys()].sort((a, b) => a - b).map((place) => places.get(place));
-  $("laser-text").textContent = say(
+  $("laser-text").textContent = sentence(
     !hasManager ? "page_manager_gone" : !state ? "page_laser_absent" : promptCode() || "page_laser_default",
   );
   // why nothing happened, also after a command by voice or from another phone
@@ -84,7 +85,7 @@ export function drawState() {
       ? words.tell(state.last)
       : "";
   if ($("laser-refused").textContent !== refused) $("laser-refused").textContent = refused;
-  fill(
+  replaceContent(
     $("commands"),
     commands.map((command) =>
       element(
@@ -102,7 +103,7 @@ export function drawState() {
   );
   const preview =
     hasManager && state && state.name !== "default" && view.preview && view.preview.available ? view.preview : null;
-  fill(
+  replaceContent(
     $("preview"),
     preview
       ? [
@@ -118,18 +119,18 @@ export function drawState() {
 export function drawBanners() {
   const state = view.state,
     list = [];
-  const add = (kind, sentence, ...buttons) =>
-    list.push(element("p", { class: kind }, element("span", {}, sentence), ...(isOperator() ? buttons : [])));
-  if (!page.online) add("bad", say("page_offline"));
+  const add = (kind, text, ...buttons) =>
+    list.push(element("p", { class: kind }, element("span", {}, text), ...(isOperator() ? buttons : [])));
+  if (!page.online) add("bad", sentence("page_offline"));
   else {
     // while somebody draws, only the state says it
     if (state && state.stopped && page.mode === "look")
-      add("bad", say("page_stopped", { who: sourceName(state.stopped_by) }));
+      add("bad", sentence("page_stopped", { who: sourceName(state.stopped_by) }));
     // a manager that hangs is connected but silent: the state shown is as old as its last message
     if (view.health && view.health.manager && view.health.silent)
-      add("bad", say("page_state_old", { time: clock(view.health.silent) }));
-    if (view.health && !view.health.integrator) add("bad", say("page_integrator_gone"));
-    if (view.capabilities === null) add("bad", say("page_monitor_gone"));
+      add("bad", sentence("page_state_old", { time: clock(view.health.silent) }));
+    if (view.health && !view.health.integrator) add("bad", sentence("page_integrator_gone"));
+    if (view.capabilities === null) add("bad", sentence("page_monitor_gone"));
     if (view.borders && view.borders.unconfirmed)
       add(
         "",
@@ -142,7 +143,7 @@ export function drawBanners() {
         ),
       );
     if (state && state.ends_in_s && state.name !== "default")
-      add("", say("page_ends", { time: clock(state.ends_in_s) }));
+      add("", sentence("page_ends", { time: clock(state.ends_in_s) }));
   }
-  fill($("banners"), list); // only a change, as a screen reader reads out what is replaced
+  replaceContent($("banners"), list); // only a change, as a screen reader reads out what is replaced
 }

@@ -3,12 +3,12 @@
 "use strict";
 import { Gestures, HANDLE_PX } from "./gestures.js";
 import { MARK_PX, layOutTexts } from "./map_labels.js";
-import { distance, mean, pairs } from "./shapes.js";
+import { distance, meanPoint, toPoints } from "./shapes.js";
 import { $ } from "./elements.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 
-function make(name, attributes = {}, parent = null) {
+function svgElement(name, attributes = {}, parent = null) {
   const element = document.createElementNS(SVG, name);
   for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
   if (parent) parent.append(element);
@@ -39,7 +39,7 @@ export class MapView {
     this.symbolGroup = $("placed");
     this.handleGroup = $("handles");
     this.layers = {};
-    for (const name of ["borders", "progress", "draft", "drives"]) this.layers[name] = { lines: [], symbols: [] };
+    for (const name of ["borders", "progress", "draft", "goals"]) this.layers[name] = { lines: [], symbols: [] };
     this.gestures = new Gestures(this);
     new ResizeObserver(() => {
       this.gestures.drop();
@@ -154,7 +154,7 @@ export class MapView {
     const { x, y, scale } = this.view,
       [w, h] = this.size();
     this.world.setAttribute("transform", `matrix(${scale} 0 0 ${-scale} ${w / 2 - x * scale} ${h / 2 + y * scale})`);
-    const { resolution, cells, rows, columns, cos, sin } = this.info,
+    const { resolution, cells_per_pixel: cells, rows, columns, cos, sin } = this.info,
       [left, bottom] = this.toScreen(this.fromCorner([0, 0]));
     for (const image of $("pictures").children) {
       if (!image.naturalWidth) continue;
@@ -239,13 +239,13 @@ export class MapView {
     this.layers[layer] = { lines: [], symbols: [] };
   }
   addLine(layer, kind, data) {
-    this.layers[layer].lines.push(make("path", { class: kind, d: data }, this.world));
+    this.layers[layer].lines.push(svgElement("path", { class: kind, d: data }, this.world));
   }
   // Adds a symbol at a position [m], made of [element's name, attributes, text].
   addSymbol(layer, kind, position, parts) {
-    const group = make("g", { class: kind }, this.symbolGroup);
+    const group = svgElement("g", { class: kind }, this.symbolGroup);
     group.position = position;
-    for (const [name, attributes, text] of parts) make(name, attributes, group).textContent = text || "";
+    for (const [name, attributes, text] of parts) svgElement(name, attributes, group).textContent = text || "";
     if (layer) this.layers[layer].symbols.push(group);
     this.update();
     return group;
@@ -254,10 +254,10 @@ export class MapView {
   // Adds lines of text, one below the other, whose place layOutTexts finds.
   addText(layer, kind, texts) {
     const lines = texts.filter(Boolean),
-      group = make("g", { class: kind }, this.symbolGroup);
+      group = svgElement("g", { class: kind }, this.symbolGroup);
     lines.forEach((text, i) => {
       const y = `${(0.35 + 1.3 * (i - (lines.length - 1) / 2)).toFixed(2)}em`;
-      make("text", { class: i ? "note" : "", y }, group).textContent = text;
+      svgElement("text", { class: i ? "note" : "", y }, group).textContent = text;
     });
     const half = Math.max(...[...group.children].map((text) => text.getComputedTextLength())) / 2 + 4;
     group.extent = { half, high: 3 + 9 * lines.length };
@@ -274,13 +274,13 @@ export class MapView {
 
   // Draws the borders without the one that is being edited. A border's `note` stands under its name.
   setBorders(borders, editedId) {
-    this.borders = borders.map((border) => ({ ...border, line: pairs(border.points) }));
+    this.borders = borders.map((border) => ({ ...border, line: toPoints(border.points) }));
     this.clear("borders");
     for (const border of this.borders) {
       if (border.id === editedId) continue;
       // the floor that a border closed off before, and what it will close off, while that waits for a person
       for (const time of ["before", "after"]) {
-        if (border[time]?.length) this.addLine("borders", `border ${time}`, chainData(pairs(border[time]), true));
+        if (border[time]?.length) this.addLine("borders", `border ${time}`, chainData(toPoints(border[time]), true));
       }
       const line = chainData(border.line, border.kind === "polygon");
       this.addLine("borders", `border ${border.kind} ${border.idle || ""}`, line);
@@ -289,9 +289,9 @@ export class MapView {
         shortened(border.note),
       ]);
       group.border = border;
-      const mark = make("g", { class: `mark ${border.idle || ""}` }, group);
-      make("circle", { r: MARK_PX }, mark);
-      make("text", { y: "0.35em" }, mark).textContent = border.mark;
+      const mark = svgElement("g", { class: `mark ${border.idle || ""}` }, group);
+      svgElement("circle", { r: MARK_PX }, mark);
+      svgElement("text", { y: "0.35em" }, mark).textContent = border.mark;
     }
     this.update();
   }
@@ -299,10 +299,10 @@ export class MapView {
   setProgress(progress) {
     this.clear("progress");
     if (!progress) return;
-    this.addLine("progress", "left-out", dotsData(pairs(progress.left_out)));
-    this.addLine("progress", "points", dotsData(pairs(progress.points)));
-    this.addLine("progress", "chain", chainData(pairs(progress.chain), progress.closed));
-    if (progress.seed.length) this.addSeed("progress", pairs(progress.seed)[0]);
+    this.addLine("progress", "left-out", dotsData(toPoints(progress.left_out)));
+    this.addLine("progress", "points", dotsData(toPoints(progress.points)));
+    this.addLine("progress", "chain", chainData(toPoints(progress.chain), progress.closed));
+    if (progress.seed.length) this.addSeed("progress", toPoints(progress.seed)[0]);
     this.update();
   }
 
@@ -338,11 +338,11 @@ export class MapView {
   }
 
   // Draws where robots are going: by name, the goal and the path that their navigation has planned.
-  setDrives(drives) {
-    this.clear("drives");
-    for (const { goal, path } of Object.values(drives)) {
-      this.addLine("drives", "path", chainData(pairs(path), false));
-      this.addSymbol("drives", "goal", pairs(goal)[0], [
+  setGoals(goals) {
+    this.clear("goals");
+    for (const { goal, path } of Object.values(goals)) {
+      this.addLine("goals", "path", chainData(toPoints(path), false));
+      this.addSymbol("goals", "goal", toPoints(goal)[0], [
         ["path", { d: "M0 0C-9-11-9-22 0-22S9-11 0 0ZM-3-14A3 3 0 1 0 3-14A3 3 0 1 0-3-14" }],
       ]);
     }
@@ -382,16 +382,16 @@ export class MapView {
     if (rough) {
       for (const point of points.slice(0, rough === "taps" ? 99 : 0))
         this.addSymbol("draft", "knob", point, [["circle", { r: 7 }]]);
-      if (rough === "taps" && points.length > 1) this.addLength(points.slice(-2), mean(points));
+      if (rough === "taps" && points.length > 1) this.addLength(points.slice(-2), meanPoint(points));
       return this.update();
     }
     const count = points.length,
       sides = points.map((point, i) => [point, points[(i + 1) % count]]).slice(0, closed ? count : count - 1);
     sides.forEach((side, i) => {
       if (count === 2 || (chosen !== null && (i === chosen || (i + 1) % count === chosen)))
-        this.addLength(side, mean(points));
+        this.addLength(side, meanPoint(points));
       if (count <= 24 && distance(...side) * this.view.scale > 60)
-        this.addHandle("between", mean(side), 5, {
+        this.addHandle("between", meanPoint(side), 5, {
           between: i,
           label: this.words.say("page_between", { number: i + 1 }),
         });
@@ -416,12 +416,12 @@ export class MapView {
 
   // Adds a handle of a corner, or of the place between two corners, where another one can be pulled out.
   addHandle(kind, position, radius, { corner, between, label }) {
-    const group = make("g", { class: kind, tabindex: 0, role: "button", "aria-label": label }, this.handleGroup);
+    const group = svgElement("g", { class: kind, tabindex: 0, role: "button", "aria-label": label }, this.handleGroup);
     if (corner !== undefined) group.dataset.corner = corner;
     else group.dataset.between = between;
     group.position = position;
-    make("circle", { class: "hit", r: corner === undefined ? 16 : HANDLE_PX }, group);
-    make("circle", { class: "knob", r: radius }, group);
+    svgElement("circle", { class: "hit", r: corner === undefined ? 16 : HANDLE_PX }, group);
+    svgElement("circle", { class: "knob", r: radius }, group);
   }
 
   // Shows the crosshair that arrow keys move, or none.

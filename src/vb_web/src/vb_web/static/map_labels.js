@@ -1,6 +1,6 @@
 // Lays out what is written on the map: lengths and names of borders, and the scale's bar.
 "use strict";
-import { deepest, distance, middle } from "./shapes.js";
+import { distance, innermostPoint, innermostPointInBox } from "./shapes.js";
 import { $ } from "./elements.js";
 
 const MIN_SIDE_PX = 24; // of a side whose length is written
@@ -87,9 +87,9 @@ function middleInView(map, border) {
     [right, low] = map.toWorld([w, h]);
   const isInView = ([x, y]) => x >= left && x <= right && y >= low && y <= high;
   const closed = border.kind === "polygon";
-  if (closed && border.line.every(isInView)) return (border.middle = border.middle || middle(border.line));
-  const deepestInView = closed && deepest(border.line, [left, right, low, high]);
-  if (deepestInView) return deepestInView;
+  if (closed && border.line.every(isInView)) return (border.middle = border.middle || innermostPoint(border.line));
+  const innermostInView = closed && innermostPointInBox(border.line, [left, right, low, high]);
+  if (innermostInView) return innermostInView;
   // only the line crosses the view: the middle one of its samples there, 8 px apart
   const corners = closed ? [...border.line, border.line[0]] : border.line,
     samples = [];

@@ -2,9 +2,9 @@
 "use strict";
 import { borderDialog, drawBorders } from "./borders.js";
 import { closeButton, show } from "./dialog.js";
-import { draft, drawHint, drawReview, examine, listeners, map, setMode } from "./editor.js";
+import { draft, drawHint, drawReview, previewDraft, listeners, map, setMode } from "./editor.js";
 import {
-  drawDrives,
+  drawGoals,
   drawEvents,
   drawHealth,
   drawNotices,
@@ -12,11 +12,11 @@ import {
   refreshFloor,
   setFloor,
   toggleWatching,
-  watched,
+  watchedCameras,
 } from "./status_panel.js";
 import { drawBanners, drawState } from "./laser.js";
 import { Link } from "./websocket.js";
-import { hello, isOperator, page, say, view, words } from "./state.js";
+import { hello, isOperator, page, sentence, view, words } from "./state.js";
 import { $, ask, button, element, toast } from "./elements.js";
 
 function drawAll() {
@@ -28,7 +28,7 @@ function drawAll() {
   drawNotices();
   drawHealth();
   drawEvents();
-  drawDrives();
+  drawGoals();
 }
 
 let wasFloorShown = false; // it is switched on once by itself, and stays off after somebody has switched it off
@@ -65,7 +65,7 @@ const DRAW = {
     drawHealth();
     drawReview();
   },
-  drives: drawDrives,
+  goals: drawGoals,
   preview: drawState,
   robots: (section) => map.setRobots(section),
   spots: (section) => map.setSpots(section),
@@ -91,7 +91,7 @@ async function loadLanguage() {
 function settingsDialog() {
   const languages = element(
     "div",
-    { class: "row", role: "group", "aria-label": say("page_language") },
+    { class: "row", role: "group", "aria-label": sentence("page_language") },
     ...(hello.languages || []).map((language) =>
       element(
         "button",
@@ -118,10 +118,10 @@ function settingsDialog() {
           ? [
               ["page_code_operator", answer.operator],
               ["page_code_viewer", answer.viewer],
-            ].flatMap(([code, value]) => [element("p", {}, say(code)), element("p", { class: "code" }, value)])
-          : [element("p", { class: "muted" }, say("page_only_here"))];
+            ].flatMap(([code, value]) => [element("p", {}, sentence(code)), element("p", { class: "code" }, value)])
+          : [element("p", { class: "muted" }, sentence("page_only_here"))];
         show(
-          say("page_invite"),
+          sentence("page_invite"),
           ...answer.addresses.map((address) => element("p", {}, element("a", { href: address }, address))),
           ...codeLines,
           closeButton(),
@@ -134,7 +134,7 @@ function settingsDialog() {
         location.reload();
       })
     : null;
-  show(say("page_settings"), languages, invite, leave, closeButton());
+  show(sentence("page_settings"), languages, invite, leave, closeButton());
 }
 
 const LOGIN_REFUSALS = { 401: "page_wrong_code", 429: "page_too_many_codes" }; // by HTTP status
@@ -148,7 +148,7 @@ async function logIn(code) {
   if (ok) {
     $("login").hidden = true;
     page.link.connect();
-  } else $("login-answer").textContent = say(LOGIN_REFUSALS[status] || "page_no_answer");
+  } else $("login-answer").textContent = sentence(LOGIN_REFUSALS[status] || "page_no_answer");
 }
 
 listeners.pick = borderDialog;
@@ -172,7 +172,7 @@ page.link = new Link({
     if (!words.language) loadLanguage().then(drawAll); // the server was away when the page was opened
     $("login").hidden = true;
     drawAll();
-    if (page.mode === "review") examine();
+    if (page.mode === "review") previewDraft();
   },
   onDown() {
     page.online = false;
@@ -185,7 +185,7 @@ page.link = new Link({
     if (session.role !== "nobody") return;
     $("login").hidden = false;
     $("login").querySelector("form").classList.toggle("closed", !session.login);
-    $("login-text").textContent = say(session.login ? "page_login_help" : "page_only_local");
+    $("login-text").textContent = sentence(session.login ? "page_login_help" : "page_only_local");
     for (const part of $("login").querySelectorAll("label, button")) part.hidden = !session.login;
     const code = new URLSearchParams(location.hash.slice(1)).get("code");
     if (code) {
@@ -212,7 +212,7 @@ $("zoom-fit").addEventListener("click", () => map.fit());
 $("floor-button").addEventListener("click", () => setFloor(!floorOn));
 
 $("health").addEventListener("toggle", () => {
-  if (!$("health").open) [...watched.keys()].forEach(toggleWatching);
+  if (!$("health").open) [...watchedCameras.keys()].forEach(toggleWatching);
 });
 
 // Keeps the place and size of Stop and of the state with Resume on the screen while two fingers have enlarged the page.

@@ -2,7 +2,7 @@
 "use strict";
 
 // Converts the server's whole centimetres [x0, y0, x1, y1, ...] to points.
-export const pairs = (flat) =>
+export const toPoints = (flat) =>
   Array.from({ length: flat.length / 2 }, (_, i) => [flat[2 * i] / 100, flat[2 * i + 1] / 100]);
 export const distance = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
 
@@ -40,7 +40,7 @@ export function inside(p, polygon) {
 
 // Returns the point of a 24 x 24 grid that is inside a polygon and a box [left, right, low, high] and furthest from their
 // edges, or null if there is none.
-export function deepest(polygon, [left, right, low, high]) {
+export function innermostPointInBox(polygon, [left, right, low, high]) {
   const xs = polygon.map(([x]) => x),
     ys = polygon.map(([, y]) => y);
   const [x0, x1] = [Math.max(left, Math.min(...xs)), Math.min(right, Math.max(...xs))];
@@ -61,7 +61,8 @@ export function deepest(polygon, [left, right, low, high]) {
   return best;
 }
 
-export const mean = (points) => [0, 1].map((axis) => points.reduce((sum, p) => sum + p[axis], 0) / points.length);
+export const meanPoint = (points) => [0, 1].map((axis) => points.reduce((sum, p) => sum + p[axis], 0) / points.length);
 
 // Returns the point inside a polygon that is furthest from its edges, or its corners' mean if it has no inside.
-export const middle = (polygon) => deepest(polygon, [-Infinity, Infinity, -Infinity, Infinity]) || mean(polygon);
+export const innermostPoint = (polygon) =>
+  innermostPointInBox(polygon, [-Infinity, Infinity, -Infinity, Infinity]) || meanPoint(polygon);

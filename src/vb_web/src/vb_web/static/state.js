@@ -7,7 +7,7 @@ export const view = {}; // the newest sections, by name
 // Whether the server answers, what a touch of the map means (editor.js), and the link to the server.
 export const page = { online: false, mode: "look", link: null };
 export const hello = { role: "nobody", states: [], commands: [], zones: [] }; // with vb_core's tables: vocabulary.py, zones.py
-export const say = (code, values) => words.say(code, values);
+export const sentence = (code, values) => words.say(code, values);
 export const isOperator = () => hello.role === "operator";
 // Whether a command has an effect with what is connected. Where that is not known (null: not any more), all are offered.
 export const isAvailable = (command) => !view.capabilities || view.capabilities.commands.includes(command);
@@ -16,11 +16,11 @@ export const row = (table, name) => hello[table].find((entry) => entry.name === 
 // The code of the sentence that says what to do in the current state, or null. It is also the code of the answer that led
 // there, so that one place on the page says it.
 export const promptCode = () => row("states", document.body.dataset.state).prompt || null;
-export const commandName = (command) => say(`page_command_${command}`);
+export const commandName = (command) => sentence(`page_command_${command}`);
 export const kindWord = (kind) => ({ what: kind === "wall" ? "$page_what_wall" : "$page_what_border" });
 export const sourceName = (source) => {
   const [kind] = String(source || "").split(" ");
-  return words.has(`page_source_${kind}`) ? say(`page_source_${kind}`) : source;
+  return words.has(`page_source_${kind}`) ? sentence(`page_source_${kind}`) : source;
 };
 
 // Lists the notices that no banner says.

@@ -1,27 +1,27 @@
-// The rest of the panel: drives, notices, cameras, robots and events; and the picture of the floor.
+// The rest of the panel: goals, notices, cameras, robots and events; and the picture of the floor.
 "use strict";
 import { drawHint, map } from "./editor.js";
-import { commandName, isOperator, robotName, say, shownNotices, sourceName, view, words } from "./state.js";
-import { $, ask, button, dropRepeatedToast, element, fill, toast } from "./elements.js";
+import { commandName, isOperator, robotName, sentence, shownNotices, sourceName, view, words } from "./state.js";
+import { $, ask, button, dropRepeatedToast, element, replaceContent, toast } from "./elements.js";
 
 export let floorOn = false;
 let floorCameras = ""; // names of those in the floor's picture
-export const watched = new Map(); // the open pictures, by camera
+export const watchedCameras = new Map(); // the open pictures, by camera
 
 // Lists where robots are going, each with a button that ends its drive.
-export function drawDrives() {
-  const drives = view.drives || {};
-  map.setDrives(drives);
-  fill(
-    $("drives"),
-    Object.entries(drives).map(([name, { goal }]) =>
+export function drawGoals() {
+  const goals = view.goals || {};
+  map.setGoals(goals);
+  replaceContent(
+    $("goals"),
+    Object.entries(goals).map(([name, { goal }]) =>
       element(
         "li",
         {},
         element(
           "span",
           {},
-          say("page_drive", {
+          sentence("page_drive", {
             who: robotName(name),
             x: words.number(goal[0] / 100, 1),
             y: words.number(goal[1] / 100, 1),
@@ -37,7 +37,7 @@ export function drawDrives() {
 
 export function drawNotices() {
   drawHint();
-  fill(
+  replaceContent(
     $("notices"),
     shownNotices().map((notice) =>
       element("li", { class: ["info", "warning", "error"][notice.severity] || "error" }, words.tell(notice)),
@@ -58,9 +58,9 @@ function countProblems(cameras, drivers) {
     ({ severity }) => severity,
   );
   return new Set([
-    ...cameras.filter((camera) => !camera.there).map((camera) => `camera ${camera.name}`),
+    ...cameras.filter((camera) => !camera.present).map((camera) => `camera ${camera.name}`),
     ...Object.keys(drivers)
-      .filter((name) => !drivers[name].there)
+      .filter((name) => !drivers[name].present)
       .map((name) => `robot ${robotName(name)}`),
     ...warnings.map(subjectOf).filter(Boolean),
   ]).size;
@@ -71,35 +71,35 @@ export function drawHealth() {
     drivers = view.drivers || {};
   const problems = countProblems(cameras, drivers);
   $("health-sum").textContent = problems
-    ? say(problems === 1 ? "page_problem" : "page_problems", { count: problems })
+    ? sentence(problems === 1 ? "page_problem" : "page_problems", { count: problems })
     : cameras.length || Object.keys(drivers).length || (view.capabilities && view.capabilities.state === "ready")
-      ? say("page_all_well")
+      ? sentence("page_all_well")
       : "";
   $("health-sum").className = problems ? "ill" : "good";
-  fill($("cameras"), cameras.map(cameraLine));
+  replaceContent($("cameras"), cameras.map(cameraLine));
   // the same image elements again, as a picture that is replaced flickers
   [...$("cameras").children].forEach((line, i) => {
-    const image = watched.get(cameras[i].name);
+    const image = watchedCameras.get(cameras[i].name);
     if (image && image.parentNode !== line) line.append(image);
   });
   const robots = new Set([...((view.capabilities && view.capabilities.robots) || []), ...Object.keys(drivers)]);
-  fill(
+  replaceContent(
     $("drivers"),
     [...robots].sort().map((name) => robotLine(name, drivers[name])),
   );
 }
 
-function cameraLine({ name, there, hz, ms }) {
-  const label = say(watched.has(name) ? "page_close" : "page_view"),
-    rate = there
-      ? say("page_camera_rate", { hz: words.number(hz, 0), ms: words.number(ms, 0) })
-      : say("page_camera_gone");
+function cameraLine({ name, present, hz, ms }) {
+  const label = sentence(watchedCameras.has(name) ? "page_close" : "page_view"),
+    rate = present
+      ? sentence("page_camera_rate", { hz: words.number(hz, 0), ms: words.number(ms, 0) })
+      : sentence("page_camera_gone");
   const watchButton = element(
     "button",
     {
       "data-key": `see ${name}`,
-      "aria-expanded": String(watched.has(name)),
-      "aria-label": `${label}: ${say("page_camera", { camera: name })}`,
+      "aria-expanded": String(watchedCameras.has(name)),
+      "aria-label": `${label}: ${sentence("page_camera", { camera: name })}`,
       onclick: () => toggleWatching(name),
     },
     label,
@@ -107,14 +107,14 @@ function cameraLine({ name, there, hz, ms }) {
   return element(
     "li",
     {},
-    element("span", {}, say("page_camera", { camera: name }), element("small", { class: "muted" }, rate)),
+    element("span", {}, sentence("page_camera", { camera: name }), element("small", { class: "muted" }, rate)),
     isOperator() ? watchButton : null,
   );
 }
 
 // `driver` is the newest entry of the robot's driver, if there was one.
 function robotLine(name, driver) {
-  const source = driver && driver.there ? `page_motion_source_${driver.source}` : "",
+  const source = driver && driver.present ? `page_motion_source_${driver.source}` : "",
     lines = view.capabilities ? view.capabilities.lines.filter((line) => line.robot === name) : [];
   return element(
     "li",
@@ -122,8 +122,8 @@ function robotLine(name, driver) {
     element(
       "span",
       {},
-      driver && (source ? words.tell(driver) : say("page_driver_gone", { who: robotName(name) })),
-      words.has(source) ? element("small", { class: "muted" }, say(source)) : null,
+      driver && (source ? words.tell(driver) : sentence("page_driver_gone", { who: robotName(name) })),
+      words.has(source) ? element("small", { class: "muted" }, sentence(source)) : null,
       ...lines.map((line) => element("small", { class: line.severity ? "ill" : "muted" }, words.tell(line))),
     ),
   );
@@ -131,19 +131,20 @@ function robotLine(name, driver) {
 
 // Opens a camera's picture below its line, or closes it.
 export function toggleWatching(camera) {
-  const image = watched.get(camera) || element("img", { alt: say("page_camera_image", { camera }) });
-  if (watched.delete(camera)) image.remove();
+  const image = watchedCameras.get(camera) || element("img", { alt: sentence("page_camera_image", { camera }) });
+  if (watchedCameras.delete(camera)) image.remove();
   else {
-    watched.set(camera, image);
+    watchedCameras.set(camera, image);
     const fetchNext = () => {
       if (document.hidden) setTimeout(fetchNext, 400);
-      else if (watched.get(camera) === image) image.src = `camera/${encodeURIComponent(camera)}.jpg?${Date.now()}`;
+      else if (watchedCameras.get(camera) === image)
+        image.src = `camera/${encodeURIComponent(camera)}.jpg?${Date.now()}`;
     };
     image.onload = () => setTimeout(fetchNext, 400);
     image.onerror = () => {
-      if (watched.get(camera) === image) {
+      if (watchedCameras.get(camera) === image) {
         toggleWatching(camera);
-        toast(say("page_no_image"), true);
+        toast(sentence("page_no_image"), true);
       }
     };
     fetchNext();
@@ -164,7 +165,7 @@ export function drawEvents() {
       .map((event) => {
         const values = { ...event.values };
         if (values.command) values.command = commandName(values.command);
-        if (values.code) values.reason = say(values.code, values);
+        if (values.code) values.reason = sentence(values.code, values);
         const date = new Date(event.at * 1000),
           format = date.toDateString() === today ? clockTime : dated;
         return element(
@@ -174,7 +175,7 @@ export function drawEvents() {
           element(
             "span",
             {},
-            say(event.code, values),
+            sentence(event.code, values),
             event.source ? element("small", { class: "muted" }, sourceName(event.source)) : null,
           ),
         );
@@ -185,7 +186,7 @@ export function drawEvents() {
 // Fetches the floor's picture again if a camera has come or gone, which changes what can be seen of the floor.
 export function refreshFloor() {
   const cameras = view.cameras
-    .filter(({ there, hz }) => there && hz)
+    .filter(({ present, hz }) => present && hz)
     .map(({ name }) => name)
     .join();
   if (floorOn && cameras !== floorCameras) setFloor(true);

@@ -6,7 +6,7 @@ from vb_core.vocabulary import ANSWERS, BORDER, DEFAULT, GUIDE, SEED
 from vb_voice_wizard.command_answers import Answer
 from vb_voice_wizard.interaction import Interaction, InteractionParams
 
-# commands given before, the state that they lead to, and the answers to define_border, define_seed and save then
+# commands given before, the state after them, and how define_border, define_seed and save are answered there
 SITUATIONS = [
     ("", DEFAULT, "draw_border", "point_seed", "nothing_to_save"),
     ("define_border", BORDER, "draw_border_again", "point_seed", "missing_seed"),

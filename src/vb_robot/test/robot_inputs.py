@@ -24,7 +24,8 @@ class Body:
 
     def __init__(self, pose, name=""):
         self.lock = threading.Lock()
-        self.name, self.prefix = name, f"{name}/" if name else ""
+        self.name = name
+        self.prefix = f"{name}/" if name else ""
         self.pose, self.velocity = pose, (0.0, 0.0)
         self.view = VIEW
         self.info = rospy.Publisher(f"{self.prefix}camera/rgb/camera_info", CameraInfo, queue_size=1)
@@ -36,7 +37,8 @@ class Body:
             if self._time is not None and now > self._time:
                 dt = min(0.2, (now - self._time).to_sec())
                 self.pose = advance(self.pose, self.velocity[0] * dt, self.velocity[1] * dt)
-            self._time, place = now, geometry.transform_from_pose2d(*self.pose)
+            self._time = now
+            place = geometry.transform_from_pose2d(*self.pose)
         return [
             message_from_transform(np.eye(4), "map", self.prefix + "odom", now),
             message_from_transform(place, self.prefix + "odom", self.prefix + "base_link", now),
@@ -50,7 +52,7 @@ class Stimulus(Body):
     def __init__(self, pose, others=()):
         super().__init__(pose)
         self.others = others  # Bodies
-        self.spot = None  # (x, y, camera, mobile): published at 20 Hz while set
+        self.spot = None  # (x, y, camera, mobile), published at 20 Hz while set
         self.spot_frame = "map"
         self._broadcaster = tf2_ros.TransformBroadcaster()
         self._map = rospy.Publisher(names.MAP_WITH_BORDERS, NumpyOccupancyGrid, queue_size=1, latch=True)
@@ -98,17 +100,16 @@ class Stimulus(Body):
         with self.lock:
             spot, frame = self.spot, self.spot_frame
         # a scanner at the robot's centre with nothing in range, its frame_id with a slash as in tf1
-        scan = LaserScan(angle_min=-math.pi, angle_max=math.pi, angle_increment=math.pi / 180.0)
-        scan.ranges = [math.inf] * 361
-        # the stamp is that of the first beam, and the scanner turns slowly: its scan counts as new all the same
-        scan.header.stamp, scan.time_increment = now - rospy.Duration(0.4), 0.4 / 360
+        scan = LaserScan(ranges=[math.inf] * 361, range_min=0.1, range_max=8.0, time_increment=0.4 / 360)
+        scan.angle_min, scan.angle_max, scan.angle_increment = -math.pi, math.pi, math.pi / 180.0
+        # the stamp is that of the first beam, and the scanner turns slowly. Its scan counts as new nevertheless
+        scan.header.stamp = now - rospy.Duration(0.4)
         scan.header.frame_id = "/base_laser_link"
-        scan.range_min, scan.range_max = 0.1, 8.0
         self._scans.publish(scan)
         transforms.append(message_from_transform(np.eye(4), "base_link", "base_laser_link", now))
         self._broadcaster.sendTransform(transforms)
         if spot is not None:
-            message = LaserSpot(camera=spot[2], mobile=spot[3], confidence=1.0)
+            x, y, camera, mobile = spot
+            message = LaserSpot(camera=camera, mobile=mobile, confidence=1.0, position=Point(x, y, 0.0))
             message.header.stamp, message.header.frame_id = now, frame
-            message.position = Point(spot[0], spot[1], 0.0)
             self.spots.publish(message)
