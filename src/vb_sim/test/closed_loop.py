@@ -50,7 +50,8 @@ class System:
         state = self.perception.state
         if action.laser is None or state == "default":
             return
-        by_robot, covered = self.robot_sees(action.laser), self.covered(np.array(action.laser))
+        by_robot = self.robot_sees(action.laser)
+        covered = self.covered(np.array(action.laser))
         if covered and not self.follows and self._arrives is None:
             self._arrives = self.perception.now + self.dispatch_after
         if by_robot:

@@ -75,8 +75,7 @@ def overlay_fonts(rviz: Path, folder: Path) -> Path:
     fonts = Path("ogre_media") / "fonts"
     code_points = " ".join(f"{first}-{last}" for first, last in DRAWABLE_RANGES)
     for path in (rviz / fonts).glob("*.fontdef"):
-        lines = path.read_text(encoding="utf-8").splitlines()
-        kept = [line for line in lines if "code_points" not in line]
+        kept = [line for line in path.read_text(encoding="utf-8").splitlines() if "code_points" not in line]
         end = max(number for number, line in enumerate(kept) if line.strip() == "}")
         kept.insert(end, f"  code_points {code_points}")
         (folder / "rviz" / fonts / path.name).write_text("\n".join(kept) + "\n", encoding="utf-8")
