@@ -113,7 +113,8 @@ def in_turns(actions: Dict[str, Callable[[], Any]], rounds: int) -> Dict[str, fl
     """
     times: Dict[str, List[float]] = {name: [] for name in actions}
     for number in range(rounds + 1):
-        for name in list(actions) if number % 2 else list(actions)[::-1]:
+        order = list(actions) if number % 2 else list(actions)[::-1]
+        for name in order:
             start = time.thread_time()
             actions[name]()
             times[name].append(1e3 * (time.thread_time() - start))

@@ -71,23 +71,22 @@ def mutations(node: ast.AST) -> Iterator[Tuple[str, Callable[[Any], None]]]:
     if isinstance(node, ast.Compare):
         for table in (SWAPS, REVERSED):
             new = table.get(type(node.ops[0]))
-            if new and (
-                new not in BOUNDS or table is REVERSED or _is_exact(node.left) or _is_exact(node.comparators[0])
-            ):
+            is_exact = _is_exact(node.left) or _is_exact(node.comparators[0])
+            if new and (new not in BOUNDS or table is REVERSED or is_exact):
                 yield new.__name__, lambda copy, new=new: copy.ops.__setitem__(0, new())
     elif isinstance(node, (ast.BinOp, ast.BoolOp)) and type(node.op) in SWAPS:
         new = SWAPS[type(node.op)]
         yield new.__name__, lambda copy: setattr(copy, "op", new())
     elif isinstance(node, ast.Constant) and type(node.value) in (int, float) and not 0 < abs(node.value) <= ROUNDING:
-        for value in (node.value * 2 if node.value else 1, -node.value if node.value else -1):
+        others = (node.value * 2, -node.value) if node.value else (1, -1)
+        for value in others:
             yield f"{node.value} is {value}", lambda copy, value=value: setattr(copy, "value", value)
     elif isinstance(node, (ast.If, ast.IfExp, ast.While)):
         yield "not", lambda copy: setattr(copy, "test", ast.UnaryOp(ast.Not(), copy.test))
     elif isinstance(node, ast.Return) and node.value is not None and getattr(node.value, "value", ...) is not None:
         yield "returns None", lambda copy: setattr(copy, "value", ast.Constant(None))
-    if isinstance(node, (ast.Assign, ast.AugAssign)) or (
-        isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)
-    ):
+    is_call = isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)
+    if is_call or isinstance(node, (ast.Assign, ast.AugAssign)):
         yield "left out", lambda copy: copy.__dict__.update(value=ast.Constant(None)) or setattr(copy, "gone", True)
 
 

@@ -10,6 +10,7 @@ import rospy
 import rostest
 from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Header
 from vb_testing import process_of, run_command, wait_until
 from vb_core import names
 from vb_core.ros.notices import NoticeListener
@@ -25,16 +26,16 @@ class CheckLab(unittest.TestCase):
         cls.borders = rospy.Publisher(names.BORDERS, VirtualBorderArray, queue_size=1, latch=True)
         waiting = VirtualBorder(name="wall 1", enabled=True, reason="inactive_on_this_map")
         cls.borders.publish(borders=[VirtualBorder(name="desk", enabled=True, in_force=True), waiting])
-        cls.notices, cls.logged = NoticeListener(), []
+        cls.notices = NoticeListener()
+        cls.logged = []
         rospy.Subscriber("/rosout", Log, lambda message: cls.logged.append((message.name, message.msg)), queue_size=100)
         cls.timer = rospy.Timer(rospy.Duration(0.1), cls.play)
 
     @classmethod
     def play(cls, _event):
         """Plays an uncalibrated camera of 10 images/s."""
-        image = Image(height=48, width=64, encoding="mono8", step=64, data=bytes(48 * 64))
-        image.header.stamp, image.header.frame_id = rospy.Time.now(), "head_camera"
-        cls.images.publish(image)
+        header = Header(stamp=rospy.Time.now(), frame_id="head_camera")
+        cls.images.publish(Image(header=header, height=48, width=64, encoding="mono8", step=64, data=bytes(48 * 64)))
         cls.infos.publish(CameraInfo(height=48, width=64))
 
     def reported(self):

@@ -18,11 +18,12 @@ from dynamic_reconfigure.srv import Reconfigure, ReconfigureResponse
 from geometry_msgs.msg import Point, PoseStamped, Twist
 from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Header
 
 from phone import Browser
 from vb_testing import is_listening, wait_until
 from vb_core import geometry, names, sentences
-from vb_core.ros.messages import NumpyOccupancyGrid, grid_from_message, message_from_transform
+from vb_core.ros.messages import NumpyOccupancyGrid, grid_from_message, message_from_pose2d, message_from_transform
 from vb_core.ros.notices import NoticeListener
 from vb_core.child_processes import free_port
 from vb_msgs.msg import DriverState, RobotStatusArray, VirtualBorder, VirtualBorderArray
@@ -40,8 +41,9 @@ class Robots:
     """Stands in for the robots' wheels, scanners and localisation: takes velocities, publishes tf and scans."""
 
     def __init__(self):
-        self.poses, self._velocities = dict(START), {name: (0.0, 0.0) for name in START}
-        self.speeds = {name: 0.0 for name in START}  # the highest speed since it was set to 0
+        self.poses = dict(START)
+        self._velocities = dict.fromkeys(START, (0.0, 0.0))
+        self.speeds = dict.fromkeys(START, 0.0)  # the highest speed since it was set to 0
         self.localized = True
         self._lock = threading.Lock()
         self._tf = tf2_ros.TransformBroadcaster()
@@ -66,7 +68,8 @@ class Robots:
 
     def _step(self, _event):
         now = rospy.Time.now()
-        seconds, self._last = min(0.2, now.to_sec() - self._last), now.to_sec()
+        seconds = min(0.2, now.to_sec() - self._last)
+        self._last = now.to_sec()
         with self._lock:
             for name, (x, y, yaw) in self.poses.items():
                 v, w = self._velocities[name]
@@ -74,7 +77,7 @@ class Robots:
             poses = dict(self.poses)
         for name, pose in poses.items():
             scan = LaserScan(angle_min=-3.14, angle_max=3.14, angle_increment=0.02, range_min=0.05, range_max=8.0)
-            scan.header.stamp, scan.header.frame_id = now, f"{name}/base_link"
+            scan.header = Header(stamp=now, frame_id=f"{name}/base_link")
             scan.ranges = [math.inf] * 315
             self._scans[name].publish(scan)
             if self.localized:
@@ -172,10 +175,8 @@ class OwnRobots(unittest.TestCase):
         return answer.id
 
     def drive(self, robot, x, y):
-        goal = PoseStamped()
-        goal.header.frame_id, goal.header.stamp = "map", rospy.Time.now()
-        goal.pose.position.x, goal.pose.position.y, goal.pose.orientation.w = x, y, 1.0
-        self.goals[robot].publish(goal)
+        header = Header(stamp=rospy.Time.now(), frame_id="map")
+        self.goals[robot].publish(PoseStamped(header, message_from_pose2d(x, y, 0.0)))
 
     def test_a_robot_reports_whether_it_plans_round_borders(self):
         self.start(MAP_ONLY)

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Stops and resumes from five sources in any order, with slow services and killed nodes, over the real nodes.
 
-At the end of each sequence, the robot must stand if an acknowledged stop is newer than every resume; and one more
-resume, by somebody who looks at the state, must let it drive again.
+At the end of each sequence, the robot must stand if an acknowledged stop is newer than every resume. One more
+resume, by somebody who looks at the state, must then let it drive again.
 """
 
 import os
@@ -43,7 +43,8 @@ class StopSequences(unittest.TestCase):
         files = f"_stop_file:={FOLDER}/manager.json", f"_log_file:={FOLDER}/l"
         cls.manager = Process("vb_voice_wizard", "interaction_manager", "__name:=interaction_manager", *files)
         cls.robot = Process("vb_robot", "robot_driver", "__name:=robot_driver", f"_stop_file:={FOLDER}/robot.json")
-        cls.answers, cls.lock = [], threading.Lock()
+        cls.answers = []
+        cls.lock = threading.Lock()
         cls.people = [commands.CommandSender(f"person {number}", cls.on_answer) for number in range(3)]
         for person in cls.people:
             person.connect()
@@ -59,7 +60,7 @@ class StopSequences(unittest.TestCase):
     @classmethod
     def on_answer(cls, request, context, answer, error):
         with cls.lock:
-            cls.answers.append((request.command, request.id, context, answer.code if answer else error.code))
+            cls.answers.append((request.command, context, (answer or error).code))
 
     def press_page(self, command, at):
         """Sends a command as the page does: from a thread of its own, with the stop that the person saw."""
@@ -82,7 +83,7 @@ class StopSequences(unittest.TestCase):
             if not there:
                 self.robot.stop()
             self.answers.clear()
-            self.people[0].put("stop")
+            self.people[0].submit("stop")
             wait_until(lambda: self.answers, "an answer")
             self.assertEqual([answer[-1] for answer in self.answers], [code])
         for process in (self.manager, self.robot):
@@ -95,7 +96,8 @@ class StopSequences(unittest.TestCase):
         for seed in range(FIRST, FIRST + SEQUENCES):
             print(f"sequence {seed}")  # rosunit swallows a subTest's failures
             obeyed, newest = self.run_sequence(random.Random(seed))
-            released, judged = released + obeyed, judged + newest
+            released += obeyed
+            judged += newest
         print(f"{SEQUENCES} sequences; a resume was obeyed in {released}, a stop came last in {judged} of them")
 
     def run_sequence(self, choice):
@@ -116,7 +118,7 @@ class StopSequences(unittest.TestCase):
                 resumes.append(at)
             person = choice.randrange(5)
             if person < 3:
-                given += self.people[person].put(action, at)
+                given += self.people[person].submit(action, at)
             elif person == 3 or action != "stop":
                 self.press_page(action, at)
                 given += 1
@@ -129,12 +131,12 @@ class StopSequences(unittest.TestCase):
         for messages in (self.state, self.driver):
             messages.next(4)
         codes = ("stopped", "stop_released")
-        stops = [at for command, _, at, code in self.answers if command == "stop" and code in codes]
+        stops = [at for command, at, code in self.answers if command == "stop" and code in codes]
         is_stop_newest = bool(stops) and max(stops) > max(resumes, default=0.0)
         if is_stop_newest:
             self.assertTrue(self.state.message.stopped, "the newest stop is lost, or was released by an older resume")
             self.assertEqual(self.driver.message.source, "stop")
-        obeyed = any(command == "resume" and code == "resumed" for command, _, _, code in self.answers)
+        obeyed = ("resume", "resumed") in [(command, code) for command, _, code in self.answers]
         wait_until(self.resume, "a resume by somebody who looks")
         self.press_page("cancel", time.monotonic())
         for messages in (self.state, self.driver):
@@ -142,7 +144,7 @@ class StopSequences(unittest.TestCase):
         return obeyed, is_stop_newest
 
     def resume(self):
-        """Gives a resume as somebody who looks at the state; returns whether robots may drive."""
+        """Gives a resume as somebody who looks at the state. Returns whether robots may drive."""
         self.press_page("resume", time.monotonic())
         time.sleep(0.3)
         return not self.state.message.stopped and not self.driver.message.stops

@@ -17,7 +17,7 @@ from scipy.spatial.distance import directed_hausdorff
 from phone import WALL, Browser
 from vb_testing import run_command, wait_until
 from vb_core.errors import CodedError
-from vb_core.child_processes import Child, free_port
+from vb_core.child_processes import ChildProcess, free_port
 from vb_map_integration.border import borders_from_geojson
 
 ROOM = Path(rospkg.RosPack().get_path("vb_bringup")) / "example_video"
@@ -58,7 +58,7 @@ class TestTryCamera(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
             film = Path(folder) / "film.mp4"
             command = [*TRY, folder, "--camera", str(film), "--port", str(port)]
-            running = Child(command, Path(folder) / "said.txt", ALONE)
+            running = ChildProcess(command, Path(folder) / "said.txt", ALONE)
             stack.callback(running.stop)
             wait_until(lambda: f"check_lab --camera {film}" in running.tail(), "how to describe a missing camera")
             browser = stack.enter_context(closing(Browser(f"http://127.0.0.1:{port}/", WALL)))

@@ -29,7 +29,8 @@ class Pace:
     """Slows simulated time down until this computer searches at least half of the cameras' images, even if busy."""
 
     def __init__(self) -> None:
-        self._pace, self._publisher = 1.0, rospy.Publisher(names.PACE, Float64, queue_size=1)
+        self._pace = 1.0
+        self._publisher = rospy.Publisher(names.PACE, Float64, queue_size=1)
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._adapt, queue_size=10)
 
     def _adapt(self, status: DetectorStatus) -> None:
@@ -45,7 +46,7 @@ class WholeScenario(unittest.TestCase):
         scenario = world.scenario(rospy.get_param("~scenario"))
         observer, spots = Observer(), []
         alarms, codes_heard = set(), set()
-        _pace = Pace()  # at work as long as the test runs
+        _pace = Pace()  # works as long as the test runs
 
         def hear(message: NoticeArray) -> None:
             codes_heard.update(notice.code for notice in message.notices)

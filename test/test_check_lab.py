@@ -8,7 +8,7 @@ from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import LaserScan
 
 from vb_bringup import check_lab, lab_readiness
-from vb_bringup.lab_readiness import is_all_known
+from vb_bringup.lab_readiness import is_fully_known
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
@@ -35,7 +35,7 @@ DETECTOR = {"image_transport": "raw"}
 GOOD = {
     "camera": dict(graph=graph("/north/usb_cam"), name="north", parameters=DETECTOR, has_delay=False, rate=15.0),
     "robot": dict(name="ada", lacks_margin=False, scan_topic="/ada/scan", scan_deg=270.0, clears_plans=False),
-    "map": dict(size=(5.0, 10.0), publishers=["/map_server"], with_borders=True, file="", all_known=False),
+    "map": dict(size=(5.0, 10.0), publishers=["/map_server"], with_borders=True, file="", lacks_unknown=False),
     "disk": dict(folder="/x", free_mb=9000.0),
     "nodes": dict(missing=[]),
 }
@@ -58,7 +58,7 @@ GOOD = {
         ("map", dict(size=None, file="room.yaml"), "lab_map_not_served"),
         ("map", dict(publishers=["/a", "/b"]), "lab_map_many_publishers"),
         ("map", dict(with_borders=False), "lab_map_without_borders"),
-        ("map", dict(all_known=True), "lab_map_all_known"),
+        ("map", dict(lacks_unknown=True), "lab_map_all_known"),
         ("disk", dict(writable=False), "lab_disk_read_only"),
         ("disk", dict(free_mb=10.0), "lab_disk_full"),
         ("nodes", dict(missing=["/map_integrator"]), "lab_node_missing"),
@@ -134,15 +134,15 @@ def test_a_map_whose_unknown_cells_are_read_as_free_is_reported(tmp_path, free_t
     _, path = write_map(tmp_path / "map", GridMap(cells, 0.05))
     path.write_text(path.read_text().replace("free_thresh: 0.196", f"free_thresh: {free_thresh}"))
     again = read_map(path).data
-    assert is_all_known(again) is is_reported
-    assert not is_all_known(again[5:15, 5:15])  # a completely known room, with walls all round
+    assert is_fully_known(again) is is_reported
+    assert not is_fully_known(again[5:15, 5:15])  # a completely known room, with walls all round
 
 
 @pytest.mark.parametrize("height, width", [(0, 0), (3, 4), (2, 2)])
 def test_a_map_of_the_wrong_size_does_not_end_the_check(height, width, monkeypatch):
     monkeypatch.setattr(check_lab.rospy, "get_param", lambda _name, default: default)
-    message = OccupancyGrid()
-    message.info.height, message.info.width, message.data = height, width, [0] * 5
+    message = OccupancyGrid(data=[0] * 5)
+    message.info.height, message.info.width = height, width
     lines = check_lab._check_map(SimpleNamespace(publishers={}), {names.PHYSICAL_MAP: message})
     assert codes(lines) == ["lab_map_without_borders"]
 

@@ -12,7 +12,7 @@ import pytest
 
 from refusals import refused
 from vb_testing import run_command
-from vb_bringup.check_launch import KINDS, check_arguments, check_installed, check_values, declared_arguments
+from vb_bringup.check_launch import ARGUMENT_CHECKS, check_arguments, check_installed, check_values, declared_arguments
 
 LAUNCH = Path(__file__).resolve().parents[1] / "launch"
 
@@ -47,10 +47,10 @@ def test_a_mistyped_argument_is_refused_with_a_suggestion():
 
 def test_only_a_files_own_arguments_count(tmp_path):
     path = tmp_path / "lab.launch"
-    path.write_text(
-        '<launch><arg name="rviz" default="true"/><arg name="fixed" value="1"/><group><arg name="inner" default=""/>'
-        '</group><include file="x"><arg name="cameras" value="north"/></include></launch>'
+    arguments = (
+        '<arg name="rviz" default="true"/><arg name="fixed" value="1"/><group><arg name="inner" default=""/></group>'
     )
+    path.write_text(f'<launch>{arguments}<include file="x"><arg name="cameras" value="north"/></include></launch>')
     assert declared_arguments([path]) == ["inner", "rviz"]
 
 
@@ -123,7 +123,7 @@ def test_a_misspelt_parameter_is_named_with_its_file(files):
 def test_every_argument_that_has_a_kind_is_judged(name):
     path = LAUNCH / f"{name}.launch"
     judged = set(re.findall(r'(\w+):="\$\(arg \1\)"', path.read_text()))
-    assert judged == set(KINDS) & set(declared_arguments([path]))
+    assert judged == set(ARGUMENT_CHECKS) & set(declared_arguments([path]))
 
 
 def test_missing_programs_are_refused():

@@ -1,8 +1,8 @@
 """Every message, parameter and file is taken or refused with a code: examples are drawn from the inputs' own schemas.
 
 There is no list of attacks. The strategy for a message follows from its definition (genpy's slots), for a parameter
-class from its fields, and for a file from the bytes of a good one, some of them changed; so the examples cover new
-fields by themselves. FUZZ_EXAMPLES sets their number per test: few in `make test`, thousands before a release.
+class from its fields, and for a file from the bytes of a good one, some of them changed. So the examples cover new
+fields without being told. FUZZ_EXAMPLES sets their number per test: few in `make test`, thousands before a release.
 """
 
 import dataclasses
@@ -39,14 +39,13 @@ from vb_sim.world import load_world
 from integrators import square
 
 TOP = Path(__file__).resolve().parents[1]
-
 EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "25"))
 
 
 def bounded(share=1.0):
     """Returns the settings of one test; `share` scales the number of examples, for slow or fast tests."""
-    count, checks = max(3, int(EXAMPLES * share)), list(HealthCheck)
-    return settings(max_examples=count, deadline=None, database=None, suppress_health_check=checks)
+    count = max(3, int(EXAMPLES * share))
+    return settings(max_examples=count, deadline=None, database=None, suppress_health_check=list(HealthCheck))
 
 
 # ---------------------------------------------------------------------- strategies from schemas
@@ -178,7 +177,7 @@ READERS = {
     "borders.geojson": (read_borders, borders_to_geojson(BORDERS).encode()),
     "world.yaml": (lambda path: load_world(str(path)), WORLD),
     "robot.yaml": (lambda path: RobotProfile.load(path), PROFILE),
-    "camera.yaml": (pose_file.load, POSE),
+    "camera.yaml": (pose_file.read_pose, POSE),
 }
 
 

@@ -141,7 +141,7 @@ def test_a_docstring_names_every_fixed_topic_that_its_node_uses():
         for executable, docstring in entries:
             source = reference["find_source"](TOP / "src" / package / "scripts" / executable, package)
             if not source.stem.endswith("_node"):
-                continue  # a command that ends by itself
+                continue  # a command that ends on its own
             for used in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
                 if isinstance(used, ast.Attribute) and getattr(used.value, "id", "") == "names":
                     name = getattr(names, used.attr)
@@ -186,7 +186,8 @@ def test_a_code_has_one_sentence():
 
 
 def test_every_code_has_a_sentence_in_the_catalogue_and_gives_it_its_values():
-    used, missing = set(), []
+    used = set()
+    missing = []
     for path in TOP.glob("src/*/src/**/*.py"):
         source = path.read_text(encoding="utf-8")
         for name, given, named in calls(source):
@@ -199,7 +200,9 @@ def test_every_code_has_a_sentence_in_the_catalogue_and_gives_it_its_values():
         pattern = r'"(lab_\w+)"' if path.name == "lab_readiness.py" else r'"\$(\w+)"'
         used.update(re.findall(pattern, source))
     codes = {code for code in used if re.fullmatch("[a-z0-9]+(_[a-z0-9]+)+", str(code))}
-    assert len(codes) > 100 and codes <= set(sentences.catalog()) and not missing, missing
+    assert len(codes) > 100
+    assert codes <= set(sentences.catalog())
+    assert not missing, missing
 
 
 def texts():
@@ -234,7 +237,8 @@ def definitions():
 
 def test_names_of_modules_in_texts_are_right():
     """A file or a module's definition that a docstring, a comment or a page names between backticks exists."""
-    defined, wrong = definitions(), []
+    defined = definitions()
+    wrong = []
     for path in (path for path in texts() if path.suffix in (".py", ".md")):
         text = path.read_text(encoding="utf-8")
         wrong += [f"{path}: {name}" for name in re.findall(r"`(?:[\w/]+/)?(\w+)\.py`", text) if name not in defined]

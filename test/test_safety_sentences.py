@@ -19,7 +19,8 @@ SECTIONS = {
 
 def sentences_of(page):
     """Splits these parts of a page into sentences and table rows."""
-    whole, text = (TOP / page).read_text(encoding="utf-8"), ""
+    whole = (TOP / page).read_text(encoding="utf-8")
+    text = ""
     for begin, end in SECTIONS[page]:
         start = whole.index(begin)
         text += re.sub(r"^#.*$", "", whole[start : whole.index(end, start + 3)], flags=re.M) + "\n\n"

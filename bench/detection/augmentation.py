@@ -126,7 +126,8 @@ class OtherCamera:
     def _take(
         self, image: np.ndarray, spots: Sequence[Tuple[float, float]], painted: Sequence[PaintedSpot]
     ) -> np.ndarray:
-        taken, self._count = self._taken, self._count + 1
+        taken = self._taken
+        self._count += 1
         light = cv2.LUT(image, self._curve)
         for u, v in spots:
             _continue_inwards(image, light, u, v, taken.spot_widths)

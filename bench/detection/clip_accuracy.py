@@ -40,7 +40,8 @@ def main() -> None:
     judges = judges_of_clips(options.left_out) if options.left_out else {}
     table = Table(options.csv)
     for role in options.roles:
-        preset, counts = "stationary" if role == "stationary" else "mobile", {}
+        preset = "stationary" if role == "stationary" else "mobile"
+        counts = {}
         for name, video in sorted(videos.items()):
             finders = {"as it comes": Finder(preset, confirm_frames=1)}
             if judges:

@@ -81,7 +81,7 @@ def frames_of(clip: Path, video: dict, role: str) -> Iterator[LabeledFrame]:
         height, width = image.shape[:2]
         if role == "window":
             transform = window_at(index, width, height, seed)
-            width, height = int(0.8 * width), int(0.8 * height)
+            width, height = (int(0.8 * side) for side in (width, height))
             image = cv2.warpAffine(image, transform, (width, height), flags=cv2.INTER_CUBIC)
             # adds noise that does not move with the scene, and depends only on the frame, not on earlier clips
             cv2.setRNGSeed(seed % 2**31 + index)

@@ -27,7 +27,10 @@ def main() -> None:
     options = parser.parse_args()
     cv2.setNumThreads(1)
     table, room, rooms, counts_by_version = Table(options.csv, options.seed), lab(), Rooms(options.seed), {}
-    for scene in ceiling_scenes(room) + ([] if options.jpeg else mobile_scenes(room)):
+    scenes = ceiling_scenes(room)
+    if not options.jpeg:
+        scenes += mobile_scenes(room)
+    for scene in scenes:
         if any(word in scene.title for word in options.scenes):
             finders = {version: Finder(scene.role, source) for version, source in versions(options).items()}
             counts = {version: Count(finder, NEAR_MM, floor_place) for version, finder in finders.items()}

@@ -138,8 +138,8 @@ def _brighten(image: np.ndarray, outline: np.ndarray, gain: float) -> None:
     cv2.fillPoly(mask, [np.round((outline - low) * (1 << _SHIFT)).astype(np.int32)], gain - 1.0, cv2.LINE_8, _SHIFT)
     # the edges are soft, because the sun is not a point
     mask = 1.0 + cv2.GaussianBlur(mask, (0, 0), 1.5)
-    part = image[low[1] : high[1], low[0] : high[0]]
-    part[...] = np.minimum(part * (mask if part.ndim == 2 else mask[..., None]) + 0.5, 255.0)
+    part = image[low[1] : high[1], low[0] : high[0]].T  # with channels, if there are any, in front
+    part[...] = np.minimum(part * mask.T + 0.5, 255.0)
 
 
 def add_glint(

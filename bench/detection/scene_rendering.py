@@ -55,7 +55,7 @@ class Scene:
     @property
     def title(self) -> str:
         """The name, prefixed with the kind of camera."""
-        return ("robot: " if self.mobile else "ceiling: ") + self.name
+        return f"{'robot' if self.mobile else 'ceiling'}: {self.name}"
 
 
 def course(scene: Scene, share: float = 1.0, learn_s: float = LEARN_S) -> Iterator[Tuple[int, DisturbedSnapshot]]:
@@ -72,7 +72,8 @@ def course(scene: Scene, share: float = 1.0, learn_s: float = LEARN_S) -> Iterat
             person = (4.6, 2.9, math.atan2(target[1] - 2.9, target[0] - 4.6))
         around = scene.around_at(t) if t >= learn_s else SceneConditions()
         snapshot = DisturbedSnapshot(t, {"robot": scene.robot_at(t)}, laser, scene.color, velocity, person, around)
-        yield scene.world_at(t) if t >= learn_s else 0, snapshot
+        world = scene.world_at(t) if t >= learn_s else 0
+        yield world, snapshot
 
 
 def frames(

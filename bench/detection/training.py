@@ -141,8 +141,8 @@ def main() -> None:
     table = Table(options.csv)
     left_out = curve_fitting.leave_out(examples)
     for group, (_, truth, score) in left_out.items():
-        found, false_spots = int((score[truth] > 0).sum()), int((score[~truth] > 0).sum())
-        spots, others = int(truth.sum()), int((~truth).sum())
+        found, false_spots = (int((score[selected] > 0).sum()) for selected in (truth, ~truth))
+        spots, others = (int(selected.sum()) for selected in (truth, ~truth))
         table.add(left_out=group, spots=spots, found=found, others=others, taken_for_spots=false_spots)
     groups = pandas.DataFrame(table.rows)
     for kind, part in groups.groupby(groups.left_out.map(curve_fitting.kind_of)):
@@ -152,7 +152,8 @@ def main() -> None:
         kinds = [curve_fitting.kind_of(name) for name in names]
         sources = ", ".join(f"{kinds.count(kind)} of kind '{kind}'" for kind in sorted(set(kinds)))
         judge = curve_fitting.calibrate(curve_fitting.fit(examples), left_out.values())
-        curve_fitting.save(judge, options.out, sources + ("" if "clip" in kinds else "; without clips of real cameras"))
+        note = "" if "clip" in kinds else "; without clips of real cameras"
+        curve_fitting.save(judge, options.out, sources + note)
 
 
 if __name__ == "__main__":

@@ -177,7 +177,10 @@ def shapes(rng: np.random.Generator) -> Scene:
         return polygon(figures[kind], True, rng)
     if kind == 3:
         return polygon(BOX[:3], False, rng)
-    return ring(rng.uniform(0.6, 2.0), rng, *((2.0 * np.pi, (0.5, 1.0)) if kind == 4 else (rng.uniform(1.5, 3.5),)))
+    radius = rng.uniform(0.6, 2.0)
+    if kind == 4:
+        return ring(radius, rng, 2.0 * np.pi, (0.5, 1.0))
+    return ring(radius, rng, rng.uniform(1.5, 3.5))
 
 
 def slow(rng: np.random.Generator) -> Scene:
@@ -251,12 +254,9 @@ def main() -> None:
             judge_stroke = judge_seed if make is held else judge
             judgements = [judge_stroke(make, modules, np.random.default_rng([options.seed + k, number])) for k in seeds]
             bad, silent, reported, errors = np.array(judgements, float).T
-            counts = {
-                "bad": share(int(bad.sum()), len(judgements)),
-                "silent": share(int(silent.sum()), len(judgements)),
-                "told": int(reported.sum()),
-            }
-            table.add(row=name, version=version, **counts, median_m=float(np.nanmedian(errors)))
+            shares = {key: share(int(flags.sum()), len(flags)) for key, flags in (("bad", bad), ("silent", silent))}
+            median_m = float(np.nanmedian(errors))
+            table.add(row=name, version=version, **shares, told=int(reported.sum()), median_m=median_m)
 
 
 if __name__ == "__main__":

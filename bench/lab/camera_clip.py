@@ -39,8 +39,7 @@ QUALITY, DENOISED_PX = 60, 0.8
 @lru_cache(maxsize=1)
 def scene() -> Any:
     """Returns the view of the camera above the carpet."""
-    room = lab()
-    return Rooms(1).view(tiles(room, (150, 145, 138)), "green")
+    return Rooms(1).view(tiles(lab(), (150, 145, 138)), "green")
 
 
 def clip() -> List[bytes]:

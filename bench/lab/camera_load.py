@@ -29,9 +29,9 @@ import yaml
 
 from bench.harness import TOP, Table, arguments, quantiles
 from bench.lab.camera_clip import FRAMES, clip, scene, serving, write_files
-from bench.lab.page_nodes import node_process, start, wait
+from bench.lab.page_lab import node_process, start, wait
 from vb_core import names
-from vb_core.child_processes import Child
+from vb_core.child_processes import ChildProcess
 from vb_core.ros.messages import message_from_transform
 from vb_laser_detect.camera.lens_and_settings_files import save_lens
 from vb_msgs.msg import DetectorStatus, LaserSpot
@@ -48,7 +48,7 @@ class Running:
 
     def __init__(self, stack: ExitStack, folder: Path, addresses: List[str]) -> None:
         self.cameras, self.status = [f"c{number}" for number in range(len(addresses))], {}
-        self._children: List[Child] = []
+        self._children: List[ChildProcess] = []
         self._delays: List[float] = []
         for topic, message_type, callback in (
             (names.SPOTS, LaserSpot, lambda m: self._delays.append(time.time() - m.header.stamp.to_sec())),
@@ -71,7 +71,7 @@ class Running:
                  f"config:={TOP}/src/vb_laser_detect/config/stationary.yaml", "image_transport:=raw"],
             )
         ):  # fmt: skip
-            self._children.append(Child(command, folder / f"{number}.txt"))
+            self._children.append(ChildProcess(command, folder / f"{number}.txt"))
             stack.callback(self._children[-1].stop, 30.0)
 
     def watch(self, seconds: float, others: Dict[str, psutil.Process]) -> Dict[str, float]:

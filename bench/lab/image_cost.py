@@ -47,9 +47,10 @@ def main() -> None:
     table, jpegs = Table(options.csv), clip()
     current, baseline = Search(lambda jpeg: CapturedImage(0.0, jpeg).picture()), Search(gray)
     for number in range(2 * FRAMES):
-        for s in (current, baseline) if number % 2 else (baseline, current):
+        order = (current, baseline) if number % 2 else (baseline, current)
+        for s in order:
             s.look(jpegs[number % FRAMES], number / RATE)
-    # sums over each second of images; the first pass, in which detectors learn, is not counted
+    # the times are summed over each second of images, without the first pass, in which the detectors learn
     seconds = np.array([np.array(s.times[FRAMES:]).reshape(-1, int(RATE)).sum(axis=1) for s in (current, baseline)])
     has_spot = np.isin(np.arange(FRAMES), DRAWN).reshape(-1, int(RATE)).all(axis=1)
     for name, selected in (("all", has_spot | True), ("with a spot", has_spot), ("without", ~has_spot)):

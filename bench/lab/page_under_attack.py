@@ -25,7 +25,7 @@ from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
 from tornado.websocket import WebSocketClosedError, websocket_connect
 
 from bench.harness import Table, arguments
-from bench.lab.page_nodes import start
+from bench.lab.page_lab import start
 
 LIMIT = 5.0  # [s] after which a stop counts as lost
 HUNG_UP = OSError, HTTPClientError, WebSocketClosedError, ValueError  # the last one is raised by tornado during TLS

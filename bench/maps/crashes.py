@@ -131,10 +131,9 @@ def crash(kind: str, folder: Path, seed: int, before: str) -> Dict[str, Any]:
         flip(folder, random)
     lines = [line.decode().strip() for line in output if line.endswith(b"\n")]
     states = [line for line in lines if line.startswith("[")]
-    changes = sum(previous != current for previous, current in zip(states, states[1:]))
     return {
         "kind": kind,
-        "changes": changes,
+        "changes": sum(previous != current for previous, current in zip(states, states[1:])),
         "acknowledged": states[-1] if states else before,
         "under_way": lines[-1][4:] if lines and lines[-1].startswith("try") else "",
     }
@@ -184,13 +183,8 @@ def main() -> int:
         part = [row for row in rows if kind in (row["kind"], "all")]
         outcomes, notes = Counter(row["outcome"] for row in part), Counter(row["said"] or "nothing" for row in part)
         endings = {end.lower().replace(" ", "_"): outcomes[end] for end in ("same", "change under way was made", *BAD)}
-        table.add(
-            kind=kind,
-            crashes=len(part),
-            changes=sum(row["changes"] for row in part),
-            **endings,
-            said_at_start=str(dict(notes)),
-        )
+        changes = sum(row["changes"] for row in part)
+        table.add(kind=kind, crashes=len(part), changes=changes, **endings, said_at_start=str(dict(notes)))
     return int(any(row["outcome"] in BAD for row in rows))
 
 

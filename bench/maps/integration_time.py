@@ -65,9 +65,8 @@ class Version:
 
     def __init__(self, source: Any, grid: GridMap, count: int) -> None:
         package = "vb_map_integration"
-        self.border, self.regions, self.keeping, maps = import_from(
-            source, f"{package}.border", f"{package}.border_region", f"{package}.map_integrator", "vb_core.grid_map"
-        )
+        modules = [f"{package}.{name}" for name in ("border", "border_region", "map_integrator")]
+        self.border, self.regions, self.keeping, maps = import_from(source, *modules, "vb_core.grid_map")
         self.grid = maps.GridMap(grid.data, grid.resolution, grid.origin)
         self.random, self.folder = np.random.default_rng(1), Path(tempfile.mkdtemp(prefix="bench_integration_"))
         self.keeper: Any = None

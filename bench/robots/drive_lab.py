@@ -17,9 +17,9 @@ from nav_msgs.msg import Path as PathMessage
 from std_msgs.msg import Float64
 
 from bench.harness import TOP
-from bench.lab.page_nodes import wait
+from bench.lab.page_lab import wait
 from vb_core import names
-from vb_core.child_processes import free_port, roslaunch
+from vb_core.child_processes import free_port, start_roslaunch
 from vb_core.errors import CodedError
 from vb_core.geometry import chain_length
 from vb_core.grid_map import distance_transform
@@ -43,7 +43,7 @@ class Lab:
 
     def __init__(self, robot: str, start, seed: int) -> None:
         state = Path(tempfile.mkdtemp(prefix="drives_"))
-        base = WORLDS / ("burger.yaml" if robot == "turtlebot3_burger" else "lab.yaml")
+        base = WORLDS / {"turtlebot3_burger": "burger.yaml"}.get(robot, "lab.yaml")
         robots = yaml.safe_load(base.read_text())["robots"]
         robots[0]["start"] = [float(value) for value in start]
         path = state / "world.yaml"
@@ -54,7 +54,7 @@ class Lab:
         os.environ.update({"ROS_MASTER_URI": f"http://127.0.0.1:{port}", "ROS_LOG_DIR": str(state / "log")})
         arguments = {"world": path, "state": state, "robot_type": robot, "amcl": True, "seed": seed}
         arguments.update(zip(("x", "y", "yaw"), self.world.robots[0].start_pose()))
-        self.child = roslaunch([launch], state / "roslaunch.txt", port, **arguments)
+        self.child = start_roslaunch([launch], state / "roslaunch.txt", port, **arguments)
         wait(rosgraph.is_master_online, "the master")
         # waits for the parameters, because this node would use wall time without /use_sim_time
         wait(lambda: rosgraph.Master("/robot_drives").hasParam("/use_sim_time"), "roslaunch's parameters")

@@ -26,7 +26,7 @@ from typing import NamedTuple, Optional
 import numpy as np
 
 from bench.harness import Table, arguments, share
-from bench.robots.drive_surprises import drive_box, drive_nose
+from bench.robots.drive_disturbances import drive_box, drive_nose
 from bench.robots.drive_lab import WORLDS, Lab
 from vb_core.grid_map import distance_transform, sample
 from vb_core.navigation_parameters import PATH_MARGIN

@@ -41,9 +41,8 @@ def load(path: Path) -> np.ndarray:
 
 def speaker(path: Path) -> str:
     """Returns the speaker by file name: Speech Commands' checksum, the digits' first name, otherwise the whole name."""
-    checksum = re.search(r"([0-9a-f]{8})_nohash", path.name)
-    first_name = re.fullmatch(r"\d_([a-z]+)_\d+", path.stem)
-    return checksum.group(1) if checksum else first_name.group(1) if first_name else path.name
+    match = re.search(r"([0-9a-f]{8})_nohash", path.name) or re.fullmatch(r"\d_([a-z]+)_\d+", path.stem)
+    return match.group(1) if match else path.name
 
 
 def read_people(folder: Path, half: str) -> List[Clip]:

@@ -33,7 +33,9 @@ RAW += ['{"do":"command","id":"1","command":"save","command":"reboot"}']
 
 
 def _places(value, path=()):
-    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    """Lists the paths, as keys and indices, to a value and to everything in it."""
+    items = enumerate(value) if isinstance(value, list) else ()
+    items = value.items() if isinstance(value, dict) else items
     return [path, *(place for key, inner in items for place in _places(inner, (*path, key)))]
 
 
@@ -46,7 +48,8 @@ def hostile_messages(draw):
     action = draw(st.sampled_from(sorted(GOOD)))
     message = {"do": action, "id": "1", **copy.deepcopy(GOOD[action])}
     for _ in range(draw(st.integers(1, 2))):
-        target, (*path, key) = message, draw(st.sampled_from([*_places(message)[1:], ("topic",)]))
+        *path, key = draw(st.sampled_from([*_places(message)[1:], ("topic",)]))
+        target = message
         for step in path:
             target = target[step]
         if isinstance(target, dict) and draw(st.integers(0, 4)) == 0:

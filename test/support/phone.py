@@ -59,11 +59,10 @@ class Browser:
 
     def wait_ready(self):
         """Waits until the map is shown and fitted, and the system's state is known."""
-        self.wait(
-            "window.virtualBorders && window.virtualBorders.map.info && document.body.dataset.state == 'default'"
-            " && document.getElementById('base').classList.contains('there')",
-            what="a page that is ready",
-        )
+        has_map = "window.virtualBorders && window.virtualBorders.map.info"
+        has_state = "document.body.dataset.state == 'default'"
+        shows_map = "document.getElementById('base').classList.contains('there')"
+        self.wait(f"{has_map} && {has_state} && {shows_map}", what="a page that is ready")
 
     def click(self, selector, text=None):
         """Clicks the first enabled element of a selector, with this text if one is given."""
@@ -72,7 +71,7 @@ class Browser:
         for _ in range(10):
             element = self.wait(script, selector, text, what=f"{selector} {text or ''}")
             self.wait_arrived()  # it may only just have appeared
-            # an update from the nodes may have replaced it meanwhile, or blocks its surroundings for a moment
+            # an update from the nodes may have replaced it, or blocks its surroundings for a moment
             with contextlib.suppress(StaleElementReferenceException, ElementClickInterceptedException):
                 self.run("arguments[0].scrollIntoView({block: 'center'})", element)
                 element.click()
@@ -81,10 +80,9 @@ class Browser:
 
     def wait_arrived(self):
         """Waits until elements that have just appeared, or were below a dialog that has just closed, can be pressed."""
-        self.wait(
-            "[...document.querySelectorAll('main, #line, #panel, #dialog')].every((e) => getComputedStyle(e).pointerEvents !== 'none')"
-            " && document.querySelector('main').inert === document.getElementById('dialog').open"
-        )
+        parts = "[...document.querySelectorAll('main, #line, #panel, #dialog')]"
+        take_events = f"{parts}.every((e) => getComputedStyle(e).pointerEvents !== 'none')"
+        self.wait(f"{take_events} && document.querySelector('main').inert === document.getElementById('dialog').open")
 
     def field(self, selector):
         """Returns a field to type into, with the focus, so that the page keeps it, and with the caret at its end."""

@@ -21,9 +21,9 @@ class Terminal:
         fcntl.ioctl(self.slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
         self.settings = termios.tcgetattr(self.slave)
         self.raw = b""
-        streams, environment = dict.fromkeys(("stdin", "stdout", "stderr"), self.slave), {**os.environ, "TERM": "xterm"}
+        streams = dict.fromkeys(("stdin", "stdout", "stderr"), self.slave)
         run = ["bash", "-c", 'exec "$@"', "-", *command]
-        self.process = subprocess.Popen(run, env=environment, start_new_session=True, **streams)
+        self.process = subprocess.Popen(run, env={**os.environ, "TERM": "xterm"}, start_new_session=True, **streams)
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
@@ -48,7 +48,7 @@ class Terminal:
         os.write(self.master, key.encode())
 
     def leave(self):
-        """Quits; returns the exit status, and whether the terminal is as before: with echo, line by line."""
+        """Quits. Returns the exit status, and whether the terminal echoes again and reads line by line."""
         self.press("q")
         status = self.process.wait(timeout=240)
         same = termios.tcgetattr(self.slave)[3] == self.settings[3]

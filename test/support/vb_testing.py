@@ -78,12 +78,11 @@ class Newest:
         """The newest message; waits for the first."""
         return wait_until(lambda: self.all and self.all[-1], f"a first message on {self.topic}")
 
-    def wait(self, condition, what, timeout=TIMEOUT):
+    def wait(self, condition, what):
         """Waits until the newest message fulfils a condition, and returns that message."""
         return wait_until(
             lambda: next((message for message in self.all[-1:] if condition(message)), None),
             lambda: f"{what}; the newest on {self.topic} is {self.all[-1:]}",
-            timeout,
         )
 
     def next(self, count=1):

@@ -7,9 +7,8 @@ import uuid
 
 import psutil
 
-from vb_core.child_processes import Child, free_port, spawn
+from vb_core.child_processes import ChildProcess, free_port, spawn
 from vb_testing import wait_until
-
 
 # ignores SIGINT, as a hanging node does
 HANGING = """
@@ -25,7 +24,7 @@ started.wait()
 
 def test_a_child_and_all_it_started_end(tmp_path):
     mark = uuid.uuid4().hex
-    child = Child([sys.executable, "-c", HANGING], tmp_path / "log" / "child.txt", {**os.environ, "MARK": mark})
+    child = ChildProcess([sys.executable, "-c", HANGING], tmp_path / "log" / "child.txt", {**os.environ, "MARK": mark})
     wait_until(lambda: child.tail() == "up", "the child")
     assert len(commands_with(mark)) == 2
     child.stop(timeout=0.2)
@@ -49,10 +48,10 @@ LAB = """
 import sys
 import time
 from pathlib import Path
-from vb_core.child_processes import Child, free_port
+from vb_core.child_processes import ChildProcess, free_port
 
 folder = Path(sys.argv[1])
-Child(["roslaunch", "-p", str(free_port()), str(folder / "node.launch")], folder / "launch.txt")
+ChildProcess(["roslaunch", "-p", str(free_port()), str(folder / "node.launch")], folder / "launch.txt")
 print("up", flush=True)
 time.sleep(3600)
 """

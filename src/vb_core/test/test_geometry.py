@@ -35,9 +35,8 @@ def test_a_plane_pose_turns_about_z_and_can_be_inverted(x, y, yaw):
     assert np.allclose(geometry.invert_transform(T) @ T, np.eye(4), atol=1e-9)
     rotation = Rotation.from_euler("z", yaw).as_matrix()
     assert np.allclose(T, geometry.make_transform(rotation, (x, y, 0.0)), atol=1e-9)
-    assert np.allclose(
-        geometry.transform_points(T, [1.0, 2.0, 3.0]), rotation @ [1.0, 2.0, 3.0] + [x, y, 0.0], atol=1e-9
-    )
+    expected = rotation @ [1.0, 2.0, 3.0] + [x, y, 0.0]
+    assert np.allclose(geometry.transform_points(T, [1.0, 2.0, 3.0]), expected, atol=1e-9)
     *place, byaw = geometry.pose2d_from_transform(T)
     assert place == [x, y]
     for back in (byaw, geometry.yaw_from_quaternion(geometry.quaternion_from_yaw(yaw))):
@@ -62,13 +61,14 @@ def test_optical_frame_is_that_of_rep_103():
 @given(st.floats(-3.0, 3.0), st.floats(0.0, 0.9), st.floats(-0.2, 0.2))
 def test_distances_along_an_arc_match_driving_along_it(curvature, share, left):
     length = share * math.pi / max(abs(curvature), 0.5)
-    yaw, end = 0.0, np.array([length, 0.0])
+    yaw = 0.0
+    end = np.array([length, 0.0])
     if abs(curvature) >= 1e-3:
         yaw = curvature * length
         end = np.array([math.sin(yaw), 1.0 - math.cos(yaw)]) / curvature
     place = end + left * np.array([-math.sin(yaw), math.cos(yaw)])
-    along, across = geometry.along_arc(place[None], curvature)
-    assert along[0] == pytest.approx(length, abs=1e-9) and across[0] == pytest.approx(left, abs=1e-9)
+    (along,), (across,) = geometry.arc_coordinates(place[None], curvature)
+    assert (along, across) == pytest.approx((length, left), abs=1e-9)
 
 
 RECTANGLE = np.array([[0, 0], [2, 0], [2, 1], [0, 1]], dtype=float)

@@ -10,9 +10,8 @@ from vb_core.files import write_atomically, write_together
 from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map, safe_path, write_map
 
-DESCRIPTION = (
-    "image: map.pgm\nresolution: 0.1\norigin: [1.0, 2.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
-)
+DESCRIPTION = "image: map.pgm\nresolution: 0.1\norigin: [1.0, 2.0, 0.0]\n"
+DESCRIPTION += "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
 
 
 @pytest.mark.parametrize("raw", [False, True])
@@ -89,7 +88,7 @@ def test_a_refused_map_file_names_its_key(tmp_path, old, new, key):
 
 
 def test_files_are_written_together_or_none_is(tmp_path):
-    first, second = tmp_path / "a", tmp_path / "folder" / "b"
+    first, second = tmp_path / "a", tmp_path / "folder/b"
     write_together({first: b"1", second: b"2"})
     assert (first.read_bytes(), second.read_bytes()) == (b"1", b"2")
     (tmp_path / "file").write_text("")

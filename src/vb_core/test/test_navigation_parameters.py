@@ -15,7 +15,6 @@ from vb_core.robot_profile import RobotProfile
 
 TOP = Path(__file__).resolve().parents[3]
 CONFIG = TOP / "src" / "vb_bringup" / "config" / "navigation"
-
 PROFILES = {path.stem: RobotProfile.load(path) for path in sorted((TOP / "robots").glob("*.yaml"))}
 
 
@@ -44,10 +43,10 @@ def test_robot_parameters_follow_from_the_profile(name):
     planner = load("move_base.yaml", name)["DWAPlannerROS"]
     assert planner["max_vel_x"] == planner["max_vel_trans"] == profile.limits.max_speed
     assert planner["min_vel_x"] >= 0.0, "many scanners do not look back"
-    for which in ("global", "local"):
+    # paths keep more distance than the controller needs
+    for which, margin in (("global", 0.04), ("local", 0.0)):
         settings = costmap(which, name)
-        # paths keep more distance than the controller needs
-        assert settings["robot_radius"] == pytest.approx(profile.radius + (0.04 if which == "global" else 0.0))
+        assert settings["robot_radius"] == pytest.approx(profile.radius + margin)
         assert settings["inflation_layer"]["inflation_radius"] > profile.radius
         assert settings["obstacle_layer"]["scan"]["topic"] == profile.scanner.topic
         assert settings["robot_base_frame"] == profile.frames.base
@@ -86,7 +85,7 @@ def test_the_launch_file_gives_each_node_its_map():
     nodes = {node.get("name"): node for node in launch.iter("node")}
     amcl = {param.get("name"): param.get("value") for param in nodes["amcl"].iter("param")}
     assert amcl["use_map_topic"] == amcl["first_map_only"] == "true"
-    # the corrected model takes them as variances: the defaults, meant for the other model, would be half of each motion
+    # the corrected model takes them as variances; the defaults are for the other model, and would be half of each motion
     assert amcl["odom_model_type"] == "diff-corrected"
     assert all(float(amcl[f"odom_alpha{i}"]) <= 0.05 for i in (1, 2, 3, 4))
     assert ("map", "/map") in {(remap.get("from"), remap.get("to")) for remap in nodes["amcl"].iter("remap")}

@@ -1,4 +1,4 @@
-"""Notices: each node's list replaces its last one; those of a silent node expire."""
+"""Notices: each node's list replaces its last one, and those of a silent node expire."""
 
 from types import SimpleNamespace
 
@@ -10,7 +10,7 @@ from vb_core.notices import EXPIRY_TIME, Notice, ActiveNotices, Severity
 
 
 def active_notices(published, now):
-    """Returns (code, robot or camera) of the notices active at `now` [s]; `published`: (node, time [s], notices)."""
+    """Returns (code, robot or camera) of what is active at `now` [s], of what was `published`: (node, time, notices)."""
     book = ActiveNotices()
     for node, stamp, node_notices in published:
         book.update(node, node_notices, stamp)
@@ -26,9 +26,9 @@ def test_the_notices_of_a_silent_node_expire(silent, expected):
 
 
 def test_a_nodes_newest_notices_replace_its_former_ones():
-    first, newest = [*INSIDE, Notice("goal_inside", robot="r1")], [Notice("goal_inside", robot="r1")]
+    newest = [Notice("goal_inside", robot="r1")]
     of_another = [Notice("robot_inside", robot="r2"), Notice("x", Severity.WARNING), Notice("y", Severity.ERROR)]
-    published = [("monitor1", 1.0, first), ("monitor2", 1.0, of_another), ("monitor1", 2.0, newest)]
+    published = [("monitor1", 1.0, INSIDE + newest), ("monitor2", 1.0, of_another), ("monitor1", 2.0, newest)]
     assert active_notices(published, 2.0) == [("y", ""), ("x", ""), ("goal_inside", "r1"), ("robot_inside", "r2")]
 
 

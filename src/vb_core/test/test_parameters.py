@@ -91,7 +91,7 @@ def test_each_mistake_names_its_key(key, value, word):
 
 # ------------------------------------------------------------------ changed while a node runs
 def test_the_description_follows_from_the_fields():
-    description = reconfigure.describe(Example(speed=0.5), fixed=("fixed",))
+    description = reconfigure.reconfigure_description(Example(speed=0.5), fixed=("fixed",))
     entries = {entry["name"]: entry for entry in description.config_description["parameters"]}
     assert list(entries) == ["speed", "size", "count", "on"]
     assert entries["speed"]["type"] == "double" and entries["speed"]["description"] == "of the robot [m/s]"

@@ -32,14 +32,15 @@ class Manager:
     """Stands in for the manager: the commands in `hanging` wait for `let`. Answers `answers` in turn, then success."""
 
     def __init__(self, hanging):
-        self.requests, self.answers, self._done, self._noted = [], [], [], threading.Semaphore(0)
+        self.requests, self.answers, self._done = [], [], []
+        self._noted = threading.Semaphore(0)
         self._gates = {command: threading.Event() for command in hanging}
 
     def note(self, *answer):
         self._done.append(answer)
         self._noted.release()
 
-    def call(self, _name, _service, request, *_limits):
+    def call(self, _name, _service, request, *_names, **_limits):
         self.requests.append(request)
         if request.command in self._gates:
             assert self._gates[request.command].wait(60)
@@ -65,7 +66,8 @@ def sender(monkeypatch):
     """Returns a function that makes a sender, its manager and its clock."""
 
     def make(*hanging):
-        manager, clock = Manager(hanging), [10.0]
+        manager = Manager(hanging)
+        clock = [10.0]
         monkeypatch.setattr(commands.services, "call", manager.call)
         monkeypatch.setattr(commands.rospy, "get_rostime", lambda: rospy.Time(100))
         monkeypatch.setattr(commands.time, "monotonic", lambda: clock[0])
@@ -111,8 +113,8 @@ def test_a_command_names_the_newest_stop_its_sender_knew(sender):
     for clock[0], number in ((10.0, "a"), (11.0, "a"), (12.0, "b")):
         orders._on_state(InteractionState(stop_number=number))
     for given_at in (11.5, 13.0, 9.0):
-        orders.put("resume", given=given_at)
-    orders.put("resume", seen_stop="shown")
+        orders.submit("resume", given_at=given_at)
+    orders.submit("resume", seen_stop="shown")
     assert sorted(request.seen_stop for request, *_ in manager.wait_for(4)) == ["", "a", "b", "shown"]
     for number in range(100):
         orders._on_state(InteractionState(stop_number=str(number)))
@@ -122,8 +124,8 @@ def test_a_command_names_the_newest_stop_its_sender_knew(sender):
 def test_a_commands_age_counts_from_when_it_was_given(sender):
     orders, manager, clock = sender()
     clock[0] = 100.0
-    orders.put("save", given=98.0)
-    orders.put("define_border", given=94.0, source="other")
+    orders.submit("save", given_at=98.0)
+    orders.submit("define_border", given_at=94.0, source="other")
     outcomes = {request.command: (request, answer, error) for request, _, answer, error in manager.wait_for(2)}
     assert outcomes["save"][1].success and outcomes["save"][0].expires == rospy.Time(103)
     assert outcomes["define_border"][1] is None and outcomes["define_border"][2].code == "expired"
@@ -133,8 +135,8 @@ def test_a_commands_age_counts_from_when_it_was_given(sender):
 def test_stop_waits_for_nothing_and_nothing_overtakes_it(sender):
     orders, manager, _ = sender("save", "stop")
     for number, command in enumerate(("save", "stop", "resume")):
-        assert orders.put(command, number)
-    orders.put("cancel", source="somebody else")
+        assert orders.submit(command, number)
+    orders.submit("cancel", source="somebody else")
     # neither the hanging save nor the hanging stop holds up other people's commands
     assert [request.command for request, *_ in manager.wait_for(1)] == ["cancel"]
     manager.let("stop")
@@ -151,26 +153,26 @@ def test_where_no_manager_answers_a_stop_the_robots_that_hold_it_do(sender, monk
         stop = manager.asked_for("stop").id
         orders._on_robot(DriverState(robot="cleo", stops=["an older one", stop]))
         orders._on_robot(DriverState(robot="bob", stops=["an older one"]))
-        without_driver, driven = RobotStatus(robot="ada", stops=[stop]), RobotStatus(robot="cleo", driver=True)
-        orders._on_robots(RobotStatusArray(robots=[without_driver, driven]))
+        statuses = [RobotStatus(robot="ada", stops=[stop]), RobotStatus(robot="cleo", driver=True)]
+        orders._on_robots(RobotStatusArray(robots=statuses))
 
     absent = CodedError("no_service", who="$interaction_manager")
     manager.answers += [absent, absent]
     monkeypatch.setattr(commands.time, "sleep", report)
-    orders.put("stop")
+    orders.submit("stop")
     ((_, _, answer, error),) = manager.wait_for(1)
-    assert error is None and (answer.success, answer.code) == (True, "stop_held")
+    assert (answer.success, answer.code, error) == (True, "stop_held", None)
     assert [value.value for value in answer.values] == ["ada, cleo"]
-    orders.put("stop")
+    orders.submit("stop")
     _, _, answer, error = manager.wait_for(2)[1]
     assert answer is None and error.code == "stop_unconfirmed"
 
 
 def test_commands_to_other_nodes_wait_their_turn_too(sender):
     orders, manager, _ = sender("stop")
-    orders.put("stop")
-    orders.put("switch_border", carry_out=lambda request: [*manager.requests, request.command])
-    orders.put("resume")
+    orders.submit("stop")
+    orders.submit("switch_border", carry_out=lambda request: [*manager.requests, request.command])
+    orders.submit("resume")
     manager.let("stop")
     answers = {request.command: answer for request, _, answer, _ in manager.wait_for(3)}
     assert answers["switch_border"] == [manager.asked_for("stop"), "switch_border"]
@@ -179,8 +181,8 @@ def test_commands_to_other_nodes_wait_their_turn_too(sender):
 
 def test_a_full_queue_of_one_person_holds_up_nobody_else(sender):
     orders, manager, _ = sender("save")
-    assert [orders.put("save") for _ in range(11)] == [True] * 10 + [False]
-    assert orders.put("undo", source="somebody else") and orders.put("stop")
+    assert [orders.submit("save") for _ in range(11)] == [True] * 10 + [False]
+    assert orders.submit("undo", source="somebody else") and orders.submit("stop")
     assert {request.command for request, *_ in manager.wait_for(2)} == {"undo", "stop"}
     manager.let("save")
     assert len(manager.wait_for(12)) == 12 and not orders._unanswered

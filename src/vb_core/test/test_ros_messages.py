@@ -46,20 +46,17 @@ def test_previews_round_trip_byte_for_byte():
     assert (messages.NumpyBorderPreview().deserialize(data).region.data == 100).all()
 
 
-def test_a_map_of_the_wrong_size_is_refused():
-    message = messages.message_from_grid(GridMap(np.zeros((3, 4), np.int8), 0.1), rospy.Time(0))
-    message.info.width = 5
-    with refused("bad_map"):
-        messages.grid_from_message(message)
-
-
-def test_an_empty_map_is_refused():
-    with refused("bad_map"):
-        messages.grid_from_message(OccupancyGrid())
+def test_a_map_that_is_empty_or_of_the_wrong_size_is_refused():
+    wide = messages.message_from_grid(GridMap(np.zeros((3, 4), np.int8), 0.1), rospy.Time(0))
+    wide.info.width = 5
+    for message in (wide, OccupancyGrid()):
+        with refused("bad_map"):
+            messages.grid_from_message(message)
 
 
 ENCODINGS = "rgb8 rgba8 bgr8 bgra8 mono8 mono16 rgb16 bgra16 yuv422 bayer_rggb8 bayer_gbrg16".split()
 ENCODINGS += "8UC1 8SC3 16SC2 32SC4 32FC1 64FC12".split()
+FAULTY = [("encoding", "nonsense"), ("encoding", ""), ("encoding", "64UC1"), ("height", 0), ("height", 60), ("step", 0)]
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
@@ -85,17 +82,12 @@ def test_padding_at_the_end_of_rows_is_ignored():
 
 
 def test_nodes_without_images_do_not_load_opencv():
-    code = (
-        "import sys; from vb_core.ros import messages, node, parameters, transforms; from vb_core import grid_map;"
-        " from vb_core.ros.messages import NumpyOccupancyGrid; print(sorted({'cv2', 'cv_bridge', 'scipy'} & set(sys.modules)))"
-    )
+    code = "import sys; from vb_core.ros import messages, node, parameters, transforms; from vb_core import grid_map;"
+    code += "print(sorted({'cv2', 'cv_bridge', 'scipy'} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, check=True, text=True).stdout == "[]\n"
 
 
-@pytest.mark.parametrize(
-    "name, value",
-    [("encoding", "nonsense"), ("encoding", ""), ("encoding", "64UC1"), ("height", 0), ("height", 60), ("step", 0)],
-)
+@pytest.mark.parametrize("name, value", FAULTY)
 def test_images_that_cannot_be_read_are_refused(name, value):
     image = images.message_from_image(np.zeros((6, 8), np.uint8), "mono8", rospy.Time(0), "x")
     setattr(image, name, value)
@@ -166,6 +158,7 @@ def test_poses_round_trip():
 
 # ------------------------------------------------------------------ transforms
 CAMERA = geometry.make_transform(geometry.rotation_from_rpy(math.pi, 0, 0.3), (1.0, 2.0, 3.0))
+LOOP = [("camera", "a"), ("a", "b"), ("b", "a"), ("other", "map")]
 
 
 @pytest.fixture
@@ -191,11 +184,7 @@ def test_static_transforms_are_enough_for_a_fixed_camera(lookup):
     assert lookup.lookup("map", "camera", rospy.Time(0), 0.0) == pytest.approx(np.eye(4))
 
 
-@pytest.mark.parametrize(
-    "placed, words",
-    [([], ["camera", "calibrated"]), ([("camera", "a"), ("a", "b"), ("b", "a"), ("other", "map")], ["loop"])],
-    ids=["missing", "a loop"],
-)
+@pytest.mark.parametrize("placed, words", [([], ["camera", "calibrated"]), (LOOP, ["loop"])], ids=["missing", "a loop"])
 def test_frames_that_are_not_connected_are_refused_with_a_reason(lookup, placed, words):
     for child, parent in placed:
         place(lookup, child, parent=parent)

@@ -8,10 +8,9 @@ from vb_core import sentences
 from vb_core.errors import CodedError
 from vb_core.capabilities import ConnectedRobot
 from vb_core.sentences import words_of_name
-from vb_core.vocabulary import COMMANDS, STATES, normalize, state_by_name
+from vb_core.vocabulary import COMMANDS, STATES, command_name_from_text, state_by_name
 from vb_core.zones import KEEP_OUT, ZONES, zone_by_number
 from vb_msgs.msg import VirtualBorder
-
 
 OTHERS = [language for language in sentences.languages() if language != sentences.ENGLISH]
 
@@ -28,6 +27,7 @@ def test_every_language_has_every_code_with_the_same_values(language):
 
 
 CAUGHT = {"who": "$the_robot", "border": "Rug"}
+UNNAMED = {"who": "ada", "border": "$border_without_name"}
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,7 @@ CAUGHT = {"who": "$the_robot", "border": "Rug"}
     [
         ("no_service", {"who": "border_fusion"}, "en", "border_fusion is not running."),
         ("no_service", {"who": "border_fusion"}, "de", "border_fusion läuft nicht."),
-        # there is always a sentence: without its value, from the code alone, in an unknown language
+        # there is always a sentence, without its value, from the code alone or in an unknown language
         ("no_service", {}, "en", "(who) is not running."),
         ("of_a_newer_version", {}, "en", "of a newer version"),
         ("no_response", {"who": "x"}, "tlh", "x is not responding."),
@@ -46,12 +46,7 @@ CAUGHT = {"who": "$the_robot", "border": "Rug"}
         ("robot_caught_in_border", CAUGHT, "en", "The robot is inside Rug "),
         ("robot_caught_in_border", CAUGHT, "de", "Der Roboter "),
         ("robot_caught_in_border", {**CAUGHT, "who": "ada"}, "en", "ada is inside Rug "),
-        (
-            "robot_caught_in_border",
-            {"who": "ada", "border": "$border_without_name"},
-            "de",
-            "ada ist in Grenze ohne Namen ",
-        ),
+        ("robot_caught_in_border", UNNAMED, "de", "ada ist in Grenze ohne Namen "),
         ("robot_commands_unheard", {**CAUGHT, "topic": "/x"}, "en", "The velocities of the robot reach nobody"),
         # an unnamed border is numbered in the reader's language
         ("robot_caught_in_border", {"who": "ada", "border": "'border 3'"}, "de", "ada ist in 'Grenze 3' "),
@@ -94,7 +89,7 @@ def test_rows_can_be_told_apart():
 
 
 def test_commands_are_read_as_people_write_them():
-    assert all(normalize(words_of_name(name).title()) == name for name in COMMANDS)
+    assert all(command_name_from_text(words_of_name(name).title()) == name for name in COMMANDS)
 
 
 def test_the_message_names_the_same_zones():

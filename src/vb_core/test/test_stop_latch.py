@@ -10,36 +10,40 @@ from vb_core.errors import CodedError
 from vb_core.stop_latch import HeldStops, StopLatch, new_id
 
 SEQUENCES = 10_000
+WITHOUT_NUMBER = '{"number": "", "stops": [], "stopped": false, "by": ""}'
 
 
 def test_a_resume_releases_only_the_stop_that_its_sender_saw():
     latch = StopLatch()
-    assert not latch.stopped and latch.resume("anything") and latch.number
+    assert latch.number
+    assert latch.resume("anything")
     latch.stop("a", "page")
     first = latch.number
     latch.stop("b", "voice")
-    assert not latch.resume(first) and not latch.resume("b") and latch.stopped and latch.by == "page"
-    assert latch.resume(latch.number) and not latch.stopped
+    assert not latch.resume(first) and not latch.resume("b")
+    assert (latch.stopped, latch.stopped_by) == (True, "page")
+    assert latch.resume(latch.number)
+    assert not latch.stopped
 
 
 def test_a_press_that_comes_twice_is_one_stop():
     latch = StopLatch()
-    assert latch.stop("a", "page") and not latch.stop("a", "page")
+    assert [latch.stop("a", "page"), latch.stop("a", "page")] == [True, False]
     assert latch.resume(latch.number)
-    assert not latch.stop("a", "page") and not latch.stopped
+    assert not latch.stop("a", "page")
+    assert not latch.stopped
 
 
-@pytest.mark.parametrize(
-    "content", ["", "{", "[]", '{"number": "", "stops": [], "stopped": false, "by": ""}', '{"stopped": false}']
-)
+@pytest.mark.parametrize("content", ["", "{", "[]", WITHOUT_NUMBER, '{"stopped": false}'])
 def test_a_damaged_file_counts_as_stopped(tmp_path, content):
     path = tmp_path / "stop"
     path.write_text(content)
     latch = StopLatch(path)
-    assert latch.stopped and latch.lost and latch.by
+    assert latch.stopped and latch.lost and latch.stopped_by
     again = StopLatch(path)
     assert again.stopped and again.number == latch.number
-    assert latch.resume(latch.number) and not latch.lost
+    assert latch.resume(latch.number)
+    assert not latch.lost
 
 
 @pytest.mark.parametrize("content", ["", "{", "{}", "[1]", '[""]'])
@@ -52,8 +56,10 @@ def test_a_robot_with_a_damaged_file_counts_as_stopped(tmp_path, content):
 def test_a_latch_that_cannot_store_counts_as_stopped_and_says_so(tmp_path):
     (tmp_path / "file").write_text("")
     latch = StopLatch(tmp_path / "file" / "stop")  # its folder is missing and cannot be created
-    assert latch.stopped and latch.lost and not latch.stored
-    assert latch.resume(latch.number) and not latch.stopped and not latch.store()
+    assert (latch.stopped, latch.lost, latch.stored) == (True, True, False)
+    assert latch.resume(latch.number)
+    assert not latch.stopped
+    assert not latch.store()
 
 
 def test_a_stop_survives_a_full_disk(tmp_path, monkeypatch):
@@ -62,20 +68,24 @@ def test_a_stop_survives_a_full_disk(tmp_path, monkeypatch):
     assert latch.store()
     monkeypatch.setattr(stop_latch, "write_atomically", full_disk)
     latch.stop("a", "page")
-    assert not latch.store() and not latch.stored
+    assert not latch.store()
+    assert not latch.stored
     monkeypatch.undo()
     assert StopLatch(path).stopped
-    assert latch.store() and StopLatch(path).stops[-1] == "a"
+    assert latch.store()
+    assert StopLatch(path).stops[-1] == "a"
 
 
 def test_a_robot_reports_a_stop_once_it_outlives_the_driver(tmp_path, monkeypatch):
     held_stops = HeldStops(tmp_path / "stops")
-    held_stops.hear("a")
-    assert held_stops.stopped and held_stops.lasting == ()
-    assert held_stops.store() and held_stops.lasting == ("a",) == HeldStops(tmp_path / "stops").ids
+    held_stops.add("a")
+    assert (held_stops.stopped, held_stops.persisted_ids) == (True, ())
+    assert held_stops.store()
+    assert held_stops.persisted_ids == HeldStops(tmp_path / "stops").ids == ("a",)
     monkeypatch.setattr(stop_latch, "write_atomically", full_disk)  # a notice says that these may be lost
-    held_stops.hear("b")
-    assert not held_stops.store() and held_stops.lasting == ("a", "b")
+    held_stops.add("b")
+    assert not held_stops.store()
+    assert held_stops.persisted_ids == ("a", "b")
 
 
 def full_disk(path, _content):
@@ -91,7 +101,8 @@ class Lab:
     def __init__(self, random, full):
         self.random, self.time, self.full = random, 0.0, full
         self.queue = []  # (time of arrival, action)
-        self.pressed, self.promised = {}, set()  # id: time; ids answered as stored
+        self.pressed = {}  # by id: its time
+        self.promised = set()  # ids answered as stored
         self.resumes = []  # obeyed: (time given, stops known)
         self.manager = StopLatch(Path("manager"))
         self.robots = [HeldStops(Path(f"robot {number}")) for number in range(2)]
@@ -107,7 +118,7 @@ class Lab:
         self.pressed[identity] = self.time
         for robot in range(2):
             if self.random.random() < 0.7:  # a message may reach nobody
-                self.later(lambda robot=robot: self.hear(robot, identity))
+                self.later(lambda robot=robot: self.add(robot, identity))
         self.later(lambda: self.handle_stop(identity))
 
     def press_resume(self, person):
@@ -119,10 +130,10 @@ class Lab:
     def look(self, person):
         self.seen[person] = self.manager.number if self.manager is not None else self.seen[person]
 
-    def hear(self, robot, identity):
+    def add(self, robot, identity):
         if self.robots[robot] is None:
             return
-        self.robots[robot].hear(identity)
+        self.robots[robot].add(identity)
         if self.random.random() < 0.05:
             self.kill_robot(robot)  # before the stop is stored
             return
@@ -163,7 +174,7 @@ class Lab:
 
     def tell_robots(self):
         if self.manager is not None:
-            stopped, _by, _number, stops = self.manager.read()
+            stopped, _by, _number, stops = self.manager.snapshot()
             for robot in range(2):
                 self.later(lambda robot=robot: self.follow(robot, stopped, stops))
 
@@ -196,7 +207,8 @@ class Lab:
             self.manager = StopLatch(Path("manager"))
             if self.manager.lost:
                 own_stop = self.manager.stops[-1]
-                self.pressed[own_stop], self.promised = self.time, {own_stop}
+                self.pressed[own_stop] = self.time
+                self.promised = {own_stop}
                 self.known.add(own_stop)
         for robot in range(2):
             if self.robots[robot] is None:
@@ -259,12 +271,13 @@ class Lab:
             self.handle_resume(self.seen[0], self.time)
         for robot in range(2):
             self.start()
-            self.follow(robot, *self.manager.read()[::3])
+            self.follow(robot, *self.manager.snapshot()[::3])
 
 
 @pytest.mark.parametrize("part", range(10))
 def test_no_stop_is_lost_or_released_by_an_older_command(part, monkeypatch):
-    files, full = {}, set()
+    files = {}
+    full = set()
 
     def write(path, content):
         if path.name in full:

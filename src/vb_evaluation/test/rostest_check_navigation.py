@@ -41,15 +41,15 @@ class NavigationCheckTest(unittest.TestCase):
         return rospy.ServiceProxy(names.LIST_BORDERS, ListBorders)().borders.borders
 
     def test_a_good_navigation_passes_and_nothing_stays_behind(self):
-        # generous limits: the command reports how fast; here it need only happen, on a busy machine too
+        # the limits are generous, since only the command reports how fast it is, and this machine may be busy
         checks = NavigationCheck(GOAL, at_once=60.0, timeout=60.0).run()
-        self.assertEqual([check for check in checks if check.good is False], [])
-        self.assertGreaterEqual(sum(check.good is True for check in checks), 5)
+        self.assertEqual([check for check in checks if check.passed is False], [])
+        self.assertGreaterEqual(sum(check.passed is True for check in checks), 5)
         self.assertEqual(self.borders(), [])
 
     def test_a_navigation_on_the_physical_map_is_found_out(self):
         checks = NavigationCheck(GOAL, move_base="miswired/move_base", timeout=2.0).run()
-        bad = {check.name for check in checks if check.good is False}
+        bad = {check.name for check in checks if check.passed is False}
         self.assertIn("plans respect a new border at once", bad)
         self.assertIn("a soft border is gone round where that is possible", bad)
         self.assertEqual(self.borders(), [])

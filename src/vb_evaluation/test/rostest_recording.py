@@ -2,7 +2,6 @@
 """One interaction with real nodes: bit for bit the same as in one process, recorded in bags and a log, measured."""
 
 import contextlib
-import csv
 import json
 import tempfile
 import unittest
@@ -28,7 +27,8 @@ from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
 from vb_core.ros import commands
 from vb_core.ros.messages import NumpyOccupancyGrid, array_from_points, grid_from_message, message_from_grid
-from vb_evaluation.repository_revision import repository_top
+from vb_evaluation.report.study_files import read_sheet
+from vb_evaluation.repository_revision import repository_root
 from vb_evaluation.user_study import recording_measures
 from vb_evaluation.user_study.recording import Recording
 from vb_sim.in_process_ros.rospy_stand_in import Graph, Node
@@ -65,29 +65,28 @@ class Session:
         rospy.Subscriber(names.MAP_WITH_BORDERS, NumpyOccupancyGrid, lambda message: setattr(self, "grid", message))
 
     def give_command(self, command):
-        """Gives a command."""
         answer = commands.send(commands.make_request(command, "test", 10.0))
         self.answers.append((command, answer.success, answer.code))
 
     def show(self, points):
         """Publishes spots at these points, at a fixed rate from the moment the state was entered."""
-        begin, count = self.state.entered.to_sec() + 0.1, 0
-        for point in points:
+        begin = self.state.entered.to_sec() + 0.1
+        for count, point in enumerate(points):
             message = LaserSpot(camera="red", confidence=0.9)
             message.header.stamp = rospy.Time.from_sec(begin + count / RATE)
             message.header.frame_id = names.MAP_FRAME
             message.position.x, message.position.y = point
             wait(lambda: rospy.Time.now() >= message.header.stamp, "the time of a spot")
             self.spots.publish(message)
-            count += 1
 
     def run(self):
         """Runs a whole interaction and returns its result."""
         wait(lambda: self.state is not None and self.spots.get_num_connections() >= 2, "the state, fusion and manager")
         self.map.publish(message_from_grid(ROOM, rospy.Time.now()))
         wait(lambda: self.grid is not None, "the map")
-        # the previewed seed is saved, perhaps a mean of fewer spots: exact for 2.0 and 1.75, whatever their number
-        border, seed = drawn_spots(), np.tile([2.0, 1.75], (25, 1))
+        border = drawn_spots()
+        # the previewed seed is saved, which may be the mean of fewer spots, but that is exact for 2.0 and 1.75
+        seed = np.tile([2.0, 1.75], (25, 1))
         self.give_command("define_border")
         wait(lambda: self.state.name == "border", "the state Border")
         # the fusion may hear of the state later than this test, and collects nothing until then
@@ -126,8 +125,7 @@ def in_one_process():
 
     with tempfile.TemporaryDirectory() as state, graph.installed():
         graph.start(Node("/clock", {}), clock)
-        launch = repository_top() / "launch" / "parts" / "borders.launch"
-        start_launch(graph, launch, {"state": state, "robot_frames": ""})
+        start_launch(graph, repository_root() / "launch/parts/borders.launch", {"state": state, "robot_frames": ""})
         graph.start(Node("/test", {}), lambda: results.append(Session().run()))
         scheduler.run(lambda: bool(results), scheduler.now_ns + 600 * 10**9)
     return results[0]
@@ -137,7 +135,8 @@ class RecordingTest(unittest.TestCase):
     def test_an_interaction_with_real_nodes_is_that_in_one_process_and_is_recorded(self):
         alone = in_one_process()
         rospy.init_node("rostest_recording")
-        self.folder, session = Path(rospy.get_param("~folder")), Session()
+        self.folder = Path(rospy.get_param("~folder"))
+        session = Session()
         self.spots = session.spots
         image = rospy.Publisher("/green/image_raw", Image, queue_size=1, latch=True)
         image.publish(Image())
@@ -166,11 +165,11 @@ class RecordingTest(unittest.TestCase):
         truth[::-1][20:50, 20:60] = (0, 215, 247)
         (study / "truth").mkdir()
         cv2.imwrite(str(study / "truth" / "carpet.png"), truth)
-        run = f"participant,method,scenario,recording\np1,nrs,carpet,{self.folder.name}\n"
-        (study / "protocol.csv").write_text(run)
-        self.assertEqual(recording_measures.measure(study / "protocol.csv", study / "truth", study / "out"), [])
-        with open(str(study / "out" / "runs.csv"), newline="") as stream:
-            (row,) = csv.DictReader(stream)
+        (study / "protocol.csv").write_text(
+            f"participant,method,scenario,recording\np1,nrs,carpet,{self.folder.name}\n"
+        )
+        self.assertEqual(recording_measures.measure_study(study / "protocol.csv", study / "truth", study / "out"), [])
+        (row,) = read_sheet(study / "out" / "runs.csv", ()).to_dict("records")
         self.assertEqual(row["completed"], "1")
         self.assertGreater(float(row["jaccard"]), 0.9)
         self.assertGreater(float(row["time_border_s"]), 0.0)

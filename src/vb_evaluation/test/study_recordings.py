@@ -55,7 +55,7 @@ def write_protocol(study, *runs):
 
 def measure_study(study):
     """Measures a study's runs into its folder out; returns each recording's row of runs.csv, and the warnings."""
-    notes = recording_measures.measure(study / "protocol.csv", study / "ground_truth", study / "out")
+    notes = recording_measures.measure_study(study / "protocol.csv", study / "ground_truth", study / "out")
     rows = read_sheet(study / "out" / "runs.csv", ()).to_dict("records")
     return {row["recording"]: row for row in rows}, notes
 

@@ -21,18 +21,18 @@ def rows_of(path):
 
 def write(path, rows, columns=None):
     pandas.DataFrame(rows, columns=columns).to_csv(path, index=False)
+    return path
 
 
-def make_study(folder, participants, worlds=True, maps=True, people=False):
-    """Writes a study's folder."""
+def make_study(folder, participants, runs_only=False, people=False):
     folder.mkdir(parents=True)
     rows = [row for row in rows_of(PUBLISHED / "runs.csv") if int(row["participant"]) <= participants]
     write(folder / "runs.csv", rows)
     meta = json.loads((PUBLISHED / "study.json").read_text(encoding="utf-8"))
     (folder / "study.json").write_text(json.dumps({**meta, "people": people}))
-    for name in ("draws.csv", "worlds.csv") if worlds else ():
-        shutil.copy(PUBLISHED / name, folder)
-    if maps:
+    if not runs_only:
+        for name in ("draws.csv", "worlds.csv"):
+            shutil.copy(PUBLISHED / name, folder)
         write_maps(folder, [row["map"] for row in rows if row["map"]])
     return folder
 

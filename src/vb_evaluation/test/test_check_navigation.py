@@ -40,7 +40,7 @@ class Planner:
         transforms = SimpleNamespace(lookup=lambda *_, **__: np.eye(4))
         monkeypatch.setattr(check_navigation, "TransformLookup", lambda: transforms)
         monkeypatch.setattr(check_navigation, "call", self.call)
-        monkeypatch.setattr(check_navigation, "WATCHED", 0.01)
+        monkeypatch.setattr(check_navigation, "WATCH_TIME", 0.01)
 
     def plan(self, start, goal, _service):
         around = [(2.0, 1.0)] if self.borders else []
@@ -82,14 +82,14 @@ def test_the_robot_is_the_only_one_or_the_one_that_is_named(monkeypatch, robots,
         assert (robot.move_base, robot.frame) == expected
 
 
-@pytest.mark.parametrize("trinary, good", [(True, None), (False, True)])
-def test_check_names_what_a_move_base_lacks_for_soft_borders(monkeypatch, trinary, good):
+@pytest.mark.parametrize("trinary, passed", [(True, None), (False, True)])
+def test_check_names_what_a_move_base_lacks_for_soft_borders(monkeypatch, trinary, passed):
     Planner(monkeypatch)
     layer = {"static_layer": {"map_topic": names.MAP_WITH_BORDERS, "trinary_costmap": trinary}}
     monkeypatch.setattr(rospy, "get_param", lambda name, default: layer if name.endswith("costmap") else default)
     checks = {check.name: check for check in NavigationCheck((4.0, 0.0), at_once=60.0, timeout=60.0).run()}
     soft = checks["a soft border is gone round where that is possible"]
-    assert soft.good is good and ("trinary_costmap" in soft.result) is (good is None)
+    assert soft.passed is passed and ("trinary_costmap" in soft.result) is (passed is None)
 
 
 def test_a_goal_that_is_too_near_is_reported(monkeypatch):

@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-from pathlib import Path
 from types import SimpleNamespace
 from typing import NamedTuple, Optional
 
@@ -15,8 +14,6 @@ from vb_evaluation import demo
 from vb_evaluation.navigation_check.move_base_goals import GoalOutcome
 from vb_msgs.msg import InteractionState, LabState
 from vb_sim import floor_plan
-
-TOP = Path(__file__).resolve().parents[3]
 
 
 @pytest.mark.parametrize(
@@ -42,7 +39,8 @@ def test_a_wrong_argument_or_world_is_one_line_and_status_2(arguments, word, tmp
         arguments = ["--world", str(tmp_path / "a.yaml")]
     assert demo.main(arguments) == 2
     text = capfd.readouterr().err
-    assert word in text and text.count("\n") == 1 and "Traceback" not in text
+    assert word in text
+    assert text.count("\n") == 1 and "Traceback" not in text
 
 
 OUT, IN, GOAL = (6.0, 0.5), (4.12, 1.425), (1.6, 1.6)  # beside the carpet, on it, beyond
@@ -85,12 +83,11 @@ def test_verdict_distinguishes_entering_from_standing_inside(proof, tmp_path, ca
     posterior = prior.with_data(np.where(restricted, np.int8(100), prior.data))
     lab = LabState(robot_poses=[Pose2D(*proof.saved_at, 0.0)])
     observer = SimpleNamespace(state=InteractionState(), prior=prior, posterior=posterior, lab_at_save=lab)
-    paths = (np.reshape(places, (-1, 2)) for places in (proof.to_start, proof.to_goal or [], proof.plan))
-    to_start, to_goal, plan = paths
+    places = (proof.to_start, proof.to_goal or [], proof.plan)
+    to_start, to_goal, plan = (np.reshape(path, (-1, 2)) for path in places)
     drives = [GoalOutcome("refused", path=to_start), GoalOutcome(proof.outcome, path=to_goal)]
-    with contextlib.ExitStack() as stack:
-        show = demo.Demo(options, Console(width=200), stack)
-        status = show._conclude(observer, {"before": plan, "after": plan}, [] if proof.to_goal is None else drives)
+    show = demo.Demo(options, Console(width=200), contextlib.ExitStack())
+    status = show._conclude(observer, {"before": plan, "after": plan}, [] if proof.to_goal is None else drives)
     assert json.loads((tmp_path / "summary.json").read_text())["verdict"] == proof.verdict
     assert status == (0 if proof.verdict in ("went_round", "out_of_reach") else 1)
     assert demo.VERDICTS[proof.verdict].format(drive_outcome=proof.outcome) in capsys.readouterr().out

@@ -37,11 +37,11 @@ def test_a_path_crosses_what_lies_between_its_points():
     grid = GridMap(np.zeros((10, 10), np.int8), 0.1)
     region = np.zeros((10, 10), bool)
     region[5, 5] = True
-    assert metrics.crosses(np.array([[0.05, 0.55], [0.95, 0.55]]), grid, region)
-    assert not metrics.crosses(np.array([[0.05, 0.45], [0.95, 0.45]]), grid, region)
-    assert not metrics.crosses(np.zeros((0, 2)), grid, region)
+    assert metrics.path_meets_region(np.array([[0.05, 0.55], [0.95, 0.55]]), grid, region)
+    assert not metrics.path_meets_region(np.array([[0.05, 0.45], [0.95, 0.45]]), grid, region)
+    assert not metrics.path_meets_region(np.zeros((0, 2)), grid, region)
     # a path that leaves the map is judged by its part on the map
-    assert metrics.crosses(np.array([[-3.0, 0.55], [3.0, 0.55]]), grid, region)
+    assert metrics.path_meets_region(np.array([[-3.0, 0.55], [3.0, 0.55]]), grid, region)
 
 
 def test_boundary_error_of_a_line_that_is_moved_is_how_far():
@@ -74,7 +74,7 @@ def test_the_area_drawn_round_shows_what_the_rest_hides():
     drawn = floor.copy()
     drawn[:16, :15] = False
     assert metrics.jaccard(truth, drawn) > 0.97
-    inside = [metrics.enclosed(floor, cells, truth) for cells in (truth, drawn)]
+    inside = [metrics.enclosed_cells(floor, cells, truth) for cells in (truth, drawn)]
     assert metrics.jaccard(*inside) == pytest.approx(15 / 20)
     # if the restricted part is the smaller one, nothing changes
-    assert (metrics.enclosed(floor, ~drawn, ~truth) == ~drawn).all()
+    assert (metrics.enclosed_cells(floor, ~drawn, ~truth) == ~drawn).all()

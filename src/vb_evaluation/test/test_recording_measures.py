@@ -62,9 +62,8 @@ def test_a_picture_that_is_no_ground_truth_is_named(picture, words, tmp_path):
 def test_a_seed_is_right_if_the_nearest_free_floor_was_asked_for():
     """The oracle searches all free cells; one of the two truths reaches to the walls."""
     free = np.argwhere(ROOM.data == 0)
-    centers = ROOM.cell_to_world(free)
     for seed in np.random.default_rng(6).uniform(-0.6, 4.4, (300, 2)):
-        away = np.hypot(*(centers - seed).T)
+        away = np.hypot(*(ROOM.cell_to_world(free) - seed).T)
         nearest = int(away.argmin())
         for truth in (TRUTH, ROOM.data == 0):
             assert seed_is_right(seed, ROOM, truth) == (away[nearest] <= 0.2 and truth[tuple(free[nearest])])
@@ -85,7 +84,7 @@ def make_study(folder):
 
 @pytest.fixture(scope="module")
 def three_runs(tmp_path_factory):
-    """A measured study: an exact border; one of half the area at the second try; and one without the planned cameras."""
+    """A measured study with an exact border, one of half the area at the second try, and one in another condition."""
     study = make_study(tmp_path_factory.mktemp("three_runs"))
     RecordedLab(study / "exact").interaction("i", *EXACT)
     half = RecordedLab(study / "half", cameras=()).interaction("cancelled", save=False, method="robot_only")
@@ -110,7 +109,7 @@ def three_runs(tmp_path_factory):
         ("jaccard", "1.0", "0.5", "1.0"),
         ("time_border_s", "8.0", "16.0", "8.0"),
         ("time_seed_s", "2.0", "4.0", "2.0"),
-        ("time_total_s", "10.0", "20.0", "10.0"),  # of all attempts
+        ("time_total_s", "10.0", "20.0", "10.0"),  # the time of all attempts
         ("interaction", "i", "saved", "i"),
         ("note", "", "slow", ""),
         ("revision", "abc", "", ""),

@@ -14,10 +14,9 @@ from study_rows import PUBLISHED, rows_of
 from refusals import refused
 from vb_core.errors import CodedError
 from vb_evaluation import statistics
-from vb_evaluation.report import cross_checks
-from vb_evaluation.report import questionnaire
-from vb_evaluation.report.findings import answers, write_page
+from vb_evaluation.report import cross_checks, questionnaire
 from vb_evaluation.report.blocks import Table
+from vb_evaluation.report.findings import format_findings, write_page
 from vb_evaluation.report.study_files import ERRORS, TIMES, pairs, read_sheet, read_study, write_table, yes_or_no
 from vb_evaluation.report.map_figures import nearest_to_median
 from vb_evaluation.report.outcomes import MARGINS
@@ -68,12 +67,12 @@ def test_each_conclusion_counts_the_worlds_that_it_is_about(tmp_path):
     """Seven worlds, each with (completed, time, error) of the network robot system and of the robot alone."""
     worlds = [
         ((1, 10.0, 3.0), (1, 20.0, 1.0)),  # faster, error within a cell
-        ((1, 10.0, 3.6), (1, 10.0, 1.0)),  # as fast, error larger by more than a cell
+        ((1, 10.0, 3.6), (1, 10.0, 1.0)),  # equally fast, error larger by more than a cell
         ((1, 15.0, 1.0), (1, 20.0, 1.0)),  # faster, but not 1.5 times
         ((0, 10.0, 1.0), (1, 20.0, 1.0)),
         ((1, 30.0, 1.0), (0, 20.0, 1.0)),
         ((0, 30.0, 1.0), (0, 20.0, 1.0)),
-        ((1, 10.0, 1.0), (1, 20.0, 1.0)),  # in its first run a camera was too bright
+        ((1, 10.0, 1.0), (1, 20.0, 1.0)),  # a camera was too bright in the first run
     ]
     columns = ("completed", "time_total_s", "error_mean_cm")
     same = {"scenario": "room", "seed": 1, "jaccard": 0.9, **dict.fromkeys(TIMES, 0)}
@@ -112,18 +111,19 @@ def test_maps_are_those_nearest_to_the_median(full):
 
 @pytest.mark.parametrize("participants", [1, 2])
 def test_a_study_of_few_people_with_nothing_but_runs_has_its_page(tmp_path, participants):
-    folder = study_rows.make_study(tmp_path / "study", participants, worlds=False, maps=False)
+    folder = study_rows.make_study(tmp_path / "study", participants, runs_only=True)
     (folder / "study.json").unlink()
     *rows, missing = rows_of(folder / "runs.csv")
     study_rows.write(folder / "runs.csv", rows)
     page = write_report(folder).read_text()
-    assert "Beside the paper" in page and "Plausible worlds" not in page and "nan" not in words_of(page)
+    assert "Beside the paper" in page
+    assert "Plausible worlds" not in page and "nan" not in words_of(page)
     assert f"Missing runs (1): {missing['participant']}, " in page
 
 
 @pytest.mark.parametrize("column", ["jaccard", "time_total_s", "error_mean_cm"])
 def test_bad_data_is_told_in_one_line(tmp_path, column, capsys):
-    folder = study_rows.make_study(tmp_path / "study", 1, worlds=False, maps=False)
+    folder = study_rows.make_study(tmp_path / "study", 1, runs_only=True)
     rows = rows_of(folder / "runs.csv")
     rows[0][column] = "1,5"
     study_rows.write(folder / "runs.csv", rows)
@@ -176,7 +176,8 @@ def test_methods_and_scenarios_keep_their_order_without_unplanned_runs(tmp_path)
     study = read_study(tmp_path)
     assert study.methods == ["nrs", "other", "robot_only"] and study.comparison == ("nrs", "robot_only")
     assert study.scenarios == ["corner", "desk", "door"] and study.scenario_title("desk") == "The desk"
-    assert study.runs.completed.tolist() == [1.0, 1.0, 0.0] and study.meta["deviating"] == 1 and study.people
+    assert study.runs.completed.tolist() == [1.0, 1.0, 0.0] and study.meta["deviating"] == 1
+    assert study.has_people
     assert len(study.missing) == 2 * 3 * 3 - 3 and "p2, The desk, Robot only" in study.missing
     assert np.isnan(study.runs.helped).all() and cross_checks.plausible_worlds_section(study) == []
     cells = {(row["scenario"], row["method"]): row["n"] for row in study.rows(lambda runs, *_: {"n": len(runs)})}
@@ -211,7 +212,7 @@ def test_the_page_answers_what_the_rows_say(tmp_path):
     page = Path(shutil.copy(PAGE, tmp_path))
     write_page(PUBLISHED, page)
     assert page.read_text(encoding="utf-8") == PAGE.read_text(encoding="utf-8")
-    write_page(study_rows.make_study(tmp_path / "fewer", 11, maps=False), page)
+    write_page(study_rows.make_study(tmp_path / "fewer", 11), page)
     assert page.read_text(encoding="utf-8") != PAGE.read_text(encoding="utf-8")
     page.write_text("# A page without a place for them\n")
     with refused("no_place"):
@@ -220,26 +221,20 @@ def test_the_page_answers_what_the_rows_say(tmp_path):
 
 @pytest.mark.parametrize("scenario, beside", [("room", ["The paper's people"]), ("door", [])])
 def test_a_lab_asks_its_own_scenarios(scenario, beside, tmp_path):
-    folder = study_rows.make_study(tmp_path / "study", 6, worlds=False, maps=False)
+    folder = study_rows.make_study(tmp_path / "study", 6, runs_only=True)
     rows = [row for row in rows_of(folder / "runs.csv") if row["scenario"] == "room"]
     rows = [dict(row, scenario=scenario, pointed_right="") for row in rows]  # only a simulator knows pointed_right
     study_rows.write(folder / "runs.csv", rows)
-    blocks = answers(read_study(folder))
+    blocks = format_findings(read_study(folder))
     questions = [line.split("**")[1].rstrip("?") for line in blocks[1].splitlines()]
     assert questions == ["Faster", "Not less exact", "Completed as often", *beside]
     assert ("**Beside the paper**" in blocks) is bool(beside)
     study_rows.write(folder / "runs.csv", [row for row in rows if row["method"] == "nrs"])
     with refused("no_comparison"):
-        answers(read_study(folder))
+        format_findings(read_study(folder))
 
 
 # ------------------------------------------------------------------ the questionnaire
-def write_answers(path, rows, columns=None):
-    table = pandas.DataFrame(rows, columns=columns or questionnaire.COLUMNS)
-    table.to_csv(path, index=False, encoding="utf-8-sig")
-    return path
-
-
 def person(name, nrs, robot_only, helped="yes"):
     """Returns a row with the same pair of answers to all statements."""
     return [name, *[answer for _ in questionnaire.STATEMENTS for answer in (nrs, robot_only)], helped]
@@ -247,20 +242,23 @@ def person(name, nrs, robot_only, helped="yes"):
 
 def test_answers_not_given_are_left_out(tmp_path):
     people = [person("a", 5, ""), person("b", 4, 3, "no"), person("c", 5, 2, "")]
-    answers = questionnaire.read_questionnaire(write_answers(tmp_path / "a.csv", people))
+    path = study_rows.write(tmp_path / "a.csv", people, questionnaire.COLUMNS)
+    answers = questionnaire.read_questionnaire(path)
     assert answers.answers[0].first.tolist() == [4.0, 5.0]
     assert (answers.helped, answers.asked) == (1, 2)
 
 
 def test_people_have_p_corrected_in_each_family_and_the_ueq_s_as_published(tmp_path):
-    folder = study_rows.make_study(tmp_path / "study", 6, worlds=False, maps=False, people=True)
-    # one answer for each statement; then boxes ticked: the good end of all pairs is on the right, the first four pragmatic
+    folder = study_rows.make_study(tmp_path / "study", 6, runs_only=True, people=True)
+    # an answer to each statement, then the ticked box of each pair, whose good end is on the right
     answer_pairs = zip((5, 4, 5, 4, 5, 7, 7, 6, 5, 4, 3, 2, 1), (1, 2, 3, 3, 4, *(1,) * 8))
     row = [answer for pair in answer_pairs for answer in pair]
     rows = [[number, *row[:10], "yes", *row[10:]] for number in range(6)]
-    write_answers(folder / "questionnaire.csv", rows, [*questionnaire.COLUMNS, *questionnaire.UEQ_COLUMNS])
-    page, study = words_of(write_report(folder).read_text()), read_study(folder)
-    assert "exact p" in page and "Yes: 6 of 6" in page and "This is a simulation" not in page
+    study_rows.write(folder / "questionnaire.csv", rows, [*questionnaire.COLUMNS, *questionnaire.UEQ_COLUMNS])
+    page = words_of(write_report(folder).read_text())
+    assert "exact p" in page and "Yes: 6 of 6" in page
+    assert "This is a simulation" not in page
+    study = read_study(folder)
     tables = {table.name: table.rows for _, _, make in SECTIONS for table in make(study) if isinstance(table, Table)}
     statements, scales = tables["questionnaire"][:5], tables["questionnaire"][5:]
     assert [(row["nrs"], row["robot_only"]) for row in statements] == [(5, 1), (4, 2), (5, 3), (4, 3), (5, 4)]
@@ -275,16 +273,16 @@ def test_people_have_p_corrected_in_each_family_and_the_ueq_s_as_published(tmp_p
 @pytest.mark.parametrize(
     "rows, columns, words",
     [
-        ([person("a", 6, 3)], None, "line 2: s1_nrs: expected a whole number from 1 to 5, got '6'"),
-        ([person("a", 3.5, 3)], None, "got '3.5'"),
-        ([person("a", 3, 3), person("a", 3, 3)], None, "line 3: participant"),
-        ([person("a", 3, 3, "perhaps")], None, "helped: expected yes or no"),
-        ([], None, "nobody has answered"),
+        ([person("a", 6, 3)], questionnaire.COLUMNS, "line 2: s1_nrs: expected a whole number from 1 to 5, got '6'"),
+        ([person("a", 3.5, 3)], questionnaire.COLUMNS, "got '3.5'"),
+        ([person("a", 3, 3), person("a", 3, 3)], questionnaire.COLUMNS, "line 3: participant"),
+        ([person("a", 3, 3, "perhaps")], questionnaire.COLUMNS, "helped: expected yes or no"),
+        ([], questionnaire.COLUMNS, "nobody has answered"),
         ([], ["participant"], "s1_nrs"),
     ],
 )
 def test_wrong_answers_name_line_or_column(rows, columns, words, tmp_path):
-    path = write_answers(tmp_path / "a.csv", rows, columns=columns)
+    path = study_rows.write(tmp_path / "a.csv", rows, columns)
     with refused("bad_questionnaire") as caught:
         questionnaire.read_questionnaire(path)
     assert words in str(caught.value)

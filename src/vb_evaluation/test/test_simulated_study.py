@@ -36,9 +36,11 @@ def test_without_cameras_the_robot_is_led_there():
 
 
 def test_a_run_is_the_same_whatever_was_run_before():
-    task, study, extract = Job(2, "carpet", "nrs"), moments(7.0), extraction.extract_border
+    task = Job(2, "carpet", "nrs")
+    study = moments(7.0)
+    extract = extraction.extract_border
     first = run(study, task)
-    # otherwise the next run would extract its borders on this run's clock, which has stopped: they would never come
+    # the next run would never get its borders if it extracted them on this run's clock, which has stopped
     assert extraction.extract_border is extract
     run(moments(0.1), Job(5, "corner", "nrs"))
     again = run(study, task)
@@ -99,8 +101,8 @@ def test_indices_are_recomputed_from_the_areas_alone(tmp_path, monkeypatch):
     prior = floor_plan.physical_map(STUDY.world)
 
     def work(*args):
-        outcome, grid = make_row(*args), prior.with_data(np.where(shifted, np.int8(100), prior.data))
-        return campaign.Outcome(job, {**outcome.row, "map": "maps/p01_carpet.yaml"}, grid)
+        grid = prior.with_data(np.where(shifted, np.int8(100), prior.data))
+        return campaign.Outcome(job, {**make_row(*args).row, "map": "maps/p01_carpet.yaml"}, grid)
 
     monkeypatch.setattr(campaign, "_work", work)
     assert campaign.run_jobs(moments(1.0), [job], tmp_path, QUIET) == 0
@@ -117,8 +119,8 @@ def test_a_row_of_each_file_is_made_again_alone(name, tmp_path, monkeypatch):
     path = tmp_path / "short.yaml"
     path.write_text("design: {participants: 2, worlds: 2}\n")
     study = config.load(path)
-    job = next(job for job in run_plan.jobs(study) if job.file == name)
-    assert campaign.run_jobs(study, run_plan.jobs(study), tmp_path / "all", QUIET) == 0
+    job = next(job for job in run_plan.plan_jobs(study) if job.file == name)
+    assert campaign.run_jobs(study, run_plan.plan_jobs(study), tmp_path / "all", QUIET) == 0
     selection = [part for key, value in job.columns(1).items() if key != "seed" for part in (f"--{key}", str(value))]
     arguments = ["--config", str(path), *selection, "--processes", "1", "--out", str(tmp_path / "again")]
     assert main(arguments) == 0

@@ -42,7 +42,7 @@ def test_exact_p_estimate_and_interval_are_hollander_and_wolfes():
 
 @pytest.mark.parametrize(
     "ties, z",
-    # Sect. 5.8.1: all 15 participants were faster; the three Z differ only by ties (times in whole seconds)
+    # Sect. 5.8.1: all 15 participants were faster, and the three Z differ only by ties of times in whole seconds
     [((), -3.408), ((2, 2), -3.409), ((3,), -3.411)],
 )
 def test_the_papers_z_of_the_interaction_times(ties, z):
@@ -103,7 +103,7 @@ def test_the_interval_is_what_the_test_does_not_reject(values, confidence):
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.integers(-6, 6), min_size=1, max_size=9), st.integers(1, 4))
-def test_not_worse_p_is_the_share_of_all_signs(values, margin):
+def test_the_noninferiority_p_is_the_share_of_all_signs(values, margin):
     shifted = [value + margin for value in values if value + margin]
     p = statistics.noninferiority_p(np.array(values), margin)
     if not shifted:
@@ -169,7 +169,7 @@ def test_many_people_have_the_interval_of_the_normal_distribution():
     assert interval.confidence == pytest.approx(0.95, abs=1e-3)
 
 
-def test_a_difference_of_two_shares_has_newcombes_interval():
+def test_a_difference_of_two_proportions_has_newcombes_interval():
     # Newcombe (1998), Statistics in Medicine 17, 873-890, Table II, method 10: 56 of 70 and 48 of 80, 98 of 98 and none
     def shares(a, n, b, m, **options):
         return statistics.difference_of_proportions(np.arange(n) < a, np.arange(m) < b, **options)
@@ -178,7 +178,8 @@ def test_a_difference_of_two_shares_has_newcombes_interval():
     assert difference.estimate == pytest.approx(0.2)
     assert (round(difference.low, 4), round(difference.high, 4)) == (0.0524, 0.3339)
     few = shares(8, 8, 8, 8, confidence=0.9)
-    assert few.estimate == 0.0 and few.low == pytest.approx(-few.high) and few.high > 0.2  # it may still differ
+    assert few.estimate == 0.0
+    assert few.low == pytest.approx(-few.high) and few.high > 0.2  # the proportions may still differ
     assert math.isnan(shares(0, 0, 1, 1).estimate)
 
 
@@ -200,7 +201,7 @@ def test_ties_that_floating_point_hides_are_ties_with_a_margin_too():
 
 
 def test_holm_corrects_a_family():
-    # Holm 1979: sorted p times 3, 2, 1, never smaller than the one before
+    # Holm (1979) multiplies the sorted p by 3, 2 and 1, and makes none smaller than the one before
     assert statistics.holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
     assert statistics.holm([0.02, math.nan])[0] == pytest.approx(0.02)
 
@@ -212,7 +213,7 @@ def test_mcnemar_is_a_sign_test_of_those_who_differ():
     assert counts["p"] == pytest.approx(2 * 0.5**5)
 
 
-def test_people_needed_reach_the_power_that_was_asked_for():
+def test_the_required_sample_size_reaches_the_power_that_was_asked_for():
     """Of simulated studies with this many people, about 80 % find the effect."""
     rng, effect = np.random.default_rng(3), 0.8
     count = statistics.required_sample_size(effect)

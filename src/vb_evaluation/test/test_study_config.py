@@ -13,7 +13,7 @@ from scipy import stats
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import UNKNOWN, sample
 from vb_evaluation.counterbalancing import order_runs
-from vb_evaluation.repository_revision import repository_top
+from vb_evaluation.repository_revision import repository_root
 from vb_evaluation.report.study_files import RUNS, WORLDS
 from vb_evaluation.simulated_study import campaign, config, run_plan
 from vb_evaluation.simulated_study.config import draw
@@ -82,8 +82,8 @@ def test_a_file_of_ones_own_needs_only_what_differs(tmp_path):
 
 def test_hash_tells_configurations_apart():
     same, other = config.load(), STUDY.changed({"timing/save_s": 0.5})
-    assert same.hash == STUDY.hash and campaign.configuration(same) == campaign.configuration(STUDY)
-    assert other.hash != STUDY.hash and campaign.configuration(other) != campaign.configuration(STUDY)
+    assert same.hash == STUDY.hash and campaign.configuration_hash(same) == campaign.configuration_hash(STUDY)
+    assert other.hash != STUDY.hash and campaign.configuration_hash(other) != campaign.configuration_hash(STUDY)
     assert STUDY.changed({"world/robots/0/radius": 0.2}).hash != STUDY.hash
 
 
@@ -128,15 +128,16 @@ def test_the_marks_are_laid_for_each_person_beside_the_map():
     for key in STUDY.design.scenarios:
         marks, scenario = STUDY.marks(1, key), STUDY.world.scenario(key)
         assert marks == STUDY.marks(1, key) and marks != STUDY.marks(1, "elsewhere")
-        lines = [personal_scenario(STUDY.world, scenario, STUDY.traits(n), grid, marks).border for n in (1, 2)]
+        lines = [personal_scenario(scenario, STUDY.traits(n), grid, marks).border for n in (1, 2)]
         assert 0.002 < np.linalg.norm(lines[0] - scenario.border, axis=1).max() < 0.2
         assert np.allclose(*lines) != scenario.closed  # people who draw round an object keep a margin
 
 
 def test_people_stand_off_the_line_on_free_floor():
-    grid, world = floor_plan.physical_map(STUDY.world), STUDY.world
+    world = STUDY.world
+    grid = floor_plan.physical_map(world)
     everybody = product(range(1, 9), STUDY.design.scenarios)
-    runs = [personal_scenario(world, world.scenario(key), STUDY.traits(number), grid) for number, key in everybody]
+    runs = [personal_scenario(world.scenario(key), STUDY.traits(number), grid, (0, 0, 0)) for number, key in everybody]
     places = np.array([run.stand for run in runs])
     assert (sample(grid, grid.data, places, UNKNOWN) == 0).all() and len(np.unique(places, axis=0)) > 12
 
@@ -167,7 +168,7 @@ def test_worlds_are_a_latin_hypercube_of_everything():
         cells = np.floor(40 * np.log([factors[key] / low for factors in worlds]) / np.log(high / low) + 1e-3)
         assert len(set(np.clip(cells, 0, 39))) >= 39, key  # one draw in each of 40 equal parts
     assert worlds == run_plan.draw_worlds(STUDY, 40, 1) != run_plan.draw_worlds(STUDY, 40, 2)
-    # as independent of each other as 40 draws can be
+    # the factors are as independent of each other as 40 draws can be
     values = np.array([list(factors.values()) for factors in worlds])
     assert np.abs(np.triu(stats.spearmanr(values).statistic, 1)).max() < 0.75
 
@@ -175,8 +176,7 @@ def test_worlds_are_a_latin_hypercube_of_everything():
 def test_the_corners_of_every_range_are_possible():
     for index in (0, 1):
         factors = {key: entry.range[index] for key, entry in run_plan.varied_assumptions(STUDY).items()}
-        traits = STUDY.changed(run_plan.changes(STUDY, factors)).traits(1)
-        assert traits != STUDY.traits(1)
+        assert STUDY.changed(run_plan.world_changes(STUDY, factors)).traits(1) != STUDY.traits(1)
 
 
 def test_worlds_cover_all_scenarios_and_both_methods():
@@ -187,7 +187,7 @@ def test_worlds_cover_all_scenarios_and_both_methods():
 
 
 def test_the_examples_of_the_documentation_work(tmp_path):
-    text = (repository_top() / "docs" / "how-to" / "extend-the-study.md").read_text(encoding="utf-8")
+    text = (repository_root() / "docs" / "how-to" / "extend-the-study.md").read_text(encoding="utf-8")
     studies = []
     for number, document in enumerate(re.findall(r"```yaml\n(.*?)```", text, re.S)):
         (tmp_path / f"{number}.yaml").write_text(textwrap.dedent(document))
@@ -197,11 +197,11 @@ def test_the_examples_of_the_documentation_work(tmp_path):
 
 def test_the_quick_study_is_part_of_the_whole_one():
     def rows(quick):
-        return [(job.file, *map(str, job.columns(1).values())) for job in run_plan.jobs(STUDY, quick)]
+        return [(job.file, *map(str, job.columns(1).values())) for job in run_plan.plan_jobs(STUDY, quick)]
 
     quick, whole = rows(True), rows(False)
     assert quick == whole[:6] and len(set(whole)) == len(whole) == 100
     assert {row[0] for row in whole} == {"runs.csv", "worlds.csv"}
     # the names of the rows' files sort in the order of the jobs
-    names = [job.name for job in run_plan.jobs(STUDY)]
+    names = [job.name for job in run_plan.plan_jobs(STUDY)]
     assert names[:60] == sorted(names[:60]) and names[60::2] == sorted(names[60::2])

@@ -17,7 +17,7 @@ POSE = geometry.make_transform(geometry.rotation_from_rpy(math.pi + 0.06, 0.05, 
 WIDE_CAMERA = CameraModel(1280, 720, [[820.0, 0, 655], [0, 824.0, 350], [0, 0, 1]], [-0.25, 0.08, 0.001, 0, 0])
 _PPM = 2000.0  # [px/m] of the printed board
 _MARGIN = 0.02  # [m] of white paper round the pattern
-_FLOOR = 110.0  # its grey level
+_FLOOR = 110.0  # grey level
 
 
 def axes_of(yaw: float):
@@ -56,9 +56,8 @@ def view_held_board(camera: CameraModel, rng, tilt: float = 0.6) -> BoardView:
     """Returns the view of a board that a person holds in front of the camera, turned at random by up to `tilt` [rad]."""
     corners = BoardParams.for_paper("A3").opencv().getChessboardCorners()
     distance = rng.uniform(0.4, 0.9) * camera.focal_px / 820.0
-    middle = (
-        camera.pixels_to_rays(np.array([[rng.uniform(0, camera.width), rng.uniform(0, camera.height)]]))[0] * distance
-    )
+    pixel = np.array([[rng.uniform(0, camera.width), rng.uniform(0, camera.height)]])
+    middle = camera.pixels_to_rays(pixel)[0] * distance
     turn = geometry.rotation_from_rpy(*rng.uniform(-tilt, tilt, 2), rng.uniform(-math.pi, math.pi))
     points = (corners - corners.mean(axis=0)) @ turn.T + middle
     pixels = camera.project(points) + rng.normal(0.0, 0.15, (len(points), 2))

@@ -14,12 +14,7 @@ from vb_core.ros import messages
 
 
 class FixedCamera:
-    """Looks straight down from 2.95 m.
-
-    Attributes:
-        T: (4, 4), its pose in the map.
-        info: makes the camera_info to be sent from a stamp; None: none is sent.
-    """
+    """Looks straight down from 2.95 m. `info` makes the camera_info to be sent from a stamp, or is None to send none."""
 
     def __init__(self, name, x, y, color, compressed):
         self.name, self.color, self.compressed = name, color, compressed
@@ -34,7 +29,7 @@ class FixedCamera:
         self.info = lambda stamp: info_from_camera(self.camera, stamp, self.frame)
 
     def play(self, stamp, point):
-        """Publishes an image with the spot at a point (x, y) of the floor; None: without a spot."""
+        """Publishes an image with the spot at a point (x, y) of the floor, or None for no spot."""
         points = np.array([[*point, 0.0]] if point is not None else []).reshape(-1, 3)
         spots = self.camera.project(geometry.transform_points(geometry.invert_transform(self.T), points))
         image = self.scene.render(spots, sigma=1.3, color=self.color, bayer=not self.compressed)
@@ -51,14 +46,12 @@ class FixedCamera:
 class RobotCamera:
     """Drives along x and looks at the floor ahead; colour images of 320 x 240 pixels, depth images of 80 x 60.
 
-    Attributes:
-        localized: whether its pose is published.
-        pose_late_s: [s] delay of the pose after the image with the same stamp.
-        depth_message: makes the message to be sent from a depth image (60, 80) uint16 [mm].
+    `depth_message` makes the message to be sent from a depth image (60, 80) uint16 [mm].
     """
 
     def __init__(self):
-        self.camera, self.frame = CameraModel.ideal(320, 240, 280.0), "camera_optical_frame"
+        self.camera = CameraModel.ideal(320, 240, 280.0)
+        self.frame = "camera_optical_frame"
         looking_down = geometry.rotation_from_rpy(0, 0.6, 0) @ geometry.optical_rotation()
         self.T_base = geometry.make_transform(looking_down, (0.1, 0.0, 0.6))
         self.scene = Scene(320, 240, seed=5)
@@ -67,7 +60,8 @@ class RobotCamera:
         self.depths = rospy.Publisher("/camera/depth_registered/image_raw", Image, queue_size=1)
         self.tf = tf2_ros.TransformBroadcaster()
         self.played = 0
-        self.localized, self.pose_late_s = True, 0.0
+        self.localized = True  # whether its pose is published
+        self.pose_late_s = 0.0  # delay of the pose after the image with the same stamp
         self.depth_message = lambda depth: message_from_image(depth, "16UC1", rospy.Time(), self.frame)
 
     def play(self, stamp, x):

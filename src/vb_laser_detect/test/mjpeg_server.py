@@ -11,20 +11,15 @@ class Server(ThreadingHTTPServer):
 
 
 class MjpegServer:
-    """Serves JPEG images at a rate to every client, from the first image on, or from image N for /video?N.
-
-    Attributes:
-        jpegs: the images, sent in turn; may be replaced while it runs.
-        stalled: while set, connections stay open and nothing is sent.
-        broken: while set, connections are closed at once.
-        status: HTTP status of each answer; unless it is 200, no images follow.
-        sent: times [s] at which images were sent, in order.
-    """
+    """Serves JPEG images in turn, at a rate, to every client, from the first one on, or from image N for /video?N."""
 
     def __init__(self, jpegs, rate=25.0, port=0):
-        self.jpegs, self.rate, self.status = jpegs, rate, 200
-        self.stalled, self.broken, self.closed = threading.Event(), threading.Event(), threading.Event()
-        self.sent = []
+        self.jpegs, self.rate = jpegs, rate  # both may be changed at any time
+        self.status = 200  # HTTP status of each answer; unless it is 200, no images follow
+        self.stalled = threading.Event()  # while set, connections stay open and nothing is sent
+        self.broken = threading.Event()  # while set, connections are closed at once
+        self.closed = threading.Event()
+        self.sent = []  # [s] when images were sent
         camera = self
 
         class Handler(BaseHTTPRequestHandler):

@@ -48,7 +48,8 @@ class Player:
 
     def show(self, spot, seconds):
         """Puts the spot at a point (x, y) of the floor, or nowhere (None), for `seconds` by the images' own clock."""
-        self._spot, since = spot, self._latest
+        self._spot = spot
+        since = self._latest
         wait_until(lambda: (self._latest - since).to_sec() > seconds, "the camera's images")
 
 
@@ -109,7 +110,7 @@ class CalibrateCameraTest(unittest.TestCase):
         command.press("done\n")
         self.assertEqual(command.process.wait(TIMEOUT), 0, command.text)
         command.shows("5 of 6 points used")
-        pose = pose_file.load(pose_file.calibration_path(self.folder.name, "red"))
+        pose = pose_file.read_pose(pose_file.calibration_path(self.folder.name, "red"))
         self.assertEqual((pose.camera, pose.parent, pose.frame), ("red", "map", "red_optical_frame"))
         self.assertLess(np.linalg.norm(pose.T[:3, 3] - camera.T[:3, 3]), 0.05)
         turn = geometry.invert_transform(pose.T) @ camera.T

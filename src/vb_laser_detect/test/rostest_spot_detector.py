@@ -95,7 +95,8 @@ class SpotDetectorTest(unittest.TestCase):
 
     @classmethod
     def play(cls, _event):
-        stamp, cls.step = rospy.Time.now(), cls.step + 1
+        stamp = rospy.Time.now()
+        cls.step += 1
         for camera in (cls.red, cls.blue):
             point = camera.T[:2, 3] + 0.5 * np.array([np.cos(0.1 * cls.step), np.sin(0.1 * cls.step)])
             cls.observer.truth[camera.name, stamp.to_nsec()] = point
@@ -229,7 +230,8 @@ class SpotDetectorTest(unittest.TestCase):
         self.place(geometry.make_transform(np.eye(3), (*GUARD, 0.0)), "guard/base_link")
         self.wait(lambda: o.rejections("red", "on_robot") >= 1, "light on a robot")
         # from now on the robot's position is known; the spot comes round to it again
-        known, before = o.status["red"].header.stamp, o.rejections("red", "on_robot")
+        known = o.status["red"].header.stamp
+        before = o.rejections("red", "on_robot")
         self.wait(lambda: o.rejections("red", "on_robot") >= before + 5, "more light on the robot")
         self.wait_for_spots("red")
         later = [spot.position for spot in o.spots_of("red") if spot.header.stamp > known]

@@ -19,13 +19,7 @@ GREEN = (0.2, 1.0, 0.15)
 
 
 class Scene:
-    """A textured floor under a camera.
-
-    Args:
-        width, height: [px]
-        brightness: [grey levels] mean of the floor.
-        noise: [grey levels] standard deviation of each pixel.
-    """
+    """A textured floor under a camera: its mean brightness [grey levels], and each pixel's standard deviation as noise."""
 
     def __init__(
         self, width: int = 640, height: int = 360, brightness: float = 110.0, noise: float = 3.0, seed: int = 1
@@ -39,7 +33,7 @@ class Scene:
         floor[:: max(60, height // 5)] *= 0.6
         floor[:, :: max(60, width // 7)] *= 0.6
         self.floor = floor[:, :, None] * np.array([0.86, 0.97, 1.04], np.float32)
-        # drawn once, and read from another offset for each image: new noise for each would take most of the time
+        # noise is drawn once, and read from another offset for each image: to draw it each time would take most of the time
         self._noise = self._random.normal(0.0, noise, (2 * height * width * 3,)).astype(np.float32)
 
     def render(
@@ -56,18 +50,16 @@ class Scene:
         """Renders (H, W, 3) bgr uint8, or (H, W) as bayer_rggb8.
 
         Args:
-            spots: (u, v) [px] centres.
-            sigma: [px] of the Gaussian spot; it saturates where floor and light exceed 255.
-            power: [grey levels] light at the spot's centre.
-            smear: [px] motion of the spot while the shutter is open, centred on its position.
-            gain: exposure.
+            spots, sigma, power: centres (u, v) [px], size [px] and light [grey levels] of Gaussian spots.
+            smear: [px] motion of a spot while the shutter is open, centred on its position.
             floor: a floor (H, W, 3) float in place of the scene's.
         """
         light = (self.floor if floor is None else floor).copy()
         height, width = light.shape[:2]
         steps = 1 + int(np.hypot(*smear))
+        path = np.linspace(-0.5, 0.5, steps) if steps > 1 else [0.0]
         for u, v in spots:
-            for step in np.linspace(-0.5, 0.5, steps) if steps > 1 else [0.0]:
+            for step in path:
                 cu, cv = u + step * smear[0], v + step * smear[1]
                 left, right = (int(np.clip(cu + side * 5 * sigma, 0, width)) for side in (-1, 1))
                 top, bottom = (int(np.clip(cv + side * 5 * sigma, 0, height)) for side in (-1, 1))
@@ -99,18 +91,12 @@ def shown(scene: Scene, kind: str, spots=(), *light, **more) -> np.ndarray:
 
 
 class ImageDetector(SpotDetector):
-    """A detector whose `detect` returns the image's own spots; `earlier` has those of earlier images, now confirmed.
-
-    Attributes:
-        bayer: whether (H, W) images are Bayer images.
-        geometry: of all images.
-        detections: what has become of each image so far.
-    """
+    """A detector whose `detect` returns the image's own spots; `earlier` has those of earlier images, now confirmed."""
 
     def __init__(self, params=None, classifier=None, bayer=False, geometry=None):
         super().__init__(params, classifier)
         self.bayer, self.geometry = bayer, geometry
-        self.detections = []
+        self.detections = []  # what has become of each image so far
 
     def detect(self, image, stamp):
         """See `SpotDetector.detect`."""

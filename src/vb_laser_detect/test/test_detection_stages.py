@@ -19,13 +19,15 @@ from vb_laser_detect.detection.projection import ProjectionParams
 from vb_laser_detect.detection.detector_counts import DetectorCounts, InputWatch
 
 PACKAGE = Path(__file__).resolve().parents[1]
+NOTICES = {"no_transform": "camera_no_pose", "no_camera_info": "camera_no_lens"}  # by what images lack
 
 
 @pytest.mark.parametrize("shape", [(64, 96), (64, 96, 3), (67, 101, 3), (33, 47), (171, 9000, 3)])
 def test_block_maxima_are_numpys(shape):
     image = np.random.default_rng(1).integers(0, 256, shape, dtype=np.uint8)
     background = np.random.default_rng(2).integers(0, 256, shape, dtype=np.uint8)
-    rows, read = shape[0] // 8, [1, 3, 5, 7] if len(shape) == 3 else [1, 2, 5, 6]
+    rows = shape[0] // 8
+    read = [1, 3, 5, 7] if len(shape) == 3 else [1, 2, 5, 6]
 
     def maxima(rise):
         columns = rise.shape[1] // 8
@@ -50,10 +52,10 @@ def test_blocks_around_a_place_within_and_outside_the_image(u, v, marked):
 @pytest.mark.parametrize("bayer", [False, True])
 def test_relit_background_keeps_its_texture_without_the_spot(bayer):
     scene = tinted(Scene(200, 120, brightness=60.0, noise=0.0))
-    before, place = scene.render(bayer=bayer), (120, 60)
+    before = scene.render(bayer=bayer)
     scene.floor[:, 60:] *= (1.8, 1.5, 1.2)  # warmer light
     lit = scene.render(bayer=bayer).astype(int)
-    relit = match_lighting(before, scene.render([place], bayer=bayer), 20.0)
+    relit = match_lighting(before, scene.render([(120, 60)], bayer=bayer), 20.0)
     # the lowest nearby ratio is used, which rounding makes a little less than the true one
     assert np.abs(relit.astype(int) - lit)[10:-10, 75:-10].max() < 10
     # on the dark side, too
@@ -70,8 +72,9 @@ def test_what_a_spot_hides_stays_in_its_place_while_the_camera_moves():
 
     background, keyframe = Background(seen(0)), 0
     for i in range(1, 61):
-        motion, image = np.array([[1.0, 0, -0.6 * (i - keyframe)], [0, 1, 0], [0, 0, 1]]), seen(i)
-        left = 100 - 0.6 * i  # of the hidden part in this image
+        motion = np.array([[1.0, 0, -0.6 * (i - keyframe)], [0, 1, 0], [0, 0, 1]])
+        image = seen(i)
+        left = 100 - 0.6 * i  # left side of the hidden part in this image
         image[40:56, int(left) : int(left) + 16] = 255
         changes = background.compare(image, motion)
         spots = np.zeros(background.blocks, bool)
@@ -102,9 +105,10 @@ def tint_of(lit, floor, bayer=False):
 @pytest.mark.parametrize("bayer", [False, True])
 def test_tint_is_the_light_s_wherever_a_window_starts(bayer):
     scene = tinted(Scene(200, 160, noise=0.0))
-    floor, place = scene.render(bayer=bayer), (81, 62)
+    floor = scene.render(bayer=bayer)
     for light, least, most in ((RED, 0.4, 1.0), (GREEN, 0.4, 1.0), ((1.0, 1.0, 1.0), 0.0, 0.2)):
-        lit, tints = scene.render([place], 2.5, 100.0, light, bayer=bayer), []
+        lit = scene.render([(81, 62)], 2.5, 100.0, light, bayer=bayer)
+        tints = []
         for left, top in ((60, 40), (62, 44), (58, 50)):
             window = (slice(top, top + 40), slice(left, left + 40))
             tints.append(tint_of(lit[window], floor[window], bayer))
@@ -161,18 +165,17 @@ def fault(watch, now):
     return "" if found is None else found.code
 
 
-@pytest.mark.parametrize(
-    "missing, told", [("no_transform", "camera_no_pose"), ("no_camera_info", "camera_no_lens"), ("shared_frame",) * 2]
-)
+@pytest.mark.parametrize("missing, told", {**NOTICES, "shared_frame": "shared_frame"}.items())
 def test_what_images_lack_is_told_once_it_lasts(missing, told):
-    watch, missing = InputWatch(0.0), CodedError(missing)
+    watch = InputWatch(0.0)
+    error = CodedError(missing)
     for now in range(60):
         assert fault(watch, now) == (told if now > 30 else ""), "cameras and poses start one by one"
-        watch.record_image(float(now), missing)
+        watch.record_image(float(now), error)
     watch.record_image(60.0, None)
     assert fault(watch, 62) == ""
-    watch.record_image(62.0, missing)
-    watch.record_image(66.0, missing)
+    watch.record_image(62.0, error)
+    watch.record_image(66.0, error)
     assert fault(watch, 66.5) == told, "what was there before is missed sooner"
 
 
@@ -192,4 +195,5 @@ def test_the_packaged_classifier_judges_what_is_measured():
     curves = features.packaged_classifier().curves
     assert set(curves) <= set(features.FEATURES)
     for x, y in curves.values():
-        assert len(x) == len(y) > 1 and np.isfinite([x, y]).all() and (np.diff(x) > 0).all()
+        assert len(x) == len(y) > 1
+        assert np.isfinite([x, y]).all() and (np.diff(x) > 0).all()

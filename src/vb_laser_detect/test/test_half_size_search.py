@@ -1,5 +1,7 @@
 """Spots found in an image of half the size are measured at full size, with the accuracy of a full-size search."""
 
+from unittest.mock import Mock
+
 import av
 import cv2
 import numpy as np
@@ -8,7 +10,7 @@ import pytest
 from spot_scenes import GREEN, RED, Scene
 from vb_core.image_format import HalvedPicture
 from vb_laser_detect.camera.camera_source import CapturedImage
-from vb_laser_detect.detection.spot_detector import SpotDetector
+from vb_laser_detect.detection.spot_detector import DetectionResult, SpotDetector
 
 SIZE = 956, 540  # neither the rows nor the columns of its half are a multiple of 8
 DRAWN = range(35, 60)
@@ -33,8 +35,8 @@ LIGHTS = {  # the gain of each image, or of each of its rows
     ids=["red", "small and green", "at the lower edge", "at the right edge", "light switched", "lamps flicker"],
 )
 def test_halves_lead_to_the_spots_of_the_whole(light, color, sigma, start, step):
-    scene, both = Scene(*SIZE), [SpotDetector(), SpotDetector()]
-    found, whole = [[], []], []
+    scene, detectors = Scene(*SIZE), (SpotDetector(), SpotDetector())
+    found, whole = ([], []), []
 
     def place(number):
         return np.add(start, np.multiply(step, number))
@@ -47,7 +49,7 @@ def test_halves_lead_to_the_spots_of_the_whole(light, color, sigma, start, step)
             whole.extend([number] if width == SIZE[0] else [])
             return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
 
-        for offsets, detector, picture in zip(found, both, (image, HalvedPicture(SIZE, decode))):
+        for offsets, detector, picture in zip(found, detectors, (image, HalvedPicture(SIZE, decode))):
             for spot in detector.detect(picture, 0.04 * number).spots:
                 offsets.append((spot.u, spot.v) - place(spot.stamp / 0.04))
     searched, halved = (np.array(offsets) for offsets in found)
@@ -67,10 +69,9 @@ def test_large_images_are_decoded_to_halves_of_the_same_place(size, scale, jpeg)
     else:
         shot = CapturedImage(0.0, frame=av.VideoFrame.from_ndarray(image, format="bgr24"))
     picture, again = shot.picture(), shot.picture()
-    assert picture.scale == scale and picture.size == size
-    assert (
-        picture.search_pixels.shape == (size[1] // scale, size[0] // scale, 3) and picture.pixels.shape == image.shape
-    )
+    assert (picture.scale, picture.size) == (scale, size)
+    assert picture.search_pixels.shape == (size[1] // scale, size[0] // scale, 3)
+    assert picture.pixels.shape == image.shape
     assert np.abs(scale * (middle_of_spot(picture.search_pixels) + 0.5) - 0.5 - middle_of_spot(image)).max() < 0.2
     if scale > 1:
         again.decode_full_size()
@@ -78,10 +79,12 @@ def test_large_images_are_decoded_to_halves_of_the_same_place(size, scale, jpeg)
 
 
 def test_an_image_that_comes_late_is_not_decoded():
-    scene, detector, decoded = Scene(*SIZE), SpotDetector(), []
-    detector.detect(HalvedPicture(SIZE, lambda *size: cv2.resize(scene.render(), size)), 1.0)
-    found = detector.detect(HalvedPicture(SIZE, lambda *size: decoded.append(size)), 0.96)
-    assert found.is_late and not found.spots and not decoded
+    detector = SpotDetector()
+    floor = Scene(*SIZE).render()
+    detector.detect(HalvedPicture(SIZE, lambda *size: cv2.resize(floor, size)), 1.0)
+    decode = Mock()
+    assert detector.detect(HalvedPicture(SIZE, decode), 0.96) == DetectionResult(is_late=True)
+    assert not decode.called
 
 
 def middle_of_spot(image):

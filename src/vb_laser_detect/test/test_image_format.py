@@ -46,8 +46,10 @@ CASES = {
 @pytest.mark.parametrize("case", list(CASES))
 @pytest.mark.parametrize("preset", [DetectorParams, DetectorParams.mobile])
 def test_the_spot_is_found_in_every_encoding(case, preset):
-    (kind, encode), hits = CASES[case], 0
-    scene, detector, reader = tinted(Scene(320, 240, noise=1.5)), SpotDetector(preset(confirm_frames=1)), PixelReader()
+    kind, encode = CASES[case]
+    scene, detector = tinted(Scene(320, 240, noise=1.5)), SpotDetector(preset(confirm_frames=1))
+    reader = PixelReader()
+    hits = 0
     for i in range(-8, 12):
         u, v = 60.0 + 12.0 * i, 100.0
         image = encode(shown(scene, kind, [(u, v)] * (i >= 0), color=GREEN))
@@ -70,7 +72,8 @@ def test_a_message_s_picture_is_the_same_on_every_display(case):
     drawn = draw_candidates(picture, [Spot(50.2, 40.1, 6.0, confidence=0.9), Spot(100, 50, 9, rejection="too_dark")])
     assert (drawn == (0, 220, 0)).all(axis=2).any()
     away = np.abs(drawn.astype(int) - truth)
-    assert away.shape == (240, 320, 3) and np.median(away) <= 2 and np.percentile(away, 95) < 12
+    assert away.shape == (240, 320, 3)
+    assert np.median(away) <= 2 and np.percentile(away, 95) < 12
 
 
 @pytest.mark.parametrize(

@@ -10,13 +10,10 @@ from refusals import refused
 from vb_core import geometry
 from vb_core.camera_model import CameraModel, project_to_floor
 from vb_laser_detect.calibration import pose as pose_module
-from vb_laser_detect.calibration.pose import (
-    Correspondences,
-    click_uncertainty,
-    estimate_pose,
-    estimate_camera_from_rectangle,
-)
+from vb_laser_detect.calibration.pose import Correspondences, click_uncertainty, estimate_pose
+from vb_laser_detect.calibration.pose import estimate_camera_from_rectangle
 
+NOISES = [(4, 0.005, 0.018, 0.05), (8, 0.005, 0.012, 0.035), (8, 0.015, 0.035, 0.1)]
 GRID = np.array([(u, v) for u in (96, 960, 1824) for v in (54, 540, 1026)], float)
 SPREAD = np.array([(150, 120), (1780, 130), (1750, 960), (170, 950), (960, 150), (960, 930), (200, 540), (1700, 540)])
 
@@ -31,9 +28,8 @@ def observe(rng, count=8, pixel_noise=0.3, point_noise=0.005, pose=POSE, jitter=
 
 def errors_on_floor(estimate, pose=POSE):
     """Returns the errors [m] of spots all over the image."""
-    return np.linalg.norm(
-        project_to_floor(CAMERA, estimate.T_map_camera, GRID) - project_to_floor(CAMERA, pose, GRID), axis=1
-    )
+    truth = project_to_floor(CAMERA, pose, GRID)
+    return np.linalg.norm(project_to_floor(CAMERA, estimate.T_map_camera, GRID) - truth, axis=1)
 
 
 @pytest.mark.parametrize("count", [4, 5, 8])
@@ -52,9 +48,7 @@ def test_exact_points_give_the_exact_pose(count, pose):
     assert np.abs(estimate.T_map_camera - pose).max() < 1e-4
 
 
-@pytest.mark.parametrize(
-    "count, point_noise, median, most", [(4, 0.005, 0.018, 0.05), (8, 0.005, 0.012, 0.035), (8, 0.015, 0.035, 0.1)]
-)
+@pytest.mark.parametrize("count, point_noise, median, most", NOISES)
 def test_noise_moves_the_floor_as_much_as_is_reported(count, point_noise, median, most):
     largest_errors, reported_sigmas = [], []
     for seed in range(12):
@@ -71,7 +65,8 @@ def test_wrong_points_are_found_and_left_out(wrong):
     for seed in range(8):
         rng = np.random.default_rng(100 + seed)
         observed = observe(rng, 8)
-        points, bad = observed.points.copy(), rng.choice(8, wrong, replace=False)
+        points = observed.points.copy()
+        bad = rng.choice(8, wrong, replace=False)
         angle = rng.uniform(0, 2 * math.pi, wrong)
         # another tile taken for the right one, or a slip of the mouse
         points[bad] += (rng.uniform(0.25, 1.0, wrong) * np.array([np.cos(angle), np.sin(angle)])).T
@@ -171,7 +166,7 @@ def test_the_floor_is_where_it_is(T, focal, order):
     pixels = pixels_from(T, focal, CORNERS)[order]
     size = SIZE if abs(order[1] - order[0]) == 1 else SIZE[::-1]
     view = estimate_camera_from_rectangle(pixels, size, IMAGE)
-    # the person defines the map: its origin is the first corner, x runs along the first side, z upwards
+    # the person defines the map: its origin is the first corner, and x runs along the first side
     first, second = CORNERS[order[0]], CORNERS[order[1]]
     along = (second - first)[:2] / np.linalg.norm(second - first)
     frame = np.column_stack([along, [-along[1], along[0]]])
@@ -206,7 +201,8 @@ def test_the_uncertainty_is_that_of_clicks():
     places = np.array([[100.0, 100.0], [1200.0, 650.0]])
     true = project_to_floor(CameraModel.ideal(*IMAGE, focal), T, places)[:, :2]
     for share, least, most in ((1.0, 0.001, 0.05), (0.15, 0.02, 1.0)):
-        pixels, size = pixels_from(T, focal, CORNERS * share), (SIZE[0] * share, SIZE[1] * share)
+        pixels = pixels_from(T, focal, CORNERS * share)
+        size = SIZE[0] * share, SIZE[1] * share
         uncertainty = click_uncertainty(pixels, size, IMAGE, places)
         assert least < uncertainty < most
         random, errors = np.random.default_rng(7), []

@@ -13,10 +13,10 @@ def test_file_round_trip(tmp_path):
     path = pose_file.calibration_path(str(tmp_path / "new"), "red")
     pose = CameraPose("red", "map", "red_optical_frame", POSE, 812.5)
     for _ in range(2):
-        pose_file.save(path, pose, ["8 of 8 points used"])
+        pose_file.write_pose(path, pose, ["8 of 8 points used"])
     assert path.with_name("red.yaml.old").exists() and not list(path.parent.glob("*.part"))
     assert "#   8 of 8 points used\n" in path.read_text()
-    loaded = pose_file.load(path)
+    loaded = pose_file.read_pose(path)
     assert (loaded.camera, loaded.parent, loaded.frame) == ("red", "map", "red_optical_frame")
     assert np.abs(loaded.T - POSE).max() < 1e-5 and loaded.focal == 812.5
 
@@ -38,4 +38,4 @@ def test_bad_files_are_refused(tmp_path, content, code):
     if content is not None:
         path.write_text(content)
     with refused(code):
-        pose_file.load(path)
+        pose_file.read_pose(path)

@@ -34,7 +34,7 @@ def forward(pitch=0.6, height=0.6):
 @given(u=st.floats(0, 1919), v=st.floats(0, 1079), tilt=st.floats(-0.3, 0.3))
 def test_plane_round_trip(u, v, tilt):
     T = down(tilt=tilt)
-    point = FloorProjection().on_plane(CAMERA, T, u, v)
+    point = FloorProjection().project_to_plane(CAMERA, T, u, v)
     assert point.source == GROUND_PLANE and point.position[2] == pytest.approx(0.0, abs=1e-9)
     assert project_to_pixels(CAMERA, T, point.position)[0] == pytest.approx((u, v), abs=0.02)
 
@@ -42,7 +42,7 @@ def test_plane_round_trip(u, v, tilt):
 def test_metres_per_pixel_of_a_camera_that_looks_down():
     camera = CameraModel.ideal(1920, 1080, 1000.0)
     T = geometry.make_transform(geometry.rotation_from_rpy(math.pi, 0, 0), (0, 0, 2.95))
-    assert FloorProjection().on_plane(camera, T, 300, 800).meters_per_pixel == pytest.approx(0.00295, rel=1e-3)
+    assert FloorProjection().project_to_plane(camera, T, 300, 800).meters_per_pixel == pytest.approx(0.00295, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -60,15 +60,15 @@ def test_metres_per_pixel_of_a_camera_that_looks_down():
 def test_pixels_without_a_floor_in_reach_are_rejected(T, u, v, code):
     camera = CAMERA if T[2, 2] < -0.9 else ROBOT
     with refused(code):
-        FloorProjection().on_plane(camera, T, u, v)
+        FloorProjection().project_to_plane(camera, T, u, v)
 
 
 def test_points_outside_the_map():
     projection = FloorProjection(floor=GridMap(np.zeros((40, 40), np.int8), 0.05, (3.0, 1.5, 0.0)))
     inside, outside = project_to_pixels(CAMERA, down(), np.array([[4.5, 3.0, 0], [5.2, 2.5, 0]]))
-    assert projection.on_plane(CAMERA, down(), *inside).position[:2] == pytest.approx((4.5, 3.0), abs=1e-3)
+    assert projection.project_to_plane(CAMERA, down(), *inside).position[:2] == pytest.approx((4.5, 3.0), abs=1e-3)
     with refused("spot_outside_map"):
-        projection.on_plane(CAMERA, down(), *outside)
+        projection.project_to_plane(CAMERA, down(), *outside)
 
 
 # ------------------------------------------------------------------ depth
@@ -95,8 +95,8 @@ def test_depth_of_any_size_and_lens_meets_the_plane(color, own, dtype):
     T = forward()
     depth, random = depth_image(T, own, dtype), np.random.default_rng(0)
     for u, v in random.uniform((20, 150), (620, 460), (40, 2)):
-        plane = FloorProjection().on_plane(color, T, u, v)
-        point = FloorProjection().with_depth(color, T, u, v, depth, own if color is COLOR else None)
+        plane = FloorProjection().project_to_plane(color, T, u, v)
+        point = FloorProjection().project_with_depth(color, T, u, v, (depth, own if color is COLOR else None))
         assert point.source == DEPTH
         assert np.linalg.norm(point.position - plane.position) < 0.003
         assert point.meters_per_pixel == pytest.approx(plane.meters_per_pixel, rel=0.002)
@@ -104,18 +104,18 @@ def test_depth_of_any_size_and_lens_meets_the_plane(color, own, dtype):
 
 FORWARD, SMALL = forward(), ROBOT.scaled_to(160, 120)
 FLOOR = depth_image(FORWARD, SMALL, "m")
-PLANE = FloorProjection().on_plane(ROBOT, FORWARD, 320, 300)
+PLANE = FloorProjection().project_to_plane(ROBOT, FORWARD, 320, 300)
 
 
-def with_depth(depth):
-    return FloorProjection().with_depth(ROBOT, FORWARD, 320, 300, depth)
+def locate(depth):
+    return FloorProjection().project_with_depth(ROBOT, FORWARD, 320, 300, (depth, None))
 
 
 def test_holes_fall_back_to_the_plane():
     holes = FLOOR.copy()
     holes[60:90, 60:100] = np.nan
     for missing in (holes, None, np.zeros((0, 0), np.uint16), np.zeros((120, 160), np.uint16)):
-        point = with_depth(missing)
+        point = locate(missing)
         assert point.source == GROUND_PLANE_FALLBACK and point.position == pytest.approx(PLANE.position)
 
 
@@ -126,14 +126,14 @@ def test_outliers_and_a_thing_beside_the_spot_do_not_lift_it():
     column = int(round(SMALL.project(ROBOT.pixels_to_rays(np.array([[320.0, 300.0]])))[0, 0]))
     leg[:, column + 1 :] *= 0.6  # a table's leg covers two of the five columns of the neighbourhood
     for depth in (wild, leg):
-        point = with_depth(depth)
+        point = locate(depth)
         assert point.source == DEPTH and np.linalg.norm(point.position - PLANE.position) < 0.03
 
 
 @pytest.mark.parametrize("scale", [0.7, 1.3])
 def test_points_above_and_below_the_floor_are_rejected(scale):
     with refused("not_on_floor"):
-        with_depth(scale * FLOOR)
+        locate(scale * FLOOR)
 
 
 @settings(deadline=None)
@@ -149,8 +149,8 @@ def test_floor_depth_is_right_at_edges_and_beside_holes(place, seed, holes, dtyp
     missing = random.random(depth.shape) < holes
     missing[:, : random.integers(0, 160)] = True  # and everything on one side
     depth[missing] = hole if dtype == "m" else 0
-    plane = FloorProjection().on_plane(ROBOT, FORWARD, *place)
-    point = FloorProjection().with_depth(ROBOT, FORWARD, *place, depth)
+    plane = FloorProjection().project_to_plane(ROBOT, FORWARD, *place)
+    point = FloorProjection().project_with_depth(ROBOT, FORWARD, *place, (depth, None))
     assert np.linalg.norm(point.position - plane.position) < 0.002 + 0.001 * plane.range
 
 
@@ -173,10 +173,10 @@ def test_what_a_robot_hides_is_rejected_and_robots_are_asked_for_once():
     camera, robots = CameraModel.ideal(1920, 1080, 1100.0), Mock(return_value=[CYLINDER])
     pose = geometry.make_transform(geometry.rotation_from_rpy(math.pi, 0.0, 0.3), (1.5, 1.0, 2.9))
     frame = ImageGeometry(camera, FloorProjection(), pose, Mock(robot_cylinders=robots, depth_at=lambda *image: None))
-    on, beside = (
-        Spot(*place, 8.0) for place in project_to_pixels(camera, pose, np.array([[2.05, 1.0, 0.2], [1.6, 1.3, 0.0]]))
-    )
-    assert frame.locate([Spot(50, 50, 8.0, rejection="peak")])[0].rejection == "peak" and not robots.called
+    places = np.array([[2.05, 1.0, 0.2], [1.6, 1.3, 0.0]])
+    on, beside = (Spot(*pixel, 8.0) for pixel in project_to_pixels(camera, pose, places))
+    assert frame.locate([Spot(50, 50, 8.0, rejection="peak")])[0].rejection == "peak"
+    assert not robots.called
     beside, hidden = frame.locate([beside, on])
     assert np.allclose(beside.floor_point.position, (1.6, 1.3, 0.0))
     (without_robots,) = ImageGeometry(camera, FloorProjection(), pose).locate([on])
@@ -185,11 +185,12 @@ def test_what_a_robot_hides_is_rejected_and_robots_are_asked_for_once():
 
 
 def test_a_pose_is_looked_up_once_and_without_it_no_floor_is_seen():
-    lookups, middle = Mock(), np.array([[950.0, 545.0]])
-    lookups.pose_at.side_effect = [down(), CodedError("no_transform")]
+    lookups = Mock(pose_at=Mock(side_effect=[down(), CodedError("no_transform")]))
+    middle = np.array([[950.0, 545.0]])
+    truth = FloorProjection().project_to_plane(CAMERA, down(), *middle[0])
     frame = ImageGeometry(CAMERA, FloorProjection(), None, lookups, "red_optical_frame", 7.0)
     for _ in range(2):
-        assert frame.meters_per_pixel(middle) == FloorProjection().on_plane(CAMERA, down(), *middle[0]).meters_per_pixel
+        assert frame.meters_per_pixel(middle) == truth.meters_per_pixel
     lookups.pose_at.assert_called_once_with("red_optical_frame", 7.0)
     frame = ImageGeometry(CAMERA, FloorProjection(), None, lookups)
     assert np.isnan(frame.meters_per_pixel(middle)).all() and frame.pose_error.code == "no_transform"

@@ -24,7 +24,8 @@ class Film:
     def __init__(self, rate=25.0, mosaic=False, confirm_frames=3):
         self.tracker = SpotTracker(confirm_frames, max_dwell_time=25.0)
         self.image = SimpleNamespace(motion=None, diagonal=800.0, picture=SimpleNamespace(is_bayer=mosaic))
-        self.period, self.now = 1.0 / rate, 0.0
+        self.period = 1.0 / rate
+        self.now = 0.0
 
     def see(self, *sightings):
         """Shows the tracker an image with these sightings, and returns the state of each one's track."""
@@ -33,18 +34,18 @@ class Film:
         detection, tracks = self.tracker.update(sightings, self.image), []
         earlier = [round(spot.stamp / self.period) - 1 for spot in detection.spots[:-1]]
         for spot in detection.candidates:
-            confirmed, published = spot.rejection != "unconfirmed", not spot.rejection
-            tracks.append(SimpleNamespace(number=spot.track, confirmed=confirmed, published=published))
-            tracks[-1].backfilled = earlier if published else []
+            track = SimpleNamespace(number=spot.track, is_published=not spot.rejection)
+            track.is_confirmed = spot.rejection != "unconfirmed"
+            track.backfilled = earlier if track.is_published else []
+            tracks.append(track)
         return tracks
 
 
 @pytest.mark.parametrize("rate", [2.0, 4.0, 8.0, 25.0, 60.0])
 def test_a_stroke_is_confirmed_and_keeps_its_number_at_every_rate(rate):
-    film, tracks = Film(rate), []
-    for i in range(20):
-        tracks += film.see(sighting(0.4 * i / rate))
-    assert [track.published for track in tracks] == [False, False] + [True] * 18
+    film = Film(rate)
+    tracks = [film.see(sighting(0.4 * i / rate))[0] for i in range(20)]
+    assert [track.is_published for track in tracks] == [False, False] + [True] * 18
     assert tracks[2].backfilled == [0, 1] and not any(track.backfilled for track in tracks[3:])
     assert len({track.number for track in tracks}) == 1
 
@@ -58,7 +59,7 @@ def test_a_track_survives_two_missed_images_but_not_more(rate):
     assert film.see(sighting(0.01))[0] == first
     for _ in range(30):
         film.see()
-    assert not film.see(sighting(0.01))[0].published
+    assert not film.see(sighting(0.01))[0].is_published
 
 
 def test_a_newcomer_takes_nobodys_place():
@@ -66,11 +67,11 @@ def test_a_newcomer_takes_nobodys_place():
     laser = [film.see(sighting(0.01 * i, confidence=0.5))[0] for i in range(5)][-1]
     for i in range(5, 60):
         tracks = film.see(sighting(0.01 * i, 0.5, confidence=0.99), sighting(0.01 * i, confidence=0.5))
-        assert [track.published for track in tracks] == [False, True] and tracks[1].number == laser.number
-    # not even while the laser is hidden; once that is lost, the other one is published, without its earlier sightings
-    assert not film.see(sighting(0.6, 0.5))[0].published
+        assert [track.is_published for track in tracks] == [False, True] and tracks[1].number == laser.number
+    # not even while the laser is hidden; once that is lost, the other one is published without its earlier sightings
+    assert not film.see(sighting(0.6, 0.5))[0].is_published
     later = [film.see(sighting(0.6, 0.5))[0] for _ in range(20)]
-    assert later[-1].published and not any(track.backfilled for track in later)
+    assert later[-1].is_published and not any(track.backfilled for track in later)
 
 
 def test_jumps_that_no_hand_makes_are_other_spots():
@@ -101,11 +102,11 @@ def test_the_mean_colour_counts(mosaic):
     # a white glint of two pixels has a different colour in each image
     left, right = np.array([1.0, 0.5, 1.0, 0.5]), np.array([0.5, 1.0, 0.5, 1.0])
     film = Film(mosaic=mosaic)
-    confirmed = [film.see(sighting(0.0, tint=(left, right)[i % 2]))[0].confirmed for i in range(30)]
+    confirmed = [film.see(sighting(0.0, tint=(left, right)[i % 2]))[0].is_confirmed for i in range(30)]
     # a mosaic shows some colour of any laser; a spot that other cameras show white must outlast a glint
     assert not any(confirmed[1:14]) and confirmed[-1] == (not mosaic)
     film = Film(mosaic=mosaic)
-    assert [film.see(sighting(0.0))[0].confirmed for _ in range(4)] == [False, False, True, True]
+    assert [film.see(sighting(0.0))[0].is_confirmed for _ in range(4)] == [False, False, True, True]
 
 
 def test_a_spot_is_expected_where_its_motion_and_the_camera_s_take_it():

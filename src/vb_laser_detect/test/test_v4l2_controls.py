@@ -22,12 +22,13 @@ OLD_LISTING = OLD_LISTING.replace("white_balance_automatic", "white_balance_temp
 
 
 def test_settings_not_asked_for_are_the_camera_s_own():
-    assert v4l2_controls.plan(LISTING, CaptureParams()) == ["auto_exposure=3", "white_balance_automatic=1"]
+    found = v4l2_controls.list_control_values(LISTING, CaptureParams())
+    assert found == ["auto_exposure=3", "white_balance_automatic=1"]
     ribbon = LISTING.replace("min=0 max=3 default=3 value=3", "min=0 max=1 default=0 value=1")  # only two modes
-    assert v4l2_controls.plan(ribbon, CaptureParams())[0] == "auto_exposure=0"
-    assert v4l2_controls.plan("", CaptureParams()) == []
+    assert v4l2_controls.list_control_values(ribbon, CaptureParams())[0] == "auto_exposure=0"
+    assert v4l2_controls.list_control_values("", CaptureParams()) == []
     with refused("no_control"):
-        v4l2_controls.plan("", CaptureParams(exposure=100))
+        v4l2_controls.list_control_values("", CaptureParams(exposure=100))
 
 
 def test_automatic_settings_of_a_device_are_switched_off_before_values_are_set(tmp_path, monkeypatch):
@@ -36,7 +37,7 @@ def test_automatic_settings_of_a_device_are_switched_off_before_values_are_set(t
     write_program(tmp_path / "v4l2-ctl", answer)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
     params = CaptureParams(exposure=50, white_balance=9000)
-    v4l2_controls.apply("/dev/video7", params)
+    v4l2_controls.set_controls("/dev/video7", params)
     assert (tmp_path / "calls").read_text().splitlines() == [
         "-d /dev/video7 --list-ctrls",
         "-d /dev/video7 --set-ctrl=auto_exposure=1",
@@ -44,8 +45,8 @@ def test_automatic_settings_of_a_device_are_switched_off_before_values_are_set(t
         "-d /dev/video7 --set-ctrl=white_balance_automatic=0",
         "-d /dev/video7 --set-ctrl=white_balance_temperature=6500",
     ]
-    assert v4l2_controls.plan(OLD_LISTING, params)[:2] == ["exposure_auto=1", "exposure_absolute=50"]
+    assert v4l2_controls.list_control_values(OLD_LISTING, params)[:2] == ["exposure_auto=1", "exposure_absolute=50"]
     write_program(tmp_path / "v4l2-ctl", "echo 'VIDIOC_S_EXT_CTRLS: failed: Permission denied' >&2; exit 1")
     with refused("control_refused") as caught:
-        v4l2_controls.apply("/dev/video7", params)
+        v4l2_controls.set_controls("/dev/video7", params)
     assert "Permission denied" in caught.value.message

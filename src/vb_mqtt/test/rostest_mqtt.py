@@ -222,14 +222,16 @@ class MqttTest(unittest.TestCase):
         done, stopped = collections.defaultdict(list), collections.defaultdict(list)  # times by id
 
         def on_command(request):
-            (stopped if request.command == "stop" else done)[request.id.partition(":")[2]].append(time.time())
+            times = stopped if request.command == "stop" else done
+            times[request.id.partition(":")[2]].append(time.time())
             return CommandResponse(success=True, code="ok")
 
         # the commands of this node reach only this service
         service = rospy.Service("/kills/command", Command, on_command)
         node = start(self.server.port, "kills", f"{names.COMMAND}:=/kills/command", f"{names.STOP}:=/kills/stop")
         self.hub.wait("kills/state", lambda _: True, "the other node")
-        luck, given_times, stops = random.Random(SEED), {}, 0
+        luck = random.Random(SEED)
+        given_times, stops = {}, 0
 
         def give(command="cancel"):
             nonlocal stops
@@ -258,11 +260,10 @@ class MqttTest(unittest.TestCase):
         done = {identity: times for identity, times in done.items() if times}
         ages = [times[0] - given_times[identity] for identity, times in done.items()]
         twice = [identity for identity, times in done.items() if len(times) > 1]
-        print(
-            f"\nbroker killed {KILLS} times, seed {SEED}: {len(given_times) - stops} commands given, {len(done)} done, {len(twice)} "
-            f"twice, oldest {max(ages):.2f} s; {stops} stops given, {len(stopped)} done",
-            file=sys.stderr,
-        )
+        given = len(given_times) - stops
+        commands = f"{given} commands given, {len(done)} done, {len(twice)} twice, oldest {max(ages):.2f} s"
+        text = f"\nbroker killed {KILLS} times, seed {SEED}: {commands}; {stops} stops given, {len(stopped)} done"
+        print(text, file=sys.stderr)
         self.assertEqual(twice, [])
         self.assertLessEqual(max(ages), MAX_AGE)
         self.assertLessEqual(set(done), set(given_times))

@@ -11,6 +11,7 @@ from vb_testing import run_command, wait_until
 
 pytestmark = pytest.mark.skipif(not os.path.exists(PROGRAM), reason="mosquitto is not installed")
 WILL = ("lab/availability", b"offline")
+ADDRESSES = {"hub": "hub:1883", "hub:1884": "hub:1884", "[fd00::5]": "fd00::5:1883", "[fd00::5]:1884": "fd00::5:1884"}
 
 
 def connect(port, connection=None, received=None, faults=None):
@@ -19,9 +20,9 @@ def connect(port, connection=None, received=None, faults=None):
             raise ValueError("a fault")
         received.append((topic, payload, retained))
 
-    faults = [] if faults is None else faults
-    login, handlers = connection or Connection(), {"lab/command": take}
-    broker = MqttClient(f"127.0.0.1:{port}", login, "lab", WILL, handlers, faults.append)
+    on_fault = print if faults is None else faults.append
+    handlers = {"lab/command": take}
+    broker = MqttClient(f"127.0.0.1:{port}", connection or Connection(), "lab", WILL, handlers, on_fault)
     broker.put(WILL[0], b"online")
     broker.start()
     return broker
@@ -149,10 +150,7 @@ def test_only_its_owner_can_read_the_password_file(tmp_path):
     assert "secret" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "given, address",
-    [("hub", "hub:1883"), ("hub:1884", "hub:1884"), ("[fd00::5]", "fd00::5:1883"), ("[fd00::5]:1884", "fd00::5:1884")],
-)
+@pytest.mark.parametrize("given, address", ADDRESSES.items())
 def test_addresses_with_and_without_a_port_are_read(given, address):
     assert MqttClient(given, Connection(), "lab", WILL, {}, print).address == address
 

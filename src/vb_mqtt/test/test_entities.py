@@ -16,7 +16,7 @@ from vb_core.notices import Notice, Severity
 from vb_core.capabilities import ConnectedRobot, Connections, derive_capabilities
 from vb_core.vocabulary import COMMANDS
 from vb_mqtt import entities
-from vb_mqtt.entities import LabEntities, describe, key_in, key_of, leftovers
+from vb_mqtt.entities import LabEntities, describe_entities, key_from_topic, entity_key, find_stale_topics
 from vb_mqtt.incoming_requests import Inbox
 from vb_msgs.msg import InteractionState, VirtualBorder
 
@@ -29,15 +29,15 @@ def pressed(config, attributes, value="PRESS"):
     environment = jinja2.Environment()
     environment.globals["now"] = lambda: datetime.fromtimestamp(NOW, timezone.utc)
     rendered = environment.from_string(config["command_template"]).render(this={"attributes": attributes}, value=value)
-    return Inbox(NOW - 60.0).take(rendered.encode(), False, NOW + 1.0)
+    return Inbox(NOW - 60.0).accept_request(rendered.encode(), False, NOW + 1.0)
 
 
 def config_of(key):
-    return next(config for topic, config in describe(LAB).items() if key_in(topic) == key)
+    return next(config for topic, config in describe_entities(LAB).items() if key_from_topic(topic) == key)
 
 
 def test_all_entities_are_one_device_with_unique_ids():
-    configs = describe(LAB)
+    configs = describe_entities(LAB)
     assert len({config["unique_id"] for config in configs.values()}) == len(configs)
     assert {tuple(config["device"]["identifiers"]) for config in configs.values()} == {("lab1",)}
     assert all(config["name"] for config in configs.values())
@@ -50,13 +50,14 @@ def test_all_entities_are_one_device_with_unique_ids():
         topic_field = {"button": None, "image": "image_topic"}.get(platform, "state_topic")
         topics = {field: config[field] for field in ("state_topic", "image_topic") if field in config}
         assert topics == ({topic_field: f"lab1/{key}"} if topic_field else {})
-        assert config["availability"][0] == {"topic": "lab1/availability"} and config["availability_mode"] == "all"
+        assert config["availability"][0] == {"topic": "lab1/availability"}
+        assert config["availability_mode"] == "all"
 
 
 def test_every_part_of_the_lab_has_its_entity():
-    kinds = {key_in(topic): topic.split("/")[1] for topic in describe(LAB)}
+    kinds = {key_from_topic(topic): topic.split("/")[1] for topic in describe_entities(LAB)}
     assert {key for key, kind in kinds.items() if kind == "button"} == {*COMMANDS, "confirm"}
-    assert [key for key, kind in kinds.items() if kind == "switch"] == ["border_b1", key_of("border", "ü/#+")]
+    assert [key for key, kind in kinds.items() if kind == "switch"] == ["border_b1", entity_key("border", "ü/#+")]
     assert [kinds[key] for key in ("camera_red", "camera_green", "robot", "robot_ada")] == ["binary_sensor"] * 4
     single_entities = {"state": "sensor", "question": "sensor", "stopped": "binary_sensor", "map": "image"}
     assert single_entities.items() <= kinds.items()
@@ -65,7 +66,7 @@ def test_every_part_of_the_lab_has_its_entity():
 @pytest.mark.parametrize("language", sentences.languages())
 def test_names_are_in_the_households_language(language):
     lab = LabEntities("lab1", language, ("red",), ("",), {"b1": "border 2"})
-    names = {key_in(topic): config["name"] for topic, config in describe(lab).items()}
+    names = {key_from_topic(topic): config["name"] for topic, config in describe_entities(lab).items()}
     assert names["border_b1"] == sentences.border_name("border 2", language)
     assert names["robot"].lower() == sentences.translate("the_robot", {}, language).lower()
 
@@ -90,28 +91,28 @@ def test_yes_answers_the_question_that_is_shown():
 
 
 def test_a_switch_names_its_border_and_each_press_has_a_new_id():
-    request = pressed(config_of(key_of("border", "ü/#+")), {}, value="false")
-    assert (request.border, request.enabled) == (key_of("border", "ü/#+"), False)
+    request = pressed(config_of(entity_key("border", "ü/#+")), {}, value="false")
+    assert (request.border, request.enabled) == (entity_key("border", "ü/#+"), False)
     assert pressed(config_of("border_b1"), {}, value="true").enabled
     assert len({pressed(config_of("save"), {}).id for _ in range(20)}) > 15
 
 
 def test_templates_stay_within_the_limits_of_the_hubs_sandbox():
     # the sandbox's range() refuses more than 100,000
-    for config in describe(LAB).values():
+    for config in describe_entities(LAB).values():
         template = config.get("command_template", "")
         assert all(int(part.split(")")[0]) <= 100_000 for part in template.split("range(")[1:])
 
 
 def test_leftover_descriptions_are_those_of_known_kinds():
     fewer = LabEntities("lab1", "en", ("red",), ("ada",), {})
-    topics = list(describe(LAB))
-    removed = {key_in(topic) for topic in leftovers(fewer, topics)}
-    assert removed == {"camera_green", "robot", "border_b1", key_of("border", "ü/#+")}
-    # until the borders and robots are known, their descriptions are left alone
+    topics = list(describe_entities(LAB))
+    removed = {key_from_topic(topic) for topic in find_stale_topics(fewer, topics)}
+    assert removed == {"camera_green", "robot", "border_b1", entity_key("border", "ü/#+")}
+    # descriptions of borders and robots are left alone until these are known
     unknown = LabEntities("lab1", "en", ("red",))
-    assert {key_in(topic) for topic in leftovers(unknown, topics)} == {"camera_green"}
-    assert leftovers(LAB, topics) == []
+    assert {key_from_topic(topic) for topic in find_stale_topics(unknown, topics)} == {"camera_green"}
+    assert find_stale_topics(LAB, topics) == []
 
 
 # ------------------------------------------------------------------ states
@@ -124,39 +125,38 @@ def asked(seconds_ago, code="confirm_save"):
 
 
 def test_a_question_is_open_until_it_is_too_old():
-    question = entities.question_value(asked(5), "en")
+    question = entities.question_payload(asked(5), "en")
     assert (question["command"], question["answer"], question["asked"]) == ("save", "yes_save", "home_assistant")
     assert "yes save" in question["question"] and question["stop_number"] == "1a"
-    assert entities.question_value(asked(31), "en")["question"] == entities.NOBODY_ASKS
+    assert entities.question_payload(asked(31), "en")["question"] == entities.NO_QUESTION
     for code in ("saved", "confirm_map_first"):
-        assert entities.question_value(asked(5, code), "en")["answer"] == ""
+        assert entities.question_payload(asked(5, code), "en")["answer"] == ""
 
 
 def test_a_borders_state_has_its_name_area_and_zone():
     border = VirtualBorder(name="Rug", enabled=True, area_m2=2.345, zone=VirtualBorder.SLOW, reason="disabled")
-    state = entities.border_value(border)
+    state = entities.border_payload(border)
     assert (state["border"], state["enabled"], state["in_force"], state["area_m2"]) == ("Rug", True, False, 2.35)
     assert (state["zone"], state["reason"]) == ("slow", "disabled")
-    assert entities.border_value(VirtualBorder(area_m2=float("nan")))["area_m2"] is None
+    assert entities.border_payload(VirtualBorder(area_m2=float("nan")))["area_m2"] is None
 
 
 def test_a_robots_problems_are_its_own():
-    lines = derive_capabilities(
-        Connections((ConnectedRobot("ada", driver=True, localized=True), ConnectedRobot("bob")))
-    ).robot_notices
+    robots = ConnectedRobot("ada", has_driver=True, is_localized=True), ConnectedRobot("bob")
+    lines = derive_capabilities(Connections(robots)).robot_notices
     notices = [Notice("robot_stopped", Severity.WARNING, robot="ada", values={"who": "ada"})]
     notices.append(Notice("camera_silent", Severity.ERROR, camera="red", values={"camera": "red"}))
     assert entities.robot_problems("ada", lines, notices, "en") == [notices[0].sentence()]
     assert len(entities.robot_problems("bob", lines, notices, "en")) == 1  # bob is not connected
     # the only robot has no name, and a notice without a robot is about it
-    alone = derive_capabilities(Connections((ConnectedRobot("", driver=True, localized=True),))).robot_notices
+    alone = derive_capabilities(Connections((ConnectedRobot("", has_driver=True, is_localized=True),))).robot_notices
     notices.append(Notice("robot_stopped", Severity.WARNING, values={"who": "$the_robot"}))
     assert entities.robot_problems("", alone, notices, "en") == [notices[2].sentence()]
 
 
 def test_long_sentences_fit_the_hubs_states():
     message = InteractionState(last_code="of_a_newer_version", last_message="x" * 900)
-    assert len(entities.state_value(message, "en")["last_answer"]) <= 255
+    assert len(entities.state_payload(message, "en")["last_answer"]) <= 255
 
 
 def test_the_picture_shows_walls_and_borders_where_they_are():

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from vb_core import sentences
 from vb_core.errors import CodedError
-from vb_mqtt.incoming_requests import BURST, KNOWN, MAX_AGE, MAX_BYTES, RATE, Inbox, MqttRequest
+from vb_mqtt.incoming_requests import BURST, ACCEPTED_COMMANDS, MAX_AGE, MAX_BYTES, RATE, Inbox, MqttRequest
 
 NOW = 1_700_000_000.0
 
@@ -24,30 +24,30 @@ def packed(**fields):
 
 def code_of(inbox, payload, retained=False, now=NOW):
     with pytest.raises(CodedError) as caught:
-        inbox.take(payload, retained, now)
+        inbox.accept_request(payload, retained, now)
     return caught.value.code
 
 
 def test_a_request_has_its_id_its_age_and_the_stop_that_was_seen(inbox):
-    request = inbox.take(packed(command="resume", at=NOW - 1.5, id="a1", seen_stop="12ab"), False, NOW)
+    request = inbox.accept_request(packed(command="resume", at=NOW - 1.5, id="a1", seen_stop="12ab"), False, NOW)
     assert request == MqttRequest("mqtt:a1", "a1", "resume", "12ab", age=1.5)
-    request = inbox.take(packed(border="border_b7", enabled=False, at=NOW), False, NOW)
+    request = inbox.accept_request(packed(border="border_b7", enabled=False, at=NOW), False, NOW)
     assert (request.command, request.border, request.enabled) == ("", "border_b7", False)
 
 
 def test_a_message_delivered_twice_is_taken_once(inbox):
     for fields in ({"command": "save", "id": "a1"}, {"command": "save"}, {"border": "border_b7", "enabled": False}):
         payload = packed(at=NOW, **fields)
-        assert inbox.take(payload, False, NOW) is not None
-        assert inbox.take(payload, False, NOW + 1.0) is None
+        assert inbox.accept_request(payload, False, NOW) is not None
+        assert inbox.accept_request(payload, False, NOW + 1.0) is None
     # the same command given again
-    assert inbox.take(packed(command="save", at=NOW + 0.5), False, NOW + 1.0) is not None
+    assert inbox.accept_request(packed(command="save", at=NOW + 0.5), False, NOW + 1.0) is not None
 
 
 def test_retained_messages_are_refused_even_a_stop(inbox):
     for payload in (packed(command="save", at=NOW), packed(command="stop", at=NOW), b"stop"):
         assert code_of(inbox, payload, retained=True) == "mqtt_retained"
-    assert inbox.take(b"", True, NOW) is None
+    assert inbox.accept_request(b"", True, NOW) is None
 
 
 def test_old_future_and_undated_commands_are_refused(inbox):
@@ -55,7 +55,7 @@ def test_old_future_and_undated_commands_are_refused(inbox):
     assert code_of(inbox, packed(command="save", at=NOW + MAX_AGE + 0.01)) == "mqtt_clock"
     assert code_of(inbox, packed(border="border_1", enabled=True, at=NOW - 60.0)) == "expired"
     # small clock differences are tolerated
-    assert inbox.take(packed(command="save", at=NOW + 1.0), False, NOW).age == 0.0
+    assert inbox.accept_request(packed(command="save", at=NOW + 1.0), False, NOW).age == 0.0
     for stamp in (None, True, "1", -1, float("nan"), float("inf"), 10**400, [NOW]):
         assert code_of(inbox, packed(command="save", at=stamp)) == "mqtt_undated"
     assert code_of(inbox, packed(command="save")) == "mqtt_undated"
@@ -65,32 +65,32 @@ def test_old_future_and_undated_commands_are_refused(inbox):
 def test_commands_from_before_the_start_are_refused():
     inbox = Inbox(started=NOW)
     assert code_of(inbox, packed(command="save", at=NOW - 0.1), now=NOW + 1.0) == "expired"
-    assert inbox.take(packed(command="save", at=NOW + 0.1), False, NOW + 1.0) is not None
+    assert inbox.accept_request(packed(command="save", at=NOW + 0.1), False, NOW + 1.0) is not None
 
 
 def test_every_stop_is_taken_in_any_form_at_any_age(inbox):
     for payload in (b"stop", b" STOP\n", packed(command="stop"), packed(command="stop", at=1.0, id="x", more=[1])):
-        assert inbox.take(payload, False, NOW).command == "stop"
+        assert inbox.accept_request(payload, False, NOW).command == "stop"
     for _ in range(1000):
-        assert inbox.take(b"stop", False, NOW) is not None
+        assert inbox.accept_request(b"stop", False, NOW) is not None
     # a sender that always uses the same id: its second stop must not be taken for the first
     payload = packed(command="stop", id="kitchen")
-    assert inbox.take(payload, False, NOW).id != inbox.take(payload, False, NOW).id
+    assert inbox.accept_request(payload, False, NOW).id != inbox.accept_request(payload, False, NOW).id
     # but one press that arrives twice is one stop
     payload = packed(command="stop", id="a1", at=NOW)
-    assert inbox.take(payload, False, NOW).id == inbox.take(payload, False, NOW).id
+    assert inbox.accept_request(payload, False, NOW).id == inbox.accept_request(payload, False, NOW).id
 
 
 def test_too_many_commands_at_once_are_refused(inbox):
     accepted = 0
     for number in range(100):
         try:
-            accepted += inbox.take(packed(command="save", at=NOW, id=str(number)), False, NOW) is not None
+            accepted += inbox.accept_request(packed(command="save", at=NOW, id=str(number)), False, NOW) is not None
         except CodedError as error:
             assert error.code == "mqtt_too_fast"
     assert accepted == BURST
     later = NOW + 3.0 / RATE
-    assert [inbox.take(packed(command="save", at=later, id=f"b{k}"), False, later) for k in range(3)]
+    assert [inbox.accept_request(packed(command="save", at=later, id=f"b{k}"), False, later) for k in range(3)]
     assert code_of(inbox, packed(command="save", at=later, id="b3"), now=later) == "mqtt_too_fast"
 
 
@@ -118,7 +118,7 @@ def test_malformed_messages_are_refused(inbox, message):
 scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text()
 values = st.recursive(scalars, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner), max_leaves=5)
 keys = st.sampled_from(["command", "border", "enabled", "at", "id", "seen_stop"]) | st.text()
-fields = st.dictionaries(keys, st.sampled_from([*KNOWN, NOW, True]) | values)
+fields = st.dictionaries(keys, st.sampled_from([*ACCEPTED_COMMANDS, NOW, True]) | values)
 messages = fields.map(lambda content: json.dumps(content).encode())
 
 
@@ -128,9 +128,9 @@ def test_every_message_is_taken_or_refused_with_a_sentence(arriving):
     inbox = Inbox(started=NOW - 60.0)
     for payload, retained in arriving:
         try:
-            request = inbox.take(payload, retained, NOW)
+            request = inbox.accept_request(payload, retained, NOW)
         except CodedError as error:
             assert error.code in sentences.catalog() and "(" + "field)" not in error.message
         else:
             assert request is None or not retained
-            assert request is None or request.command in KNOWN or request.border
+            assert request is None or request.command in ACCEPTED_COMMANDS or request.border

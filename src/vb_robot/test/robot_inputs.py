@@ -85,7 +85,7 @@ class Stimulus(Body):
     def _publish_state(self, now):
         message = self._state_message
         message.header.stamp = now
-        message.stopped, message.stopped_by, message.stop_number, message.stops = self.latch.read()
+        message.stopped, message.stopped_by, message.stop_number, message.stops = self.latch.snapshot()
         self._state.publish(message)
 
     def _tick(self, _event):

@@ -69,7 +69,7 @@ def test_stop_is_latched_until_released(channel):
     if channel == "state":
         rig.latch.stop("a", "test")
     else:
-        rig.arbiter.stops.hear("a")
+        rig.arbiter.stops.add("a")
     assert rig.step(5.0).source == "stop"
     rig.latch.stop("a", "the robot, which tells")
     assert rig.step(5.0).source == "stop"
@@ -80,7 +80,7 @@ def test_stop_is_latched_until_released(channel):
 def test_a_restarted_driver_stays_stopped(tmp_path):
     HeldStops(tmp_path / "stops")  # an earlier run without a stop
     earlier_stops = HeldStops(tmp_path / "stops")
-    earlier_stops.hear("a")
+    earlier_stops.add("a")
     assert earlier_stops.store()
     rig = Rig(stops=HeldStops(tmp_path / "stops"))
     rig.silent.add("state")

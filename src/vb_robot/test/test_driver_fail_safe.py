@@ -12,7 +12,7 @@ import roslib.packages
 from driving_rig import DT, PROFILE, Rig
 from plain_rooms import empty, scan_of
 from vb_core.errors import ParameterError
-from vb_core.robot_profile import KINDS, RobotProfile
+from vb_core.robot_profile import BASE_KINDS, RobotProfile
 from vb_core.node_graph import NodeGraph
 from vb_robot.driving.workspace import PoseUncertainty
 from vb_robot.subscriptions import contact_message_class
@@ -53,7 +53,7 @@ def test_behind_a_mux_every_other_way_to_the_base_is_found():
     assert not NodeGraph((), {"/cmd_vel": ["/robot_driver"]}.items()).has_subscriber("/robot_driver", "/cmd_vel")
 
 
-@pytest.mark.parametrize("kind", [kind for kind, why in KINDS.items() if why])
+@pytest.mark.parametrize("kind", [kind for kind, why in BASE_KINDS.items() if why])
 def test_an_unsupported_kind_of_robot_is_refused_in_one_sentence(kind):
     with pytest.raises(ParameterError, match="not supported"):
         RobotProfile.from_mapping({"base": {"kind": kind}})

@@ -20,7 +20,7 @@ def test_a_stop_holds_whatever_else_is_said(before):
         interaction.command(command, "wizard", 11.0)
         if interaction.pending:
             interaction.finish_pending(Answer(True, "borders_changed"), 11.0)
-        assert (interaction.latch.stopped, interaction.latch.by) == (True, "voice")
+        assert (interaction.latch.stopped, interaction.latch.stopped_by) == (True, "voice")
         assert interaction.suggested_commands()[0] == RESUME
 
 
@@ -48,7 +48,11 @@ def test_one_press_that_comes_by_topic_and_as_a_command_is_one_stop():
     interaction = Interaction()
     interaction.command(STOP, "page 1a2b", 1.0, identity="press")
     assert interaction.command(STOP, "page", 20.0, identity="press").code == "stopped"
-    assert (interaction.latch.by, interaction.last_source, interaction.last_answered) == ("page 1a2b", "page 1a2b", 1.0)
+    assert (interaction.latch.stopped_by, interaction.last_source, interaction.last_answered) == (
+        "page 1a2b",
+        "page 1a2b",
+        1.0,
+    )
 
 
 def test_a_press_that_comes_again_after_resume_stops_nothing():

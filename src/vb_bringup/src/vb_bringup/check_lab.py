@@ -1,4 +1,4 @@
-"""Checks a running lab before people use it; prints one line per check: what is wrong, and how to fix it."""
+"""Checks a running lab before people use it. Prints one line per check: what is wrong, and how to fix it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import os
 import shutil
 import sys
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
 from urllib.parse import urlparse
 
 import numpy as np
@@ -23,7 +23,7 @@ from rosgraph.network import is_local_address
 from sensor_msgs.msg import LaserScan
 from vb_msgs.msg import DetectorStatus, RobotStatus, RobotStatusArray, VirtualBorderArray
 
-from vb_bringup.lab_readiness import check_camera, check_disk, check_map, check_nodes, check_robot, is_all_known
+from vb_bringup.lab_readiness import check_camera, check_disk, check_map, check_nodes, check_robot, is_fully_known
 from vb_bringup.check_launch import UNIQUE_NODE, read_parameters
 from vb_bringup.new_lab import parse_source
 from vb_core import names, sentences
@@ -38,14 +38,14 @@ from vb_core.ros.messages import NumpyOccupancyGrid, grid_from_message
 from vb_core.ros.node import wait_for_publishers
 from vb_core.ros.notices import NoticeListener
 from vb_core.ros.robot_status import connections_from_message
-from vb_laser_detect.camera.camera_report import REPORTED, describe, describing_command
+from vb_laser_detect.camera.camera_report import REPORTED, describe_camera, describe_camera_command
 from vb_laser_detect.camera.v4l2_controls import CaptureParams
 
 READY, FAULTS, NO_MASTER = 0, 1, 3
 _STATES = {Severity.INFO: "ok", Severity.WARNING: "warning", Severity.ERROR: "error"}
 _STYLES = {Severity.INFO: "green", Severity.WARNING: "yellow", Severity.ERROR: "bold red"}
-# nodes that must run if the launch file has set their parameters; camera_poses reports missing detectors
-_NODES = (UNIQUE_NODE, "/border_fusion", "/interaction_manager", "/camera_poses", "/robot_monitor")
+# nodes that must run if the launch file has set their parameters; the node camera_poses reports missing detectors
+_NODES = ("/border_fusion", "/interaction_manager", "/camera_poses", "/robot_monitor")
 _CONNECTION_TIMEOUT = 5.0  # [s] a publisher that is not reached within this is a fault to report
 
 
@@ -54,29 +54,16 @@ def observe_lab(seconds: float) -> List[Notice]:
     graph = read_graph()
     newest, statuses, notices = _listen(seconds)
     running = graph.nodes | read_graph().nodes  # while a node restarts, the master does not list it
-    missing = [node for node in _NODES if node not in running and (node == UNIQUE_NODE or rospy.has_param(node))]
-    lines = check_nodes(missing)
-    if rospy.has_param("/border_fusion") and not statuses:
-        lines.append(Notice("lab_no_cameras", Severity.WARNING))
-    for camera, status in sorted(statuses.items()):
-        detector = _parameters(f"/spot_detector_{camera}")
-        line = check_camera(graph, camera, detector, _has_delay(detector), status.rate_hz)
-        if line.severity is Severity.ERROR:  # the line says why the camera is silent
-            notices = [notice for notice in notices if (notice.code, notice.camera) != ("camera_silent", camera)]
-        if line.severity is not Severity.INFO or all(notice.camera != camera for notice in notices):
-            lines.append(line)
-    lines += _check_map(graph, newest)
-    if names.BORDERS in newest:
-        borders = newest[names.BORDERS].borders
-        values = {"in_force": sum(border.in_force for border in borders), "count": len(borders)}
-        lines.append(Notice("lab_borders_ok", Severity.INFO, values=values))
-    if names.ROBOTS in newest:
-        lines += derive_capabilities(connections_from_message(newest[names.ROBOTS])).robot_notices
-        for robot in newest[names.ROBOTS].robots:
-            lines += _check_robot(robot, newest)
-    lines += _check_computer(running)
-    reported = {(line.code, line.camera, line.robot) for line in lines}
-    return lines + [notice for notice in notices if (notice.code, notice.camera, notice.robot) not in reported]
+    lines = [
+        *_check_nodes(running),
+        *_check_cameras(graph, statuses, notices),
+        *_check_map(graph, newest),
+        *_check_borders(newest),
+        *_check_robots(newest),
+        *_check_display(running),
+        _check_storage(),
+    ]
+    return lines + _find_further(notices, lines)
 
 
 def _listen(seconds: float) -> Tuple[Dict[str, Any], Dict[str, DetectorStatus], List[Notice]]:
@@ -104,6 +91,23 @@ def _listen(seconds: float) -> Tuple[Dict[str, Any], Dict[str, DetectorStatus], 
     return dict(newest), dict(statuses), notices.current()
 
 
+def _check_nodes(running: Set[str]) -> List[Notice]:
+    needed = [UNIQUE_NODE, *filter(rospy.has_param, _NODES)]
+    return check_nodes([node for node in needed if node not in running])
+
+
+def _check_cameras(graph: NodeGraph, statuses: Mapping[str, DetectorStatus], notices: List[Notice]) -> List[Notice]:
+    """Checks how the cameras' images arrive. A camera that is named in a notice does not count as working."""
+    if rospy.has_param("/border_fusion") and not statuses:
+        return [Notice("lab_no_cameras", Severity.WARNING)]
+    lines = []
+    for camera, status in sorted(statuses.items()):
+        detector = _parameters(f"/spot_detector_{camera}")
+        lines.append(check_camera(graph, camera, detector, _has_delay(detector), status.rate_hz))
+    noticed = {notice.camera for notice in notices}
+    return [line for line in lines if line.severity is not Severity.INFO or line.camera not in noticed]
+
+
 def _has_delay(detector: Mapping[str, Any]) -> bool:
     """Returns whether a camera's own file has a delay: as a parameter, a measured 0 cannot be told from the default."""
     with contextlib.suppress(CodedError):  # there is none, or it is on another computer
@@ -118,6 +122,14 @@ def _scan_topic(robot: str) -> str:
     except CodedError:  # the driver that uses this profile says what is wrong with it
         scanner = Scanner()
     return ns_join(f"/{robot}", scanner.topic) if scanner.present else ""
+
+
+def _check_robots(newest: Mapping[str, Any]) -> List[Notice]:
+    if names.ROBOTS not in newest:
+        return []
+    status: RobotStatusArray = newest[names.ROBOTS]
+    lines = [line for robot in status.robots for line in _check_robot(robot, newest)]
+    return [*derive_capabilities(connections_from_message(status)).robot_notices, *lines]
 
 
 def _check_robot(status: RobotStatus, newest: Mapping[str, Any]) -> List[Notice]:
@@ -137,27 +149,44 @@ def _check_robot(status: RobotStatus, newest: Mapping[str, Any]) -> List[Notice]
 
 def _check_map(graph: NodeGraph, newest: Mapping[str, Any]) -> List[Notice]:
     physical = newest.get(names.PHYSICAL_MAP)
-    size, all_known = None, False
+    size = None
+    lacks_unknown = False
     if physical is not None:
         size = physical.info.width * physical.info.resolution, physical.info.height * physical.info.resolution
         with contextlib.suppress(CodedError):  # the map integrator reports a map of the wrong size
-            all_known = is_all_known(grid_from_message(physical).data)
+            lacks_unknown = is_fully_known(grid_from_message(physical).data)
     publishers = graph.publishers.get(names.PHYSICAL_MAP, [])
     file = str(rospy.get_param("/map_server/map_yaml", ""))
-    return check_map(size, publishers, names.MAP_WITH_BORDERS in newest, file, all_known)
+    return check_map(size, publishers, names.MAP_WITH_BORDERS in newest, file, lacks_unknown)
 
 
-def _check_computer(running: Any) -> List[Notice]:
-    """Judges the display, and the folder in which borders are stored."""
-    lines = []
+def _check_borders(newest: Mapping[str, Any]) -> List[Notice]:
+    if names.BORDERS not in newest:
+        return []
+    borders = newest[names.BORDERS].borders
+    values = {"in_force": sum(border.in_force for border in borders), "count": len(borders)}
+    return [Notice("lab_borders_ok", Severity.INFO, values=values)]
+
+
+def _check_display(running: Set[str]) -> List[Notice]:
     display = next((node for node in sorted(running) if node.split("/")[-1] in ("smart_display", "rviz")), "")
     lacking = rospy.get_param(f"{display}/lacking", "") if display else ""
-    if lacking:
-        lines.append(Notice(lacking, Severity.WARNING, values={"node": display}))
+    return [Notice(lacking, Severity.WARNING, values={"node": display})] if lacking else []
+
+
+def _check_storage() -> Notice:
+    """Checks the folder in which borders are stored, or its parent that exists."""
     database = Path(str(rospy.get_param("/map_integrator/database_dir", "~"))).expanduser()
     folder = str(next(path for path in (database, *database.parents) if path.exists()))
-    lines.append(check_disk(folder, shutil.disk_usage(folder).free / 2**20, os.access(folder, os.W_OK)))
-    return lines
+    return check_disk(folder, shutil.disk_usage(folder).free / 2**20, os.access(folder, os.W_OK))
+
+
+def _find_further(notices: List[Notice], lines: List[Notice]) -> List[Notice]:
+    """Returns the notices that say more than the lines: what a line repeats or explains is left out."""
+    reported = {(line.code, line.camera, line.robot) for line in lines}
+    # a fault of a camera's topic says why the camera is silent
+    reported |= {("camera_silent", line.camera, line.robot) for line in lines if line.severity is Severity.ERROR}
+    return [notice for notice in notices if (notice.code, notice.camera, notice.robot) not in reported]
 
 
 def _parameters(node: str) -> Mapping[str, Any]:
@@ -182,26 +211,22 @@ def print_camera(camera: str) -> None:
     # a detector that has just ended has no address, and is taken for one of this computer
     service = rosservice.get_service_uri(f"/spot_detector_{camera}/capture/set_parameters")
     host = urlparse(service or "").hostname
-    lines = [f"what this prints on {host}:", describing_command(source)]
+    lines = [f"what this prints on {host}:", describe_camera_command(source)]
     if is_local_address(host):
-        lines = ["these:", *describe(source, CaptureParams.from_mapping(parameters.get("capture"), "capture"))]
+        lines = ["these:", *describe_camera(source, CaptureParams.from_mapping(parameters.get("capture"), "capture"))]
     print(f"\nIf the camera {camera} still does not work, report the lines above, and", "\n".join(lines))
 
 
 def to_json(lines: List[Notice], language: str) -> str:
     """Formats the lines for programs: for each, its state, code, camera, robot, values, and the sentence for people."""
-    rows = [
-        {
-            "state": _STATES[line.severity],
-            **{name: getattr(line, name) for name in ("code", "camera", "robot", "values")},
-            "message": line.sentence(language),
-        }
-        for line in lines
-    ]
+    rows = []
+    for line in lines:
+        fields = {name: getattr(line, name) for name in ("code", "camera", "robot", "values")}
+        rows.append({"state": _STATES[line.severity], **fields, "message": line.sentence(language)})
     return json.dumps(rows, indent=1, ensure_ascii=False, default=str)
 
 
-def run(arguments: Optional[List[str]] = None) -> int:
+def run(arguments: List[str]) -> int:
     """Checks the lab and prints the result.
 
     Returns:
@@ -216,9 +241,9 @@ def run(arguments: Optional[List[str]] = None) -> int:
     parser.add_argument("--seconds", type=float, default=4.0, help="how long to listen to the nodes (4)")
     parser.add_argument("--language", default=sentences.ENGLISH, choices=sentences.languages())
     parser.add_argument("--camera", metavar="SOURCE", help="only describe a camera, given as to new_lab; without a lab")
-    options = parser.parse_args(rospy.myargv(["check_lab", *(sys.argv[1:] if arguments is None else arguments)])[1:])
+    options = parser.parse_args(arguments)
     if options.camera:
-        print("\n".join(describe(parse_source(options.camera), CaptureParams())))
+        print("\n".join(describe_camera(parse_source(options.camera), CaptureParams())))
         return READY
     if not rosgraph.is_master_online():
         print(
@@ -240,4 +265,4 @@ def run(arguments: Optional[List[str]] = None) -> int:
 
 def main() -> None:
     """Runs the program."""
-    sys.exit(run())
+    sys.exit(run(rospy.myargv()[1:]))

@@ -1,7 +1,7 @@
 """Refuses a launch that cannot work, before roslaunch starts its first node.
 
-Each argument of the stack's launch files has a kind, and a wrong value is refused in one sentence; otherwise several
-nodes would start and die again and again. The launch files begin with `<param command="python3 -m
+A wrong value of an argument of the stack's launch files is refused in one sentence. Otherwise several nodes would start
+and die again and again. The launch files begin with `<param command="python3 -m
 vb_bringup.check_launch ...">`; roslaunch runs that command while it reads the file.
 
     check_launch lab cameras:="north south" robot:=false      as lab.launch and borders_only.launch call it
@@ -51,7 +51,7 @@ def check_arguments(arguments: Iterable[str], declared: Sequence[str]) -> None:
             raise CodedError("launch_unknown_argument", argument=name, known=", ".join(sorted(declared)) or "-")
 
 
-# ------------------------------------------------------------ kinds of arguments
+# ------------------------------------------------------------ values of arguments
 def check_choice(argument: str, value: str, choices: Sequence[str]) -> None:
     """Raises CodedError "launch_bad_choice" for a value that would mean the default, or make a node fail."""
     if value not in choices:
@@ -67,11 +67,7 @@ def check_names(argument: str, value: str) -> None:
 
 
 def parse_pairs(argument: str, value: str) -> Dict[str, str]:
-    """Parses NAME=VALUE pairs separated by spaces. Returns the values by name.
-
-    Raises:
-        CodedError: "launch_bad_pairs"
-    """
+    """Parses NAME=VALUE pairs separated by spaces to values by name. Raises CodedError "launch_bad_pairs"."""
     pairs = [word.partition("=") for word in value.split()]
     invalid = ["".join(parts) for parts in pairs if not (NAME.fullmatch(parts[0]) and parts[2])]
     if invalid:
@@ -85,25 +81,20 @@ def check_file(argument: str, value: str) -> None:
         if value:
             Path(value).open("rb").close()
     except (OSError, ValueError) as error:
-        raise CodedError(
-            "launch_no_file", argument=argument, file=value, why=getattr(error, "strerror", "") or error
-        ) from None
+        reason = getattr(error, "strerror", "") or error
+        raise CodedError("launch_no_file", argument=argument, file=value, why=reason) from None
 
 
-def check_map(_argument: str, value: str) -> None:
+def check_map_file(_argument: str, value: str) -> None:
     """Raises CodedError "bad_map_file" unless the value is empty or a map that map_server can read."""
     if value:
-        from vb_core.map_files import map_path, read_map
+        from vb_core.map_files import path_from_caller, read_map
 
-        read_map(map_path(value))
+        read_map(path_from_caller(value))
 
 
 def read_parameters(argument: str, path: str) -> Mapping[str, Any]:
-    """Reads the parameters in a YAML file as roslaunch does.
-
-    Raises:
-        CodedError: "launch_no_file", "launch_bad_file"
-    """
+    """Reads the parameters in a YAML file as roslaunch does. Raises CodedError "launch_no_file" or "launch_bad_file"."""
     import rosparam
     import yaml
 
@@ -147,9 +138,9 @@ def check_robot_types(argument: str, value: str) -> List[RobotProfile]:
     return profiles
 
 
-Kind = Callable[[str, str], Any]
-# arguments that roslaunch or a node checks itself, such as a condition or a port, have no kind
-KINDS: Dict[str, Kind] = {
+ArgumentCheck = Callable[[str, str], Any]
+# roslaunch or a node checks the other arguments, such as a condition or a port
+ARGUMENT_CHECKS: Dict[str, ArgumentCheck] = {
     "robot": partial(check_choice, choices=("true", "false", "1", "0")),
     "cameras": check_names,
     "robots": check_names,
@@ -158,26 +149,26 @@ KINDS: Dict[str, Kind] = {
     "configs": check_detectors,
     "machines": parse_pairs,
     "machines_file": check_file,
-    "map": check_map,
+    "map": check_map_file,
     "image_transport": partial(check_choice, choices=("raw", "compressed")),
     "method": partial(check_choice, choices=("nrs", "robot_only")),
     "language": partial(check_choice, choices=sentences.languages()),
     "navigation": partial(check_choice, choices=("none", "move_base")),
 }
-# the kinds that differ in the simulated lab
-SIMULATION: Dict[str, Kind] = {"navigation": partial(check_choice, choices=("standin", "move_base", "none"))}
+_SIMULATED_NAVIGATION = partial(check_choice, choices=("standin", "move_base", "none"))
+SIMULATION_CHECKS: Dict[str, ArgumentCheck] = {**ARGUMENT_CHECKS, "navigation": _SIMULATED_NAVIGATION}
 
 
-def check_values(values: Mapping[str, str], kinds: Mapping[str, Kind] = KINDS) -> None:
-    """Checks each argument by its kind, then whether the arguments fit together.
+def check_values(values: Mapping[str, str], checks: Mapping[str, ArgumentCheck] = ARGUMENT_CHECKS) -> None:
+    """Checks the value of each argument, then whether the arguments fit together.
 
     Raises:
-        CodedError: the kind's errors; "launch_navigation_without_robot"
+        CodedError: an error of the checks, or "launch_navigation_without_robot".
     """
     without_robot = values.get("robot") in ("false", "0")
     for name, value in values.items():
         if not (without_robot and name == "robot_types"):
-            kinds[name](name, value)
+            checks[name](name, value)
     if without_robot and values.get("navigation") == "move_base":
         raise CodedError("launch_navigation_without_robot")
 
@@ -194,10 +185,9 @@ def declared_arguments(files: Iterable[Path]) -> List[str]:
 
 
 def check_installed(programs: Iterable[str]) -> None:
-    """Refuses programs of ROS's navigation stack that are not installed. Each is in a package of the same name.
+    """Raises CodedError "launch_not_installed" if a program of ROS's navigation stack is not installed.
 
-    Raises:
-        CodedError: "launch_not_installed"
+    Each program is in a package of the same name.
     """
     import rospkg
     from roslib.packages import find_node
@@ -211,11 +201,10 @@ def check_installed(programs: Iterable[str]) -> None:
             raise CodedError("launch_not_installed", program=program)
 
 
-def check_alone(master_uri: str) -> None:
-    """Refuses a second lab on one ROS master: each would end the other's nodes and restart its own for ever.
+def check_no_other_lab(master_uri: str) -> None:
+    """Raises CodedError "lab_already_running" if the ROS master already has a lab.
 
-    Raises:
-        CodedError: "lab_already_running"
+    Two labs would end each other's nodes and restart their own forever.
     """
     previous_timeout = socket.getdefaulttimeout()
     socket.setdefaulttimeout(ANSWER_TIMEOUT)
@@ -229,7 +218,7 @@ def check_alone(master_uri: str) -> None:
     raise CodedError("lab_already_running", node=UNIQUE_NODE, process=process)
 
 
-def find_launch(process: int) -> Tuple[List[str], List[Path], str]:
+def find_roslaunch_call(process: int) -> Tuple[List[str], List[Path], str]:
     """Finds roslaunch's arguments: names of the launch arguments, launch files, URI of the master that it will use.
 
     All are empty if the process starts nothing, or is another program, such as a test that runs its own master.
@@ -247,7 +236,7 @@ def find_launch(process: int) -> Tuple[List[str], List[Path], str]:
     files = [Path(name) for name in roslaunch.rlutil.resolve_launch_arguments(remaining) if os.path.isfile(name)]
     arguments = [word.split(":=")[0] for word in remaining if ":=" in word and not word.startswith("_")]
     uri = rosgraph.network.create_local_xmlrpc_uri(options.port) if options.port else rosgraph.get_master_uri()
-    return arguments if files else [], files, uri
+    return arguments, files, uri
 
 
 def run() -> int:
@@ -261,15 +250,17 @@ def run() -> int:
     process = os.getppid()
     files: List[Path] = []
     try:
-        arguments, files, master_uri = find_launch(process)
-        check_arguments(arguments, declared_arguments(files))
+        arguments, files, master_uri = find_roslaunch_call(process)
+        if files:
+            check_arguments(arguments, declared_arguments(files))
         if options.launch_file == "navigation":
             check_installed(options.words)
         else:
             values = {name: value for name, _, value in (word.partition(":=") for word in options.words)}
-            check_values(values, {**KINDS, **(SIMULATION if options.launch_file == "simulation" else {})})
+            checks = SIMULATION_CHECKS if options.launch_file == "simulation" else ARGUMENT_CHECKS
+            check_values(values, checks)
             if master_uri:
-                check_alone(master_uri)
+                check_no_other_lab(master_uri)
     except CodedError as error:
         print(f"\n[FATAL] Nothing was started. {error.message} [{error.code}]\n", file=sys.stderr, flush=True)
         if files:

@@ -1,6 +1,6 @@
 """Judges whether a lab is ready, from what its nodes report and what no node can know. No ROS.
 
-Each fault belongs to one node, which reports it in a notice as long as it lasts: a detector reports that its camera is
+Each fault belongs to one node, which reports it in a notice as long as it lasts. A detector reports that its camera is
 silent, camera_poses that a calibration does not fit, robot_monitor that a robot drives through borders. check_lab
 repeats these notices. This module checks what shows only from outside: a node that does not run, topics that do not
 match, a map that was read wrongly.
@@ -19,7 +19,7 @@ from vb_laser_detect.spot_detector_node_params import image_topic
 
 MIN_DISK_MB = 500  # room for a day of logs and recordings
 MIN_SCAN_DEG = 60.0  # a robot that drives by its scan should see at least the floor ahead
-_IMAGES = ("sensor_msgs/Image", "sensor_msgs/CompressedImage")
+_IMAGE = "sensor_msgs/Image"
 _HARDLY_ANY = 0.01  # share of unknown cells; shades in between may still be unknown where all else was read as free
 
 
@@ -31,15 +31,14 @@ def check_camera(graph: NodeGraph, name: str, parameters: Mapping[str, Any], has
         has_delay: whether a source's delay was measured, even if it is 0.
         rate: [1/s] searched images per second.
     """
-    source, delay = str(parameters.get("source", "")), parameters.get("capture", {}).get("delay_ms", 0.0)
+    source = str(parameters.get("source", ""))
+    delay = parameters.get("capture", {}).get("delay_ms", 0.0)
     topic = "" if source or not parameters else "/" + image_topic(name, parameters.get("image", "")).lstrip("/")
     topic += "/compressed" if topic and parameters.get("image_transport") == "compressed" else ""
-    publishers, beside = graph.publishers.get(topic, []), f"/{topic.strip('/').split('/')[0]}/"
-    other_topics = sorted(
-        other_topic
-        for other_topic, nodes in graph.publishers.items()
-        if nodes and other_topic.startswith(beside) and graph.types.get(other_topic) == _IMAGES[0]
-    )
+    publishers = graph.publishers.get(topic, [])
+    namespace = f"/{topic.strip('/').split('/')[0]}/"
+    image_topics = [other for other, nodes in graph.publishers.items() if nodes and graph.types.get(other) == _IMAGE]
+    other_topics = sorted(other for other in image_topics if other.startswith(namespace))
 
     def line(severity: Severity, code: str, **values: str) -> Notice:
         return Notice(code, severity, camera=name, values={"camera": name, "topic": topic, **values})
@@ -85,7 +84,7 @@ def check_robot(
 
 
 def check_map(
-    size: Optional[Tuple[float, float]], publishers: Sequence[str], with_borders: bool, file: str, all_known: bool
+    size: Optional[Tuple[float, float]], publishers: Sequence[str], with_borders: bool, file: str, lacks_unknown: bool
 ) -> List[Notice]:
     """Checks whether there is one physical map, and one with the borders.
 
@@ -94,7 +93,7 @@ def check_map(
         publishers: nodes that publish /map.
         with_borders: whether there is /virtual_borders/map.
         file: the map file that the lab was given, or "".
-        all_known: see `is_all_known`.
+        lacks_unknown: see `is_fully_known`.
     """
     if size is None:
         return [Notice("lab_map_not_served" if file else "lab_map_missing", Severity.ERROR, values={"file": file})]
@@ -103,13 +102,13 @@ def check_map(
         lines.append(Notice("lab_map_many_publishers", Severity.ERROR, values={"nodes": ", ".join(publishers)}))
     if not with_borders:
         lines.append(Notice("lab_map_without_borders", Severity.ERROR))
-    if all_known:
+    if lacks_unknown:
         lines.append(Notice("lab_map_all_known", Severity.WARNING))
     values = {"width": f"{size[0]:.1f}", "height": f"{size[1]:.1f}"}
     return lines or [Notice("lab_map_ok", Severity.INFO, values=values)]
 
 
-def is_all_known(cells: np.ndarray) -> bool:
+def is_fully_known(cells: np.ndarray) -> bool:
     """Returns whether a map (H, W) int8 has hardly any unknown cell although free floor reaches its edge.
 
     No robot records such a map: its unknown cells were read as free, as pixels of 205 are with a free_thresh of 0.25.

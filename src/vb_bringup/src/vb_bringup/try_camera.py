@@ -31,7 +31,7 @@ import yaml
 from vb_bringup.new_lab import parse_source, write_lab
 from vb_core import names
 from vb_core.camera_model import project_to_floor
-from vb_core.child_processes import free_port, roslaunch
+from vb_core.child_processes import free_port, start_roslaunch
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap
@@ -42,7 +42,7 @@ from vb_laser_detect.calibration import pose_file
 from vb_laser_detect.calibration.pose_file import CameraPose
 from vb_laser_detect.calibration.pose import PosedCamera, project, click_uncertainty, estimate_camera_from_rectangle
 from vb_laser_detect.camera.lens_and_settings_files import save_lens
-from vb_laser_detect.camera.camera_report import describing_command
+from vb_laser_detect.camera.camera_report import describe_camera_command
 from vb_laser_detect.camera.camera_source import CameraSource, CapturedImage, is_file
 from vb_laser_detect.camera.v4l2_controls import CaptureParams
 from vb_map_integration.border import VirtualBorder, borders_to_geojson
@@ -65,7 +65,7 @@ _REPEAT_NOTE = " The film repeats: press each just before its part; what was mis
 
 
 # ------------------------------------------------------------- the floor
-def seen_floor(view: PosedCamera) -> GridMap:
+def draw_seen_floor(view: PosedCamera) -> GridMap:
     """Returns an empty map of the floor that a camera sees. Raises CodedError "bad_rectangle" if all is far away."""
     camera, T = view.camera, view.T_map_camera
     columns, rows = np.meshgrid(np.linspace(0, camera.width - 1, 60), np.linspace(0, camera.height - 1, 40))
@@ -101,11 +101,11 @@ def write_camera_lab(folder: Path, source: str, view: PosedCamera, profiles: Pat
         CodedError: "cannot_write_lab"
     """
     shutil.rmtree(str(folder), ignore_errors=True)
-    write_map(folder.parent / "floor", seen_floor(view))
+    write_map(folder.parent / "floor", draw_seen_floor(view))
     write_lab(folder, {CAMERA: source}, "", folder.parent / "floor.yaml", profiles)
     save_lens(folder / "lenses" / f"{CAMERA}.yaml", CAMERA, view.camera)
     pose = CameraPose(CAMERA, names.MAP_FRAME, f"{CAMERA}_optical_frame", view.T_map_camera, view.camera.focal_px)
-    pose_file.save(folder / "calibration" / f"{CAMERA}.yaml", pose, ["from a rectangle on the floor"])
+    pose_file.write_pose(folder / "calibration" / f"{CAMERA}.yaml", pose, ["from a rectangle on the floor"])
 
 
 # ------------------------------------------------------------- the page that asks for the corners
@@ -122,7 +122,7 @@ class CornerPage:
         fault = None if error is None else CodedError(error.code, **{**error.values, "camera": "1"})
         if fault is not None and str(fault) != str(self.fault):
             print(f"  {fault.message}\n  If this does not help, end it with Ctrl-C, and report what this prints:")
-            print(f"    . scripts/env.sh; {describing_command(self._source.address)}", flush=True)
+            print(f"    . scripts/env.sh; {describe_camera_command(self._source.address)}", flush=True)
         self.fault = fault
 
     async def ask(self, port: int) -> PosedCamera:
@@ -135,7 +135,7 @@ class CornerPage:
         application.add_handlers(r"(localhost|127\.0\.0\.1)", routes)
         server = application.listen(port, "127.0.0.1")
         view = await self._accepted.get()
-        await asyncio.sleep(0.3)  # until the answer has been sent
+        await asyncio.sleep(0.3)  # the browser still needs the answer
         server.stop()
         await server.close_all_connections()
         self._source.close()
@@ -188,7 +188,7 @@ class _Floor(_Handler):
             corners = np.array(request["corners"], float).reshape(4, 2)
             size = float(request["width"]), float(request["depth"])
             view = estimate_camera_from_rectangle(corners, size, (width, height))
-            floor = seen_floor(view)
+            floor = draw_seen_floor(view)
             places = floor.cell_to_world(np.argwhere(floor.data == 0)[:: max(1, floor.data.size // 400)])
             pixels = project(view.camera, view.T_map_camera, places)
             worst = click_uncertainty(corners, size, (width, height), pixels)
@@ -225,7 +225,8 @@ class TryLab:
             print(f"  Border {border.name or border.id}: {corners} m, in {self._file}", flush=True)
 
     def _on_spot(self, _message: LaserSpot) -> None:
-        self._spot_at, self._spots = time.monotonic(), self._spots + 1
+        self._spot_at = time.monotonic()
+        self._spots += 1
 
     def play(self) -> None:
         """Gives the commands that go with the video: for a line, its seed, and its end.
@@ -271,7 +272,8 @@ def run(arguments: Optional[List[str]] = None) -> int:
     import rospkg
 
     package = Path(rospkg.RosPack().get_path("vb_bringup"))
-    folder, port = options.out.expanduser().resolve(), free_port(options.port)
+    folder = options.out.expanduser().resolve()
+    port = free_port(options.port)
     address = f"http://127.0.0.1:{port}/"
     if options.camera:
         source = parse_source(options.camera)
@@ -281,14 +283,14 @@ def run(arguments: Optional[List[str]] = None) -> int:
     else:
         source = str(package / "example_video/room.mp4")
         truth = yaml.safe_load((package / "example_video/room.yaml").read_text(encoding="utf-8"))
-        view = estimate_camera_from_rectangle(
-            np.array(truth["corners"]), (truth["width"], truth["depth"]), tuple(truth["image"])
-        )
+        size = truth["width"], truth["depth"]
+        view = estimate_camera_from_rectangle(np.array(truth["corners"]), size, tuple(truth["image"]))
     write_camera_lab(folder / "lab", source, view, package / "robots")
     master_port = free_port()
     os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{master_port}", ROS_LOG_DIR=str(folder / "log"))
     print("Starting the detector, the map and the page ...", flush=True)
-    lab = roslaunch([folder / "lab/lab.launch"], folder / "log/roslaunch.txt", master_port, rviz=False, page_port=port)
+    log = folder / "log/roslaunch.txt"
+    lab = start_roslaunch([folder / "lab/lab.launch"], log, master_port, rviz=False, page_port=port)
     try:
         if not _wait_for_services(lab):
             print(lab.tail(), file=sys.stderr)
@@ -296,7 +298,8 @@ def run(arguments: Optional[List[str]] = None) -> int:
         running = TryLab(folder)
         print(f"The page is at {address}", flush=True)
         if options.camera:
-            print(_INSTRUCTIONS + (_REPEAT_NOTE if is_file(source) else ""), flush=True)
+            note = _REPEAT_NOTE if is_file(source) else ""
+            print(_INSTRUCTIONS + note, flush=True)
         else:
             running.play()
             if options.once:

@@ -15,7 +15,8 @@ def find_border_changes(old_borders: Mapping[str, Any], new_borders: Mapping[str
         if previous is None:
             changes.append((ADDED, border))
         elif previous.enabled != border.enabled:
-            changes.append((ENABLED if border.enabled else DISABLED, border))
+            change = ENABLED if border.enabled else DISABLED
+            changes.append((change, border))
         elif previous.name != border.name:
             changes.append((RENAMED, border))
         elif _editable_properties(previous) != _editable_properties(border):

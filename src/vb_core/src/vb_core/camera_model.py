@@ -55,7 +55,8 @@ class CameraModel:
             raise CodedError("bad_camera_info", "K has no focal length: calibrate the camera (camera_calibration)")
         if self.fisheye and not self.distortion[4:].any():
             object.__setattr__(self, "distortion", np.concatenate([self.distortion, np.zeros(4)])[:4])
-        size, sizes = self.distortion.size, (4,) if self.fisheye else (4, 5, 8, 12, 14)
+        size = self.distortion.size
+        sizes = (4,) if self.fisheye else (4, 5, 8, 12, 14)
         if size not in sizes or not np.isfinite(self.distortion).all():
             expected = f"{', '.join(map(str, sizes))}, all finite"
             raise CodedError("bad_camera_info", f"the distortion D has {size} values; expected {expected}")
@@ -77,7 +78,7 @@ class CameraModel:
         """
         pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
         result = np.ones((len(pixels), 3))
-        if not self.distorted:
+        if not self.is_distorted:
             focal, center = self._pinhole
             np.multiply(pixels - center, 1.0 / focal, out=result[:, :2])
             return result
@@ -104,10 +105,10 @@ class CameraModel:
         points = np.asarray(points, dtype=float).reshape(-1, 3)
         if len(points) == 0:
             return np.zeros((0, 2))
-        if self.distorted:
+        if self.is_distorted:
             project = cv2.fisheye.projectPoints if self.fisheye else cv2.projectPoints
             pixels = project(points[:, None], _ORIGIN, _ORIGIN, self.matrix, self.distortion)[0][:, 0]
-            visible = (points[:, 2] > 0) & (np.hypot(points[:, 0], points[:, 1]) <= self.limit * points[:, 2])
+            visible = (points[:, 2] > 0) & (np.hypot(points[:, 0], points[:, 1]) <= self.max_ray_tangent * points[:, 2])
             pixels[~visible] = np.nan
             return pixels
         depths = np.where(points[:, 2:] > 0, points[:, 2:], np.nan)
@@ -115,7 +116,7 @@ class CameraModel:
         return points[:, :2] * (1.0 / depths) * focal + center
 
     @cached_property
-    def distorted(self) -> bool:
+    def is_distorted(self) -> bool:
         """Whether the lens distorts. A fisheye does even with coefficients of 0."""
         return self.fisheye or bool(self.distortion.any())
 
@@ -125,16 +126,16 @@ class CameraModel:
         return np.array([self.matrix[0, 0], self.matrix[1, 1]]), self.matrix[:2, 2].copy()
 
     @cached_property
-    def limit(self) -> float:
+    def max_ray_tangent(self) -> float:
         """Tangent of the angle from the axis at which the model ends: farther out the image would fold back."""
         k = np.concatenate([self.distortion, np.zeros(8)])
-        r, unit = np.polynomial.Polynomial([0.0, 1.0]), np.polynomial.Polynomial([1.0])
-        r2 = r * r
+        # the radius in the image as a quotient of polynomials in the tangent, or in the angle for a fisheye
         if self.fisheye:
-            numerator, denominator = r * (unit + sum(k[i] * r2 ** (i + 1) for i in range(4))), unit
+            numerator = np.polynomial.Polynomial([0.0, 1.0, 0.0, k[0], 0.0, k[1], 0.0, k[2], 0.0, k[3]])
+            denominator = np.polynomial.Polynomial([1.0])
         else:
-            numerator = r * (unit + k[0] * r2 + k[1] * r2**2 + k[4] * r2**3)
-            denominator = unit + k[5] * r2 + k[6] * r2**2 + k[7] * r2**3
+            numerator = np.polynomial.Polynomial([0.0, 1.0, 0.0, k[0], 0.0, k[1], 0.0, k[4]])
+            denominator = np.polynomial.Polynomial([1.0, 0.0, k[5], 0.0, k[6], 0.0, k[7]])
         # where the radius in the image stops growing, or has no value at all
         radii = [(numerator.deriv() * denominator - numerator * denominator.deriv()).roots(), denominator.roots()]
         radii = [float(root.real) for roots in radii for root in roots if abs(root.imag) < 1e-9 and root.real > 0]
@@ -154,7 +155,7 @@ class CameraModel:
         focal, center = self._pinhole
         target = (pixels - center) / focal
         # the start: the undistorted radius, interpolated in a table
-        radii = np.tan(np.linspace(0.0, math.atan(self.limit), 2000))
+        radii = np.tan(np.linspace(0.0, math.atan(self.max_ray_tangent), 2000))
         projected = self.project(np.column_stack([radii, np.zeros(len(radii)), np.ones(len(radii))]))
         finite = np.isfinite(projected[:, 0])
         radius = np.hypot(*target.T)
@@ -172,7 +173,8 @@ class CameraModel:
             with np.errstate(all="ignore"):
                 step = (np.array([v_y * error_u - u_y * error_v, u_x * error_v - v_x * error_u]) / determinant).T
                 # close to the limit, a full step may lead beyond it
-                length = np.maximum(1.0, np.hypot(*step.T) / (0.5 * np.maximum(1e-6, self.limit - np.hypot(*xy.T))))
+                room = np.maximum(1e-6, self.max_ray_tangent - np.hypot(*xy.T))
+                length = np.maximum(1.0, np.hypot(*step.T) / (0.5 * room))
                 xy = xy + step / length[:, None]
         return xy
 
@@ -207,7 +209,8 @@ def intersect_floor(T_map_camera: np.ndarray, rays: np.ndarray, height: float = 
     Returns:
         (N, 3) [m], map frame; rows of NaN for rays that do not meet the floor in front of the camera.
     """
-    origin, directions = T_map_camera[:3, 3], rays @ T_map_camera[:3, :3].T
+    origin = T_map_camera[:3, 3]
+    directions = rays @ T_map_camera[:3, :3].T
     vertical = directions[:, 2:]
     scales = np.divide(height - origin[2], vertical, out=np.full(vertical.shape, np.nan), where=vertical != 0)
     points = origin + scales * directions

@@ -5,7 +5,7 @@ with borders, is driven by this stack's driver, and is localised. One pure funct
 with the sentences that say so. Page, display, check_lab and notices all use it, so that none of them offers a Stop that
 stops nothing, or claims a zone that no robot keeps. No ROS.
 
->>> mine = ConnectedRobot("", navigation=True, plans_round_borders=True, localized=True)
+>>> mine = ConnectedRobot("", has_navigation=True, plans_round_borders=True, is_localized=True)
 >>> derive_capabilities(Connections((mine,))).commands
 ('go',)
 """
@@ -27,38 +27,38 @@ READY, NO_ROBOT, UNREADY = "ready", "no_robot", "robot_unready"
 class ConnectedRobot:
     """What is connected to a robot. The fields are those of vb_msgs/RobotStatus, where they are explained.
 
-    `navigation`: a move_base is running for it.
+    `has_navigation`: a move_base is running for it.
     """
 
     name: str
-    navigation: bool = False
+    has_navigation: bool = False
     plans_round_borders: bool = False
-    driver: bool = False
-    localized: bool = False
+    has_driver: bool = False
+    is_localized: bool = False
     obeys_stop: bool = False
     obeys_speed: bool = False
     maps: Tuple[str, ...] = ()
     missing_maps: Tuple[str, ...] = ()
-    unheard: Tuple[str, ...] = ()
+    unheard_topics: Tuple[str, ...] = ()
 
     @property
     def is_connected(self) -> bool:
         """Whether navigation or a driver is connected that could drive it."""
-        return self.navigation or self.driver
+        return self.has_navigation or self.has_driver
 
     @property
     def accepts_goals(self) -> bool:
         """Whether its navigation accepts goals and plans round borders."""
-        return self.navigation and self.plans_round_borders and not self.missing_maps
+        return self.has_navigation and self.plans_round_borders and not self.missing_maps
 
     @property
     def can_be_stopped(self) -> bool:
         """Whether it obeys Stop."""
-        return self.driver or (self.navigation and self.obeys_stop)
+        return self.has_driver or (self.has_navigation and self.obeys_stop)
 
     def respects(self, zone: str) -> bool:
         """Returns whether the robot keeps the rule of a zone, given by name. It keeps none while not localised."""
-        return self.localized and ZONES[zone].is_respected_by(self)
+        return self.is_localized and ZONES[zone].is_respected_by(self)
 
 
 @dataclass(frozen=True)
@@ -103,13 +103,15 @@ def derive_capabilities(connections: Connections) -> Capabilities:
     pointing = connections.has_interaction and connections.has_cameras
     has = {
         CAMERA: pointing,
-        DRIVER: pointing and any(robot.driver for robot in connected),
+        DRIVER: pointing and any(robot.has_driver for robot in connected),
         STOPPABLE: any(robot.can_be_stopped for robot in connected),
     }
-    commands = [name for name, command in COMMANDS.items() if has.get(command.needs)] + ["go"] * bool(sendable_robots)
-    state = NO_ROBOT if not connected else UNREADY if ignored[KEEP_OUT.name] else READY
+    commands = [name for name, command in COMMANDS.items() if has.get(command.needs)]
+    if sendable_robots:
+        commands.append("go")
+    ready_state = UNREADY if ignored[KEEP_OUT.name] else READY
     return Capabilities(
-        state=state,
+        state=ready_state if connected else NO_ROBOT,
         commands=tuple(commands),
         zones=tuple(zone for zone in ZONES if len(ignored[zone]) < len(connected)),
         ignored_by=ignored,
@@ -142,6 +144,7 @@ def describe_ignored_zone(
 
 
 def _notices_about(robot: ConnectedRobot) -> List[Notice]:
+    """Returns what to tell people about a robot: what is missing, how it plans, and what it obeys."""
     values = {"who": sentences.robot_placeholder(robot.name), "maps": ", ".join(robot.maps) or "-"}
     values["map"] = f"/{robot.name}/virtual_borders/map" if robot.name else "/virtual_borders/map"
 
@@ -155,22 +158,22 @@ def _notices_about(robot: ConnectedRobot) -> List[Notice]:
         notices.append(notice(Severity.ERROR, "robot_waits_for_map", missing=", ".join(robot.missing_maps)))
     elif robot.accepts_goals:
         notices.append(notice(Severity.INFO, "robot_plans_round_borders"))
-    elif robot.navigation:
-        severity = Severity.WARNING if robot.driver else Severity.ERROR
-        notices.append(notice(severity, "robot_plans_through_borders" if robot.driver else "robot_ignores_borders"))
-    if robot.unheard:
-        notices.append(notice(Severity.ERROR, "robot_commands_unheard", topic=", ".join(robot.unheard)))
+    elif robot.has_navigation:
+        severity = Severity.WARNING if robot.has_driver else Severity.ERROR
+        notices.append(notice(severity, "robot_plans_through_borders" if robot.has_driver else "robot_ignores_borders"))
+    if robot.unheard_topics:
+        notices.append(notice(Severity.ERROR, "robot_commands_unheard", topic=", ".join(robot.unheard_topics)))
     if robot.name and robot.accepts_goals and values["map"] not in robot.maps and robot.maps:
         notices.append(notice(Severity.INFO, "robot_keeps_all_borders"))
     # a driver that is asked to drive reports an unknown pose itself
-    if not robot.localized:
-        notices.append(notice(Severity.INFO if robot.driver else Severity.WARNING, "robot_not_localized"))
+    if not robot.is_localized:
+        notices.append(notice(Severity.INFO if robot.has_driver else Severity.WARNING, "robot_not_localized"))
     notices.append(notice(Severity.INFO, _obedience(robot)))
     return notices
 
 
 def _obedience(robot: ConnectedRobot) -> str:
-    if robot.driver:
+    if robot.has_driver:
         return "robot_has_driver"
     if robot.can_be_stopped and robot.obeys_speed:
         return "robot_obeys_by_navigation"

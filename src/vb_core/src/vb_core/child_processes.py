@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence
 
 _PORTS = range(20000, 32768)  # below Linux's ephemeral ports
+_OWN_GROUP: Any = {"stdin": subprocess.DEVNULL, "stderr": subprocess.STDOUT, "start_new_session": True}
 
 
 def free_port(preferred: int = 0) -> int:
@@ -41,21 +42,14 @@ def spawn(command: Sequence[str], **options: Any) -> subprocess.Popen:
     return subprocess.Popen(["setpriv", "--pdeathsig", "TERM", *command], **options)
 
 
-class Child:
+class ChildProcess:
     """A child process in its own group, so that everything it started ends with it. See `spawn`."""
 
     def __init__(self, command: List[str], log: Path, env: Optional[Dict[str, str]] = None) -> None:
         self.log = log
         log.parent.mkdir(parents=True, exist_ok=True)
         with open(str(log), "w") as output:
-            self._process = spawn(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                env=env,
-                start_new_session=True,
-            )
+            self._process = spawn(command, stdout=output, env=env, **_OWN_GROUP)
 
     @property
     def running(self) -> bool:
@@ -71,21 +65,14 @@ class Child:
         for sign, seconds in ((signal.SIGINT, timeout), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0)):
             if not self.running:
                 return
-            try:
-                # roslaunch ends its nodes itself when interrupted; only later signals go to the whole group
-                target = os.kill if sign == signal.SIGINT else os.killpg
-                target(self._process.pid, sign)
-            except ProcessLookupError:
-                return
-            try:
+            # roslaunch ends its nodes itself when interrupted; only later signals go to the whole group
+            send = os.kill if sign == signal.SIGINT else os.killpg
+            with contextlib.suppress(ProcessLookupError, subprocess.TimeoutExpired):
+                send(self._process.pid, sign)
                 self._process.wait(seconds)
-            except subprocess.TimeoutExpired:
-                continue
 
 
-def roslaunch(
-    files: Sequence[Path], log: Path, port: int = 0, env: Optional[Dict[str, str]] = None, **arguments: Any
-) -> Child:
-    """Starts launch files with these arguments, under a master of their own if a port is given."""
+def start_roslaunch(files: Sequence[Path], log: Path, port: int, **arguments: Any) -> ChildProcess:
+    """Starts launch files with these arguments. Their nodes use the master at this port, which roslaunch starts."""
     words = [f"{name}:={str(value).lower() if isinstance(value, bool) else value}" for name, value in arguments.items()]
-    return Child(["roslaunch", *(["-p", str(port)] if port else []), *map(str, files), *words], log, env)
+    return ChildProcess(["roslaunch", "-p", str(port), *map(str, files), *words], log)

@@ -29,8 +29,8 @@ class CodedError(Exception):
     def without_traceback(self) -> CodedError:
         """Returns a copy without a traceback, for a variable that outlives the handler.
 
-        A raised error references all frames of its stack, one of which holds the variable: that reference cycle, with
-        every image that the frames hold, stays in memory until the next garbage collection.
+        A raised error references all frames of its stack, and one of them holds the variable. Without a copy that
+        reference cycle, with every image in the frames, would stay in memory until the next garbage collection.
         """
         return CodedError(self.code, self.message, **self.values)
 

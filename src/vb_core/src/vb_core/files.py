@@ -13,7 +13,7 @@ from vb_core.errors import CodedError
 PRIVATE = 0o600  # mode of a file that only its owner may read and write
 
 
-def keep_private(path: Path) -> bool:
+def restrict_to_owner(path: Path) -> bool:
     """Makes a file with secrets or personal data readable by its owner only. Returns whether others could read it.
 
     Raises:

@@ -84,11 +84,8 @@ def make_transform(rotation: np.ndarray, translation) -> np.ndarray:
 
 def invert_transform(T: np.ndarray) -> np.ndarray:
     """Inverts a rigid 4x4 transform."""
-    result = np.eye(4)
     rotation = T[:3, :3].T
-    result[:3, :3] = rotation
-    result[:3, 3] = -rotation @ T[:3, 3]
-    return result
+    return make_transform(rotation, -rotation @ T[:3, 3])
 
 
 def transform_points(T: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -132,7 +129,7 @@ def optical_rotation() -> np.ndarray:
     return np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
-def along_arc(points: np.ndarray, curvature: float) -> Tuple[np.ndarray, np.ndarray]:
+def arc_coordinates(points: np.ndarray, curvature: float) -> Tuple[np.ndarray, np.ndarray]:
     """Converts points (N, 2) [m] to coordinates along an arc.
 
     The arc starts at the origin in the direction of x and bends to the left by `curvature` [1/m].
@@ -143,7 +140,8 @@ def along_arc(points: np.ndarray, curvature: float) -> Tuple[np.ndarray, np.ndar
     x, y = points[:, 0], points[:, 1]
     if abs(curvature) < 1e-3:
         return x, y
-    radius, side = 1.0 / curvature, math.copysign(1.0, curvature)
+    radius = 1.0 / curvature
+    side = math.copysign(1.0, curvature)
     across = (abs(radius) - np.hypot(x, y - radius)) * side
     return np.arctan2(x, (radius - y) * side) * abs(radius), across
 
@@ -177,8 +175,8 @@ def resample_chain(points: np.ndarray, spacing: float, closed: bool = False) -> 
     if closed:
         points = np.vstack([points, points[:1]])
     lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    moved = np.concatenate([[True], lengths > 0])
-    points, arc = points[moved], np.concatenate([[0.0], np.cumsum(lengths[lengths > 0])])
+    points = points[np.concatenate([[True], lengths > 0])]
+    arc = arc_lengths(points)
     if arc[-1] == 0.0:
         return points[:1].copy()
     segments = max(1, int(math.ceil(arc[-1] / spacing - 1e-9)))

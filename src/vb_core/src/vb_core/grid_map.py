@@ -29,8 +29,8 @@ Window = Tuple[float, float, float, float]
 def distance_transform(cells: np.ndarray) -> np.ndarray:
     """Distance transform: computes the distance (H, W) float32 from each cell's centre to the nearest marked cell's, in cells.
 
-    The same mask always yields the same bits, for distances up to 1400 cells: depending on where the rows are in
-    memory, OpenCV's exact transform uses vector instructions for square roots or not, which changes the last bit.
+    The same mask always yields the same bits, for distances up to 1400 cells. OpenCV's exact transform alone does not:
+    where the rows are in memory decides whether vector instructions compute square roots, which changes the last bit.
     As squared distances between cells are whole numbers, rounding them undoes that.
 
     Args:
@@ -158,7 +158,7 @@ def crop(grid: GridMap, window: Window) -> GridMap:
 
 
 def clearance_grid(blocked: np.ndarray, resolution: float) -> np.ndarray:
-    """Computes each cell's clearance (H, W) float32 [m] from its centre to the nearest blocked cell; 0 if blocked.
+    """Computes each cell's clearance (H, W) float32 [m] from its centre to the nearest blocked cell, or 0 if blocked.
 
     Half a cell's diagonal is subtracted from the distance between centres, so that the result never exceeds the true
     clearance. The map's edge is not blocked; if no cell is blocked, every clearance is inf.

@@ -52,11 +52,7 @@ _ENCODINGS = _table()
 
 
 def find_encoding(name: str) -> Encoding:
-    """Looks up an encoding.
-
-    Raises:
-        CodedError: "bad_image" if it is unknown.
-    """
+    """Looks up an encoding by its name. Raises CodedError "bad_image" if it is unknown."""
     encoding = _ENCODINGS.get(name.lower()) or _ENCODINGS.get(name)
     if encoding is not None:
         return encoding

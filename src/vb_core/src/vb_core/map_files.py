@@ -1,4 +1,4 @@
-"""Map files as map_server reads them: an image with a YAML file beside it.
+"""Map files as map_server reads them: an image with a YAML file next to it.
 
 Trinary files distinguish free, occupied and unknown. Raw files keep soft values: a pixel is the occupancy, or 255 for
 unknown. (A soft value that map_saver writes is read back as 100, unknown or 0.)
@@ -72,7 +72,7 @@ def write_map(stem: Path, grid: GridMap, raw: bool = False) -> List[Path]:
     return [image_path, yaml_path]
 
 
-def map_path(name: str) -> Path:
+def path_from_caller(name: str) -> Path:
     """Returns the path of a map that was named in a terminal, relative to the folder in which roslaunch was called.
 
     roslaunch starts nodes in another folder, but the environment variable PWD still names the folder of the call.
@@ -89,7 +89,6 @@ def read_map(path: Path) -> GridMap:
     Raises:
         CodedError: "bad_map_file" naming the file and the key.
     """
-    path = Path(path)
     try:
         description = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -147,7 +146,8 @@ def _gray(image: np.ndarray, colors_only: bool) -> np.ndarray:
     """Returns the mean (H, W), 0 .. 255, of an image's channels."""
     if image.ndim == 2:
         return image.astype(float)
-    return image[..., : 3 if colors_only else None].mean(axis=2)
+    channels = image[..., :3] if colors_only else image
+    return channels.mean(axis=2)
 
 
 def _read_image(path: Path) -> np.ndarray:
@@ -158,7 +158,7 @@ def _read_image(path: Path) -> np.ndarray:
         raise _bad(path, error.strerror) from None
     try:
         image: Optional[np.ndarray] = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
-    except cv2.error:  # for instance too large for OpenCV
+    except cv2.error:  # an image may be too large for OpenCV
         image = None
     if image is None:
         raise _bad(path, "$file_no_image")

@@ -4,7 +4,7 @@ MAP_FRAME = "map"
 
 PHYSICAL_MAP = "/map"
 MAP_WITH_BORDERS = "/virtual_borders/map"
-MAP_WITH_MARGIN = "robot_driver/keep_out"  # in a robot's namespace: borders grown by the uncertainty of its pose
+MAP_WITH_MARGIN = "robot_driver/keep_out"  # borders grown by the uncertainty of a robot's pose; in its namespace
 SPOTS = "/virtual_borders/spots"
 STATE = "/virtual_borders/state"
 PROGRESS = "/virtual_borders/progress"

@@ -8,7 +8,7 @@ A parameter class lists its values with `param`, which carries unit and limits:
 
 `DriveParams.from_mapping({"speed": 0.1})` reads values from YAML or the parameter server. An unknown
 key, a wrong type or a value out of range raises a `ParameterError` that names the key. A default that is itself
-`Parameters` makes a group: `{"drive": {"speed": 0.1}}`, whose keys are named "drive/speed".
+`Parameters` makes a group, as in `{"drive": {"speed": 0.1}}`, whose keys are named "drive/speed".
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from vb_core.errors import ParameterError
 
 P = TypeVar("P", bound="Parameters")
 
-NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")  # of a camera, a robot or a computer
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")  # a camera's, a robot's or a computer's
 
 
 def param(
@@ -98,11 +98,11 @@ class Parameters:
     def _changed(self) -> List[str]:
         parts: List[str] = []
         for field in dataclasses.fields(self):
-            value, unit = getattr(self, field.name), field.metadata["unit"]
+            value = getattr(self, field.name)
             if isinstance(value, Parameters):
                 parts += [f"{field.name}/{part}" for part in value._changed()]
             elif value != field.metadata["default"]:
-                parts.append(f"{field.name}={value}{' ' + unit if unit else ''}")
+                parts.append(f"{field.name}={value} {field.metadata['unit']}".rstrip())
         return parts
 
 
@@ -124,13 +124,15 @@ def _check(key: str, value: Any, limits: Mapping[str, Any]) -> Any:
     Raises:
         ParameterError: names the key and says what was expected.
     """
-    unit, kind, entry_class = limits["unit"], type(limits["default"]), limits["of"]
+    kind = type(limits["default"])
+    entry_class = limits["of"]
     if issubclass(kind, Parameters):
         return value if isinstance(value, kind) else kind.from_mapping(value, key)
     accepted: Any = {float: (int, float), tuple: (list, tuple)}.get(kind, kind)
     has_type = isinstance(value, accepted) and (kind is bool or not isinstance(value, bool))
     if kind in _EXPECTED and not (has_type and value == value):  # nan is not a number
-        raise ParameterError(key, f"expected {_EXPECTED[kind]}{f' in {unit}' if unit else ''}, got {value!r}")
+        unit = f" in {limits['unit']}" if limits["unit"] else ""
+        raise ParameterError(key, f"expected {_EXPECTED[kind]}{unit}, got {value!r}")
     if kind in (float, tuple):
         value = kind(value)
     if entry_class is not None:
@@ -139,7 +141,8 @@ def _check(key: str, value: Any, limits: Mapping[str, Any]) -> Any:
             for index, item in enumerate(value)
         )
     if any(limits[name] is not None for name in _LIMITS):
-        for element in value if isinstance(value, (list, tuple)) else [value]:
+        elements = value if isinstance(value, (list, tuple)) else [value]
+        for element in elements:
             _check_limits(key, element, limits)
     if limits["choices"] is not None and value not in limits["choices"]:
         raise ParameterError(key, f"must be one of {', '.join(map(str, limits['choices']))}, got {value!r}")

@@ -21,7 +21,9 @@ class RateLimiter:
         tokens, refilled_at = self._buckets.pop(key, (self._burst, now))
         tokens = min(self._burst, tokens + self._rate * max(0.0, now - refilled_at))
         allowed = tokens >= 1.0
-        self._buckets[key] = (tokens - 1.0 if allowed else tokens, now)
+        if allowed:
+            tokens -= 1.0
+        self._buckets[key] = (tokens, now)
         while len(self._buckets) > 1000:
             self._buckets.popitem(last=False)
         return allowed

@@ -47,7 +47,7 @@ class Scanner(Parameters):
     obstacle_range: float = param(2.5, "m", above=0.0, doc="up to here navigation marks obstacles")
 
 
-KINDS = {
+BASE_KINDS = {
     "differential": "",
     "car": "cannot turn on the spot, which the driver makes it do",
     "omnidirectional": "moves sideways, where the driver checks nothing",
@@ -58,15 +58,15 @@ KINDS = {
 class Base(Parameters):
     """The robot's base. The driver checks that only itself and trusted nodes can command it."""
 
-    kind: str = param("differential", choices=tuple(KINDS), doc="how it moves; only differential is supported")
+    kind: str = param("differential", choices=tuple(BASE_KINDS), doc="how it moves; only differential is supported")
     topic: str = param("cmd_vel", doc="topic of the driver's commands: the base's own, or an input of its mux")
     output: str = param("", doc="behind a mux: the topic on which the mux commands the base; empty: no mux")
     trusted: tuple = param((), doc="nodes that may command the base too, for instance a bumper's reflex")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if KINDS[self.kind]:
-            raise ParameterError("kind", f"this robot is not supported: it {KINDS[self.kind]}")
+        if BASE_KINDS[self.kind]:
+            raise ParameterError("kind", f"this robot is not supported: it {BASE_KINDS[self.kind]}")
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,6 @@ class RobotProfile(Parameters):
         Raises:
             ParameterError: if it cannot be read, is not YAML, or as `from_mapping`.
         """
-        path = Path(path)
         try:
             document = yaml.safe_load(path.read_text(encoding="utf-8"))
         except OSError as error:

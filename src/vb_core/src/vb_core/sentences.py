@@ -1,6 +1,6 @@
 """The sentences that people read or hear, by code and language.
 
-Messages carry a code and values. A sentence is looked up here, in the language of the person who reads it:
+Messages carry a code and values. A sentence is looked up here, in the language of the person who reads it.
 languages/<language>/<topic>.yaml maps each code to one sentence with the values' names in braces:
 
     page_removed: "{border} was removed."
@@ -22,25 +22,21 @@ from typing import Any, Dict, List, Mapping
 import yaml
 
 ENGLISH = "en"
-FOLDER = Path(__file__).resolve().parent / "languages"
-# a name that the border database gave, alone, in quotes, or in a list of names
+LANGUAGES_FOLDER = Path(__file__).resolve().parent / "languages"
+# a name that the border database gave: alone, in quotes or in a list of names
 _UNNAMED = re.compile(r"(?:^|(?<=^')|(?<=, ))(border|wall) (\d+)(?=$|'$|, )")
 
 
 def languages() -> List[str]:
     """Lists the available languages, by their two-letter codes."""
-    return sorted(path.name for path in FOLDER.iterdir() if path.is_dir())
+    return sorted(path.name for path in LANGUAGES_FOLDER.iterdir() if path.is_dir())
 
 
 @functools.lru_cache(maxsize=None)
 def catalog(language: str = ENGLISH) -> Dict[str, str]:
-    """Reads every code's sentence in one language, from all of its files.
-
-    Raises:
-        ValueError: if two files have the same code.
-    """
+    """Reads every code's sentence in one language, from all of its files. Raises ValueError if two have the same code."""
     by_code: Dict[str, str] = {}
-    for path in sorted((FOLDER / language).glob("*.yaml")):
+    for path in sorted((LANGUAGES_FOLDER / language).glob("*.yaml")):
         for code, sentence in (yaml.safe_load(path.read_text(encoding="utf-8")) or {}).items():
             if code in by_code:
                 raise ValueError(f"{path}: {code} has a sentence in another file already")

@@ -17,7 +17,7 @@ from typing import Dict, Tuple
 
 from vb_core.vocabulary import DEFAULT, STATES
 
-# [Hz] the notes of five octaves, equally tempered, by their names: A4 is 440 Hz
+# [Hz] pitches of the notes of five octaves in equal temperament; A4 is 440 Hz
 _SEMITONES = {"C": -9, "D": -7, "E": -5, "F": -4, "G": -2, "A": 0, "B": 2}
 PITCHES = {
     f"{name}{octave}": 440.0 * 2.0 ** (octave - 4 + semitone / 12.0)

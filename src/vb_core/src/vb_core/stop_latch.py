@@ -8,7 +8,7 @@ A robot holds every stop that it has received until a latch that knows all of th
 a stop holds even if the latch never received it, or has lost its file; the robot then reports the stop.
 
 >>> latch, robot = StopLatch(), HeldStops()
->>> robot.hear("1a")                        # a button's stop reaches the robot ...
+>>> robot.add("1a")                        # a button's stop reaches the robot ...
 >>> robot.update_from_latch(latch.stopped, latch.stops)
 >>> robot.stopped                           # ... and holds, although the latch does not know of it yet
 True
@@ -90,10 +90,11 @@ class _Stored:
             if self._path is not None and content != self._written:
                 try:
                     write_atomically(self._path, json.dumps(content).encode("utf-8"))
-                    self._written, self.stored = content, True
+                    self._written = content
                 except CodedError:
-                    self._written, self.stored = None, False
+                    self._written = None
                     _empty(self._path)
+                self.stored = self._written is not None
             return self.stored
 
 
@@ -103,50 +104,56 @@ class StopLatch(_Stored):
     Attributes:
         number: number of the newest stop; set even before the first stop, so that every command can name it.
         stops: ids of the latest stops, as given by their senders, the newest last.
-        stopped, by: whether the newest stop is in force, and who gave the first of the stops in force.
+        stopped, stopped_by: whether the newest stop is in force, and who gave the first of the stops in force.
     """
 
     def __init__(self, path: Optional[Path] = None) -> None:
-        self.number, self.stops = new_id(), ()
+        self.number = new_id()
+        self.stops: Tuple[str, ...] = ()
         self.stopped = False
-        self.by = ""
+        self.stopped_by = ""
         super().__init__(path)
 
-    def stop(self, identity: str, by: str) -> bool:
+    def stop(self, identity: str, sender: str) -> bool:
         """Stops all robots. Ignores a known stop and returns False, since one press may arrive twice."""
         with self._lock:
             if identity in self.stops:
                 return False
-            self.by = self.by if self.stopped else by
+            self.stopped_by = self.stopped_by if self.stopped else sender
             self.number = new_id()
             self.stops = (*self.stops, identity)[-MAX_KNOWN_STOPS:]
             self.stopped = True
             return True
 
-    def read(self) -> Tuple[bool, str, str, Tuple[str, ...]]:
+    def snapshot(self) -> Tuple[bool, str, str, Tuple[str, ...]]:
         """Returns a consistent snapshot: whether robots are stopped, by whom, the number and the stops."""
         with self._lock:
-            return self.stopped, self.by, self.number, self.stops
+            return self.stopped, self.stopped_by, self.number, self.stops
 
     def resume(self, seen_number: str) -> bool:
         """Releases the stop if `seen_number` is the newest number. Returns whether robots may drive now."""
         with self._lock:
             if seen_number == self.number:
-                self.stopped, self.by, self.lost = False, "", False
+                self.stopped = False
+                self.stopped_by = ""
+                self.lost = False
             return not self.stopped
 
     def _restore(self, content: Any) -> None:
-        stops, stopped, by = _check_ids([content["number"], *content["stops"]]), content["stopped"], content["by"]
+        number, *stops = _check_ids([content["number"], *content["stops"]])
+        stopped, stopped_by = content["stopped"], content["by"]
         if not isinstance(stopped, bool):
             raise ValueError("not a stop")
-        self.number, *self.stops = stops
-        self.stops, self.stopped, self.by = tuple(self.stops), stopped, str(by)
+        self.number = number
+        self.stops = tuple(stops)
+        self.stopped = stopped
+        self.stopped_by = str(stopped_by)
 
     def _content(self) -> Any:
-        return {"number": self.number, "stops": list(self.stops), "stopped": self.stopped, "by": self.by}
+        return {"number": self.number, "stops": list(self.stops), "stopped": self.stopped, "by": self.stopped_by}
 
     def _stop_in_doubt(self) -> None:
-        self.stop(new_id(), self.by or "interaction_manager")
+        self.stop(new_id(), self.stopped_by or "interaction_manager")
 
 
 class HeldStops(_Stored):
@@ -167,12 +174,12 @@ class HeldStops(_Stored):
         return self._latch_stopped or bool(self.ids)
 
     @property
-    def lasting(self) -> Tuple[str, ...]:
+    def persisted_ids(self) -> Tuple[str, ...]:
         """The held stops that survive the process: those in the file, or all if the file cannot be written."""
         stored_ids = self._written
         return self.ids if stored_ids is None else tuple(identity for identity in self.ids if identity in stored_ids)
 
-    def hear(self, identity: str) -> None:
+    def add(self, identity: str) -> None:
         """Adds a stop. If there are too many, one new stop replaces all of them."""
         with self._lock:
             if identity not in self.ids:
@@ -181,11 +188,12 @@ class HeldStops(_Stored):
     def update_from_latch(self, stopped: bool, stops: Sequence[str]) -> None:
         """Applies the latch's message: whether robots are stopped, and which stops it knows, the newest last."""
         if stopped and stops:
-            self.hear(stops[-1])
+            self.add(stops[-1])
         with self._lock:
             self._latch_stopped = stopped
             if not stopped and set(self.ids) <= set(stops):
-                self.ids, self.lost = (), False
+                self.ids = ()
+                self.lost = False
 
     def _restore(self, content: Any) -> None:
         self.ids = tuple(_check_ids(content))
@@ -194,7 +202,7 @@ class HeldStops(_Stored):
         return list(self.ids)
 
     def _stop_in_doubt(self) -> None:
-        self.hear(new_id())
+        self.add(new_id())
 
 
 def _check_ids(values: Any) -> List[str]:

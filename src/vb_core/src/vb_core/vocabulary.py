@@ -66,8 +66,8 @@ CAMERA = "camera"  # cameras that report
 DRIVER = "driver"  # cameras, and a robot with this stack's driver
 STOPPABLE = "stoppable"  # a robot that obeys Stop
 
-# values of `Command.consequences`: when the command moves a robot, changes the map or loses a drawing at once; if it
-# may have been misheard, the person must then confirm it
+# values of `Command.consequences`: when the command moves a robot, changes the map or loses a drawing at once. Then the
+# person must confirm a command that may have been misheard
 ALWAYS = "always"
 NEVER = "never"
 WHILE_DRAWN = "while_drawn"  # there is a drawing that can be lost
@@ -122,7 +122,7 @@ QUESTIONS = ("confirm_save", "confirm_command")  # codes with which the system a
 ANSWERS = {"yes_" + name: name for name, command in COMMANDS.items() if command.consequences != NEVER}
 
 
-def normalize(text: str) -> str:
+def command_name_from_text(text: str) -> str:
     """Converts a command as people write it ("Define border") to its name ("define_border")."""
     return "_".join(text.replace("-", " ").replace("_", " ").replace(",", " ").lower().split())
 

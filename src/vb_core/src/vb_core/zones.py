@@ -41,13 +41,13 @@ class Zone:
 
 
 KEEP_OUT, AVOID, SLOW = _ZONES = (
-    Zone("keep_out", 0, lambda robot: robot.accepts_goals or robot.driver),
+    Zone("keep_out", 0, lambda robot: robot.accepts_goals or robot.has_driver),
     # robots take a cheap detour, and cross the area if it is the only path
     Zone("avoid", 1, lambda robot: robot.accepts_goals, soft=True, occupancy=0.75),
     Zone(
         "slow",
         2,
-        lambda robot: robot.driver or (robot.navigation and robot.obeys_speed),
+        lambda robot: robot.has_driver or (robot.has_navigation and robot.obeys_speed),
         restricts=False,
         limits_speed=True,
     ),

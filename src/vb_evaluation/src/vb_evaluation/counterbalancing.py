@@ -7,7 +7,7 @@ from typing import List, Sequence, Tuple
 
 import numpy as np
 
-METHOD_SQUARES = 3  # two methods have blocks of 2, 4 or 6 participants: sizes are drawn too (ICH E9, 2.3.2)
+METHOD_SQUARES = 3  # two methods have blocks of 2, 4 or 6 participants, drawn at random (ICH E9, Sect. 2.3.2)
 
 
 def order_runs(
@@ -29,18 +29,18 @@ def order_runs(
 
 
 def counterbalance(
-    number: int, participants: int, things: Sequence[str], seed: int, label: str, squares: int = 1
+    number: int, participants: int, items: Sequence[str], seed: int, label: str, squares: int = 1
 ) -> List[str]:
-    """Orders things for one participant: blocks of participants get one to `squares` random Latin squares, shuffled.
+    """Orders items for one participant: blocks of participants get one to `squares` random Latin squares, shuffled.
 
-    In every block each thing comes equally often at each position. The last block ends with the last participant, or
+    In every block each item comes equally often at each position. The last block ends with the last participant, or
     less than a square after, so that all participants are balanced as if each block were one square.
     """
     random = np.random.default_rng([seed, zlib.crc32(label.encode())])
     orders: List[List[str]] = []
     while len(orders) < number:
-        squares_left = -(-(participants - len(orders)) // len(things))  # the last one may be incomplete
-        firsts = [random.permutation(list(things)) for _ in range(min(random.integers(squares) + 1, squares_left))]
-        block = [np.roll(first, shift) for first in firsts for shift in range(len(things))]
+        squares_left = -(-(participants - len(orders)) // len(items))  # the last one may be incomplete
+        firsts = [random.permutation(list(items)) for _ in range(min(random.integers(squares) + 1, squares_left))]
+        block = [np.roll(first, shift) for first in firsts for shift in range(len(items))]
         orders += random.permutation(block).tolist()
     return orders[number - 1]

@@ -28,12 +28,12 @@ from rich.table import Table
 from roslib.packages import find_node
 
 from vb_core import names
-from vb_core.child_processes import Child, free_port, roslaunch
+from vb_core.child_processes import ChildProcess, free_port, start_roslaunch
 from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import Pose, chain_length
 from vb_core.ros import services
 from vb_evaluation import metrics
-from vb_evaluation.repository_revision import repository_top
+from vb_evaluation.repository_revision import repository_root
 from vb_evaluation.report.paper_results import METHOD_TITLES
 from vb_evaluation.navigation_check.move_base_goals import GoalOutcome, GoalRunner
 from vb_evaluation.navigation_check.plan_observer import Observer, wait_until
@@ -57,8 +57,8 @@ VERDICTS = {
     "goal_not_reached": "the robot did not get to the goal: {drive_outcome}",
 }
 RESPECTED = ("went_round", "out_of_reach")
-_LAUNCH = repository_top() / "launch"
-_LAB_WORLD = repository_top() / "src/vb_sim/worlds/lab.yaml"
+_LAUNCH = repository_root() / "launch"
+_LAB_WORLD = repository_root() / "src/vb_sim/worlds/lab.yaml"
 
 
 def parse(arguments: Optional[List[str]]) -> argparse.Namespace:
@@ -72,12 +72,12 @@ def parse(arguments: Optional[List[str]]) -> argparse.Namespace:
     parser.add_argument("--method", default="nrs")
     parser.add_argument("--world", default="", help="a world file; empty: the paper's lab")
     parser.add_argument("--seed", default="1", help="of every random draw")
-    parser.add_argument("--out", default=str(repository_top() / "out" / "demo"))
+    parser.add_argument("--out", default=str(repository_root() / "out" / "demo"))
     parser.add_argument("--no-rviz", dest="rviz", action="store_false", help="leave the smart display out")
     parser.add_argument("--navigation", default="standin", help="standin, or move_base: the real one (make navigation)")
     options = parser.parse_args(arguments)
-    path = Path(options.world).expanduser().resolve() if options.world else _LAB_WORLD
-    world = load_world(str(path))
+    options.world_path = Path(options.world).expanduser().resolve() if options.world else _LAB_WORLD
+    world = load_world(str(options.world_path))
     for key, value, choices in (
         ("METHOD", options.method, METHOD_TITLES),
         ("NAVIGATION", options.navigation, NAVIGATIONS),
@@ -89,8 +89,10 @@ def parse(arguments: Optional[List[str]]) -> argparse.Namespace:
         raise ParameterError("NAVIGATION", "move_base is not installed: run 'make navigation' once")
     if not options.seed.isdigit():
         raise ParameterError("SEED", f"expected a whole number, got '{options.seed}'")
-    options.world_path, options.world, options.scenario = path, world, world.scenarios[options.scenario]
-    options.seed, options.out = int(options.seed), Path(options.out).resolve()
+    options.world = world
+    options.scenario = world.scenarios[options.scenario]
+    options.seed = int(options.seed)
+    options.out = Path(options.out).resolve()
     return options
 
 
@@ -142,13 +144,13 @@ class Demo:
 
     # ------------------------------------------------------------- starting
     def _launch(self) -> None:
+        """Starts the simulated lab on a ROS master of its own, in a cleared folder, and waits for the master."""
         options = self.options
         options.out.mkdir(parents=True, exist_ok=True)
         # borders and logs of an earlier run would be picked up again
         state = options.out / "state"
         shutil.rmtree(str(state), ignore_errors=True)
-        for old in options.out.glob("summary.json"):
-            old.unlink()
+        (options.out / "summary.json").unlink(missing_ok=True)
         self._port = free_port()
         page = free_port(PAGE_PORT)
         os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{self._port}"
@@ -172,7 +174,7 @@ class Demo:
         self._print(f"watch it, and take part, at http://127.0.0.1:{page}/")
 
     def _register(self) -> None:
-        """Makes this process a node; rospy would retry for ever if roslaunch, and so the master, ended meanwhile."""
+        """Makes this process a node. If the master ended with roslaunch, rospy alone would retry forever."""
         node = {"anonymous": True, "disable_signals": True, "log_level": rospy.ERROR}
         attempt = threading.Thread(target=rospy.init_node, args=("demo_observer",), kwargs=node, daemon=True)
         attempt.start()
@@ -181,16 +183,17 @@ class Demo:
         if attempt.is_alive():
             raise CodedError("launch_ended", f"roslaunch ended:\n{self._launched.tail()}")
 
-    def _roslaunch(self, files: List[str], **arguments: Any) -> Child:
+    def _roslaunch(self, files: List[str], **arguments: Any) -> ChildProcess:
         """Starts launch files for this world, method and seed."""
         options = self.options
         arguments.update(world=options.world_path, method=options.method, seed=options.seed)
         log = options.out / "log" / f"{Path(files[0]).stem}.txt"
-        child = roslaunch([_LAUNCH / name for name in files], log, self._port, **arguments)
+        child = start_roslaunch([_LAUNCH / name for name in files], log, self._port, **arguments)
         self._stack.callback(child.stop)
         return child
 
     def _wait_until_ready(self, observer: Observer) -> None:
+        """Waits until every part of the system has published, or raises an error that names those that have not."""
         ready_conditions = {
             "the interaction manager (/virtual_borders/state)": lambda: observer.state is not None,
             "the physical map (/map)": lambda: observer.prior is not None,
@@ -258,7 +261,7 @@ class Demo:
 
         def goes_round() -> bool:
             plans.append(observer.plan(start, goal, "/move_base/make_plan"))
-            return not metrics.crosses(plans[-1], observer.prior, region)
+            return not metrics.path_meets_region(plans[-1], observer.prior, region)
 
         wait_until(goes_round, 5.0, 0.25)
         return plans[-1]
@@ -300,6 +303,7 @@ class Demo:
         times = {"guide": state.guide_s, "border": state.border_s, "seed": state.seed_s}
         driven = drives[-1] if drives else GoalOutcome("not_sent")
         paths = {**plans, "driven": driven.path}
+        crossings = {key: metrics.path_meets_region(path, prior, region) for key, path in paths.items()}
         summary = {
             "scenario": options.scenario.key,
             "method": options.method,
@@ -310,19 +314,20 @@ class Demo:
             "jaccard": round(score, 4),
             "time_s": {key: round(value, 2) for key, value in {**times, "total": sum(times.values())}.items()},
             **{f"path_{key}_m": round(chain_length(path), 3) if len(path) else None for key, path in paths.items()},
-            **{f"path_{key}_crosses_border": metrics.crosses(path, prior, region) for key, path in paths.items()},
+            **{f"path_{key}_crosses_border": is_crossing for key, is_crossing in crossings.items()},
             "drive_outcome": driven.outcome,
             "drive_s": round(driven.seconds, 1),
         }
         # from the robot's position when the border was saved: tells a robot that drove in from one that stood there
         at_save = [(pose.x, pose.y) for pose in observer.lab_at_save.robot_poses[:1]] if observer.lab_at_save else []
         track = np.vstack([np.reshape(at_save, (-1, 2)), *(drive.path for drive in drives)])
-        ends_inside = metrics.crosses(track[-1:], prior, region)
-        verdict = summary["verdict"] = _verdict(summary, metrics.enters(track, prior, region), ends_inside)
+        ends_inside = metrics.path_meets_region(track[-1:], prior, region)
+        verdict = summary["verdict"] = _verdict(summary, metrics.path_enters_region(track, prior, region), ends_inside)
         (options.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
         table = Table(title="result", show_header=False)
         for key, value in summary.items():
-            for part, entry in value.items() if isinstance(value, dict) else [("", value)]:
+            parts = value if isinstance(value, dict) else {"": value}
+            for part, entry in parts.items():
                 table.add_row(f"{key} {part}".strip().replace("_", " "), "none" if entry is None else str(entry))
         self.console.print(table, f"written to {options.out}")
         respected = verdict in RESPECTED

@@ -38,7 +38,7 @@ def jaccard(truth: np.ndarray, drawn: np.ndarray) -> float:
     Raises:
         CodedError: "bad_shape" if the shapes differ.
     """
-    truth, drawn = np.asarray(truth, bool), np.asarray(drawn, bool)
+    truth, drawn = (np.asarray(area, bool) for area in (truth, drawn))
     if truth.shape != drawn.shape:
         raise CodedError("bad_shape", f"the ground truth has {truth.shape} cells, the user's map {drawn.shape}")
     union = int(np.count_nonzero(truth | drawn))
@@ -72,8 +72,8 @@ class BoundaryError(NamedTuple):
 def boundary_error(prior: GridMap, truth: np.ndarray, restricted: np.ndarray) -> Optional[BoundaryError]:
     """Measures how far the restricted area's boundary is from the requested one.
 
-    A boundary consists of the edges between a cell inside and one outside, both of them free floor: nothing was
-    drawn where the area ends at a wall. From each edge's middle the distance to the nearest edge of the other
+    A boundary consists of the edges between a free cell inside and a free one outside, since nothing was drawn
+    where the area ends at a wall. From each edge's middle the distance to the nearest edge of the other
     boundary is taken, in both directions, so that a missing part counts like a superfluous one. The grid rounds
     each distance to about half a cell.
 
@@ -109,19 +109,19 @@ def _edges(area: np.ndarray, free: np.ndarray) -> np.ndarray:
     return np.vstack([np.argwhere(across) + (0.0, 0.5), np.argwhere(along) + (0.5, 0.0)])
 
 
-def crosses(path: np.ndarray, grid: GridMap, region: np.ndarray) -> bool:
+def path_meets_region(path: np.ndarray, grid: GridMap, region: np.ndarray) -> bool:
     """Returns whether a path (N, 2) [m] meets a region, (H, W) bool in the grid's geometry."""
     return bool(_is_within(path, grid, region).any())
 
 
-def enters(path: np.ndarray, grid: GridMap, region: np.ndarray) -> bool:
+def path_enters_region(path: np.ndarray, grid: GridMap, region: np.ndarray) -> bool:
     """Returns whether a path (N, 2) [m] comes into a region from outside. One that begins within may leave it."""
     within = _is_within(path, grid, region)
     return bool((within[1:] & ~within[:-1]).any())
 
 
 def _is_within(path: np.ndarray, grid: GridMap, region: np.ndarray) -> np.ndarray:
-    """Returns (M,) bool: which points sampled along a path are in a region; those off the map are not."""
+    """Returns which points sampled along a path are in a region, (M,) bool. Those off the map are not."""
     path = np.asarray(path, dtype=float).reshape(-1, 2)
     if len(path) == 0:
         return np.zeros(0, dtype=bool)
@@ -130,7 +130,7 @@ def _is_within(path: np.ndarray, grid: GridMap, region: np.ndarray) -> np.ndarra
     return sample(grid, np.asarray(region, bool), samples, outside=0.0) > 0
 
 
-def enclosed(floor: np.ndarray, restricted: np.ndarray, truth: np.ndarray) -> np.ndarray:
+def enclosed_cells(floor: np.ndarray, restricted: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Returns the cells inside a border: the restricted ones or, if most floor is to be restricted, the free ones.
 
     Args:

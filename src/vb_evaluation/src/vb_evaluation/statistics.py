@@ -1,7 +1,7 @@
 """Computes the paper's statistics of paired measurements (Sect. 5.8), with effect sizes and intervals beside p.
 
-The Wilcoxon signed-rank test is reported as in SPSS and the paper: zero differences are dropped, ties share
-their mean rank and shrink the variance, Z has no continuity correction and is never above 0.
+The Wilcoxon signed-rank test is reported as in SPSS and the paper. Zero differences are dropped, and ties share
+their mean rank and shrink the variance. Z has no continuity correction and is never above 0.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Interval:
         return f"{estimate} [?]" if math.isnan(self.low) else f"{estimate} [{low}, {high}]"
 
 
-UNKNOWN = Interval(math.nan)
+UNKNOWN_INTERVAL = Interval(math.nan)
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def compare_paired(first: np.ndarray, second: np.ndarray, confidence: float = CO
     Raises:
         CodedError: "bad_sample" if they are not pairs of finite numbers.
     """
-    first, second = _sample(first), _sample(second)
+    first, second = (_sample(values) for values in (first, second))
     if len(first) != len(second):
         raise CodedError("bad_sample", f"paired samples have the same length, got {len(first)} and {len(second)}")
     # 0.3 - 0.1 and 0.4 - 0.2 are a tie that floating point does not see
@@ -112,7 +112,7 @@ def signed_rank(differences: np.ndarray) -> SignedRank:
     ranks = stats.rankdata(np.abs(ranked))
     w_plus, w_minus = float(ranks[ranked > 0].sum()), float(ranks[ranked < 0].sum())
     with warnings.catch_warnings():
-        # SciPy warns that the normal approximation is poor for n < 10; the exact p is reported beside it
+        # SciPy warns that the normal approximation is poor for n < 10, but the exact p is reported too
         warnings.simplefilter("ignore", UserWarning)
         approximation = stats.wilcoxon(ranked, zero_method="wilcox", correction=False, mode="approx")
     tail = _distribution(ranks)[: int(round(2 * min(w_plus, w_minus))) + 1].sum()
@@ -129,7 +129,7 @@ def hodges_lehmann(differences: np.ndarray, confidence: float = CONFIDENCE) -> I
     differences = _sample(differences)
     n = len(differences)
     if n == 0:
-        return UNKNOWN
+        return UNKNOWN_INTERVAL
     rows, columns = np.triu_indices(n)
     walsh = np.sort((differences[rows] + differences[columns]) / 2.0)
     cumulative = np.cumsum(_distribution(np.arange(1.0, n + 1)))[::2]
@@ -165,7 +165,7 @@ def bootstrap(statistic: Callable[..., np.ndarray], *samples: np.ndarray, method
     if len({len(sample) for sample in values}) != 1:
         raise CodedError("bad_sample", "paired samples have the same length")
     if len(values[0]) == 0:
-        return UNKNOWN
+        return UNKNOWN_INTERVAL
     estimate = float(statistic(*values))
     if len(values[0]) == 1:
         return Interval(estimate)
@@ -199,7 +199,7 @@ def noninferiority_p(gains: np.ndarray, margin: float) -> float:
 
 def holm(ps: Sequence[float]) -> np.ndarray:
     """Corrects the p of one family of tests by Holm's method, (N,). Unknown ones stay unknown and do not count."""
-    # imported here and below: statsmodels takes a second to import, and a simulation does not need it
+    # statsmodels takes a second to import, and a simulation does not need it
     from statsmodels.stats.multitest import multipletests
 
     corrected = np.array(ps, dtype=float)
@@ -213,7 +213,7 @@ def compare_completed(first: np.ndarray, second: np.ndarray) -> Dict[str, float]
     """Counts pairs (N,) of 0 and 1 by which of the two were completed; `p` is McNemar's, exact."""
     from statsmodels.stats.contingency_tables import mcnemar
 
-    first, second = _sample(first).astype(bool), _sample(second).astype(bool)
+    first, second = (_sample(values).astype(bool) for values in (first, second))
     counts = {
         "both": int((first & second).sum()),
         "first": int((first & ~second).sum()),
@@ -247,9 +247,9 @@ def difference_of_proportions(first: np.ndarray, second: np.ndarray, confidence:
     """
     from statsmodels.stats.proportion import confint_proportions_2indep
 
-    first, second = _sample(first), _sample(second)
+    first, second = (_sample(values) for values in (first, second))
     if not len(first) or not len(second):
-        return UNKNOWN
+        return UNKNOWN_INTERVAL
     counts = first.sum(), len(first), second.sum(), len(second)
     low, high = confint_proportions_2indep(*counts, method="newcomb", compare="diff", alpha=1.0 - confidence)
     return Interval(float(first.mean() - second.mean()), float(low), float(high), confidence)
@@ -258,13 +258,13 @@ def difference_of_proportions(first: np.ndarray, second: np.ndarray, confidence:
 def proportion(successes: int, n: int) -> Interval:
     """Computes a success rate, 0 .. 1, with Wilson's interval."""
     if n == 0:
-        return UNKNOWN
+        return UNKNOWN_INTERVAL
     limits = stats.binomtest(int(successes), int(n)).proportion_ci(CONFIDENCE, method="wilson")
     return Interval(successes / n, float(limits.low), float(limits.high), CONFIDENCE)
 
 
 def format_number(value: float, digits: int) -> str:
-    """Writes a number as the report shows it; a dash for what is unknown."""
+    """Writes a number as the report shows it, or a dash for what is unknown."""
     return "–" if math.isnan(value) else f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")
 
 

@@ -24,14 +24,14 @@ from geometry_msgs.msg import PointStamped
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_laser_detect.calibration import pose_file
-from vb_laser_detect.calibration.pose_session import CalibrationSession, HeldSpot, describe, describe_points
-from vb_laser_detect.calibration.pose_session import parse_place
+from vb_laser_detect.calibration.pose_session import PoseCalibrationSession, StillSpotFinder
+from vb_laser_detect.calibration.pose_session import describe_estimate, describe_points, parse_point
 from vb_laser_detect.calibration.lens import PAPERS_MM, write_board
 from vb_laser_detect.calibration.pose import POINT_SIGMA
 from vb_laser_detect.detection.spot_detector import SpotDetector
 from vb_laser_detect.ros.calibration_commands import RunningCamera, calibrate_lens, measure_camera_delay, set_exposure
 
-FOLDER = "~/.ros/virtual_borders/cameras"
+CALIBRATION_FOLDER = "~/.ros/virtual_borders/cameras"
 _SPOT_TIMEOUT = 4.0  # [s] for the spot to be seen and still
 print_line = partial(print, flush=True)  # the person sees each line at once
 _HELP = """
@@ -61,7 +61,7 @@ class InputLines:
             self._lines.put(line.strip())
         self._lines.put("quit")
 
-    def next(self) -> str:
+    def wait_for_line(self) -> str:
         """Waits for the next line; returns "quit" when the input or ROS ends."""
         while not rospy.is_shutdown():
             try:
@@ -77,12 +77,13 @@ class SpotCalibration:
     def __init__(self, arguments: argparse.Namespace) -> None:
         self._arguments = arguments
         self._inputs = InputLines()
-        self._held_spot, self._lock = HeldSpot(), threading.Lock()
+        self._spot_finder = StillSpotFinder()
+        self._lock = threading.Lock()
         self._camera = RunningCamera(arguments.camera, own_source=False)
         # a held spot must not be taken for a lamp while the person finds the place in RViz
         self._detector = SpotDetector(self._camera.detector_params.replace(max_dwell_time=3600.0))
         self._lens = self._camera.read_lens()
-        self._session = CalibrationSession(self._lens, arguments.point_sigma)
+        self._session = PoseCalibrationSession(self._lens, arguments.point_sigma)
         threading.Thread(target=self._watch, daemon=True).start()
 
     def _watch(self) -> None:
@@ -95,13 +96,13 @@ class SpotCalibration:
                 rospy.logwarn_throttle(5.0, str(error))
                 continue
             with self._lock:
-                self._held_spot.add(stamp, [(spot.u, spot.v) for spot in spots if spot.stamp == stamp])
+                self._spot_finder.add(stamp, [(spot.u, spot.v) for spot in spots if spot.stamp == stamp])
 
     def run(self) -> int:
         """Talks to the person until they are done; returns the exit status."""
         print_line(_HELP)
         while True:
-            line = self._inputs.next()
+            line = self._inputs.wait_for_line()
             try:
                 if line == "quit":
                     print_line("nothing was written")
@@ -111,7 +112,7 @@ class SpotCalibration:
                 if line == "undo":
                     print_line("  taken back" if self._session.undo() else "  there is nothing to take back")
                 elif line:
-                    place = parse_place(line)
+                    place = parse_point(line)
                     if place is None:
                         print_line(_HELP)
                         continue
@@ -133,7 +134,7 @@ class SpotCalibration:
         while True:
             try:
                 with self._lock:
-                    return self._held_spot.place()
+                    return self._spot_finder.median_position()
             except CodedError:
                 if time.monotonic() > end or rospy.is_shutdown():
                     raise
@@ -141,18 +142,19 @@ class SpotCalibration:
 
     def _finish(self) -> int:
         """Estimates the pose and writes it; returns the exit status."""
-        estimate, observed = self._session.solve(), self._session.observed
-        report = describe(estimate, observed)
+        observed = self._session.observed
+        estimate = self._session.solve()
+        report = describe_estimate(estimate, observed)
         print_line("\n" + "\n".join("  " + line for line in report))
         name = self._arguments.camera
         frame = self._camera.frame or f"{name}_optical_frame"
         focal = float(self._lens.matrix[0, 0])
         pose = pose_file.CameraPose(name, names.MAP_FRAME, frame, estimate.T_map_camera, focal)
         # where the running lab looks for it
-        folder = str(rospy.get_param("/camera_poses/calibration_dir", "")) or FOLDER
+        folder = str(rospy.get_param("/camera_poses/calibration_dir", "")) or CALIBRATION_FOLDER
         path = pose_file.calibration_path(folder, name)
         title = f"{self._arguments.command}, {datetime.datetime.now().isoformat(' ', 'minutes')}"
-        pose_file.save(path, pose, [title, *report, *describe_points(estimate, observed)])
+        pose_file.write_pose(path, pose, [title, *report, *describe_points(estimate, observed)])
         print_line(f"wrote {path}; a running lab.launch takes it within seconds")
         return 0
 
@@ -163,6 +165,7 @@ def _print_board(arguments: argparse.Namespace) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
+    """Makes the parser; each command's function is its argument `run`."""
     description = "Sets up a ceiling camera, and finds its pose in the map."
     parser = argparse.ArgumentParser("calibrate_camera", description=description)
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
@@ -177,9 +180,8 @@ def _parser() -> argparse.ArgumentParser:
 
     printed = add("print_board", _print_board, "write the board for lenses as PDF or PNG, at true size")
     printed.add_argument("file")
-    spots = add(
-        "spots", lambda arguments: SpotCalibration(arguments).run(), "its pose, from laser spots on known places"
-    )
+    help = "its pose, from laser spots on known places"
+    spots = add("spots", lambda arguments: SpotCalibration(arguments).run(), help)
     accuracy = "[m] how exactly the places are known; default: %(default)s, as clicked in RViz"
     spots.add_argument("--point_sigma", type=float, default=POINT_SIGMA, help=accuracy)
     lens = add("lens", calibrate_lens, "the lens, from the printed board, of a camera that its detector reads itself")
@@ -197,7 +199,7 @@ def main() -> int:
     arguments = _parser().parse_args(rospy.myargv()[1:])
     cv2.setNumThreads(1)
     try:
-        if arguments.run is not _print_board:  # it needs no ROS master
+        if arguments.run is not _print_board:  # only this command needs no ROS master
             # Ctrl-C interrupts the command, not the node, so that the camera's settings are restored first
             rospy.init_node("calibrate_camera", anonymous=True, disable_signals=True)
         return arguments.run(arguments)

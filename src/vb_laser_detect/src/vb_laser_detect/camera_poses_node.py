@@ -16,7 +16,7 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.notices import NoticePublisher
 from vb_laser_detect.calibration.pose_file import CameraPose, calibration_path
-from vb_laser_detect.calibration.camera_faults import CameraWatch, Report, read_files
+from vb_laser_detect.calibration.camera_faults import CameraFaultFinder, DetectorReport, read_files
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
 
@@ -49,14 +49,14 @@ class CameraPosesNode:
         if not self._cameras:
             raise ParameterError(rospy.resolve_name("~cameras"), "the names of cameras must be set")
         self._folder = params.calibration_dir
-        self._contents: Dict[str, bytes] = {}  # of each camera's file, as last read
+        self._contents: Dict[str, bytes] = {}  # each camera's file as last read
         self._files: Dict[str, Union[CameraPose, CodedError]] = {}
         # by camera: the published pose, and the contents that it was read from
         self._poses: Dict[str, CameraPose] = {}
         self._pose_contents: Dict[str, bytes] = {}
         self._lock = threading.Lock()
         node.wait_for_clock()
-        self._watch = CameraWatch(self._cameras, rospy.get_time())
+        self._fault_finder = CameraFaultFinder(self._cameras, rospy.get_time())
         self._broadcaster = tf2_ros.StaticTransformBroadcaster()
         self._notices = NoticePublisher()
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_status, queue_size=50)
@@ -74,22 +74,23 @@ class CameraPosesNode:
         now = rospy.get_time()
         age = now - message.header.stamp.to_sec()
         with self._lock:
-            self._watch.report(message.camera, Report(now, message.frame_id, message.focal_px, age))
+            self._fault_finder.report(message.camera, DetectorReport(now, message.frame_id, message.focal_px, age))
 
     def _on_spot(self, message: LaserSpot) -> None:
         if not message.mobile:
             with self._lock:
                 x, y = message.position.x, message.position.y
-                self._watch.add_spot(message.camera, message.header.stamp.to_sec(), x, y)
+                self._fault_finder.add_spot(message.camera, message.header.stamp.to_sec(), x, y)
 
     def _update(self) -> None:
         """Publishes what has changed in the files, and the notices."""
         if self._folder:
             self._publish_changed_files()
         with self._lock:
-            watch, now = self._watch, rospy.get_time()
-            notices = watch.missing_detectors(now) + watch.misfits(self._files, list(self._poses), now)
-            notices += watch.wrong_clocks(now) + watch.disagreements(now)
+            now = rospy.get_time()
+            notices = self._fault_finder.find_missing_detectors(now)
+            notices += self._fault_finder.find_calibration_faults(self._files, list(self._poses), now)
+            notices += self._fault_finder.find_wrong_clocks(now) + self._fault_finder.find_disagreements(now)
         self._notices.set(notices)
 
     def _publish_changed_files(self) -> None:
@@ -101,20 +102,22 @@ class CameraPosesNode:
         self._files = read_files(self._folder, self._cameras)
         for camera, file in self._files.items():
             if isinstance(file, CameraPose) and self._pose_contents.get(camera) != contents[camera]:
-                self._poses[camera], self._pose_contents[camera] = file, contents[camera]
+                self._poses[camera] = file
+                self._pose_contents[camera] = contents[camera]
                 with self._lock:
-                    self._watch.forget_spots(camera, rospy.get_time())
+                    self._fault_finder.forget_spots(camera, rospy.get_time())
                 position = " ".join(f"{value:.3f}" for value in file.T[:3, 3])
                 rospy.loginfo("%s: %s is at %s in %s", rospy.get_name(), file.frame, position, file.parent)
         # all poses in one message: a latched topic keeps only its last one
-        now, poses = rospy.Time.now(), self._poses.values()
-        if poses:
-            transforms = [messages.message_from_transform(pose.T, pose.parent, pose.frame, now) for pose in poses]
+        now = rospy.Time.now()
+        convert = messages.message_from_transform
+        transforms = [convert(pose.T, pose.parent, pose.frame, now) for pose in self._poses.values()]
+        if transforms:
             self._broadcaster.sendTransform(transforms)
 
 
 def _read_file(path: Path) -> bytes:
-    """Returns a file's contents; b"" if it cannot be read."""
+    """Returns a file's contents, or b"" if it cannot be read."""
     try:
         return path.read_bytes()
     except OSError:  # `read_files` reports why

@@ -1,7 +1,7 @@
 """Finds laser spots in cameras' images and publishes their floor positions in the map (paper, Sect. 4.3).
 
-A process serves up to eight cameras. Separate processes are slower: with 24 cameras at 1080p on two cores, 3.4 ms per image
-instead of 2.8 ms, because the processor's caches then hold the program 24 times.
+A process serves up to eight cameras. With 24 cameras at 1080p on two cores, separate processes take 3.4 ms per image instead
+of 2.8 ms, because the processor's caches then hold the program 24 times.
 """
 
 from __future__ import annotations
@@ -146,9 +146,7 @@ class CameraDetector:
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._report.record_detector, queue_size=20)
         rospy.Subscriber(names.PHYSICAL_MAP, messages.NumpyOccupancyGrid, self._on_map, queue_size=1)
         self._reconfigure_servers = [
-            ReconfigureServer(
-                params.detector, f"{namespace}/detector", self._set_detector_params, fixed=("moving_camera",)
-            ),
+            ReconfigureServer(params.detector, f"{namespace}/detector", self._set_detector_params, ("moving_camera",)),
             ReconfigureServer(params.projection, f"{namespace}/projection", self._set_projection_params),
         ]
         if self._feed is not None:
@@ -207,6 +205,7 @@ class CameraDetector:
             self._report.report_fault(CodedError("internal_error"), severe=True)
 
     def _detect_spots(self, received: ReceivedImage) -> None:
+        """Searches an image, and publishes its spots, what is counted, and the image itself."""
         stamp = received.stamp
         if stamp.is_zero():
             raise CodedError("no_stamp", "the images carry no time: they cannot be matched with poses")
@@ -219,10 +218,10 @@ class CameraDetector:
         located = [spot for spot in detection.spots if spot.floor_point is not None]
         for spot in located:
             self._spots.publish(self._message(spot))
-        if detection.lamps:
+        if detection.lamp_count:
             self._report.report_fault(CodedError("lamp"))
         if geometry is not None:
-            pose_error = geometry.pose_error  # set if the pose was needed and is unknown
+            pose_error = geometry.pose_error  # not None if the pose was needed and is unknown
         # rejections are normal: they are counted, without a warning
         rejected = [spot.rejection for spot in detection.candidates if spot.rejection]
         if detection.is_late:
@@ -238,11 +237,12 @@ class CameraDetector:
     ) -> Tuple[Optional[ImageGeometry], Optional[CodedError]]:
         """Returns the image's geometry, or the reason why there is none. Spots are then found, but not published."""
         try:
-            return self._camera_geometry.geometry_of(frame_id, stamp, size), None
+            return self._camera_geometry.geometry_at(frame_id, stamp, size), None
         except CodedError as error:
             return None, error.without_traceback()
 
     def _message(self, spot: Spot) -> LaserSpot:
+        """Converts a located spot."""
         result = LaserSpot()
         point = spot.floor_point
         exact_stamps = (stamp for stamp in reversed(self._stamps) if stamp.to_sec() == spot.stamp)

@@ -109,7 +109,7 @@ class MapIntegratorNode:
         node.Worker(self._maps, self._take_map)
         options = {"queue_size": 1, "buff_size": 2**24, "tcp_nodelay": True}
         rospy.Subscriber(names.PHYSICAL_MAP, messages.NumpyOccupancyGrid, self._maps.put, **options)
-        node.watch_input(f"the map on {names.PHYSICAL_MAP}", lambda: self._integrator.has_map)
+        node.log_missing_input(f"the map on {names.PHYSICAL_MAP}", lambda: self._integrator.has_map)
 
     def close(self) -> None:
         """Ends the worker, and releases the database."""

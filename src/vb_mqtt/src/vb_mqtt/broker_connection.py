@@ -33,7 +33,7 @@ class Connection(Parameters):
     password: str = param("")
     port: int = param(0, "", low=0, high=65535)  # 0: the default
     tls: bool = param(False)
-    ca_file: str = param("")  # of the CA that signed the broker's certificate; empty: the system's CAs
+    ca_file: str = param("")  # certificate of the CA that signed the broker's, or empty for the system's CAs
 
 
 def read_connection(path: Path) -> Connection:
@@ -45,7 +45,7 @@ def read_connection(path: Path) -> Connection:
     try:
         if not path.exists():
             return Connection()
-        files.keep_private(path)
+        files.restrict_to_owner(path)
         return Connection.from_mapping(yaml.safe_load(path.read_text(encoding="utf-8")), str(path))
     except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or type(error).__name__  # the text may hold the password
@@ -88,7 +88,7 @@ class MqttClient:
         host, port = _split_address(address)
         port = port or connection.port or (8883 if connection.tls else 1883)
         self.address = f"{host}:{port}"
-        self.trouble = ""  # why the broker last refused a connection or subscription; "": it did not
+        self.trouble = ""  # why the broker last refused a connection or subscription, or ""
         self._states: Dict[str, bytes] = {}
         self.connected = False  # whether the broker has accepted this client
         self._lock = threading.Lock()
@@ -100,7 +100,8 @@ class MqttClient:
         if connection.tls:
             self._client.tls_set_context(_make_tls_context(connection.ca_file))
         self._client.reconnect_delay_set(*_RETRIES)
-        self._client.on_connect, self._client.on_disconnect = self._on_connect, self._on_disconnect
+        self._client.on_connect = self._on_connect
+        self._client.on_disconnect = self._on_disconnect
         self._client.on_subscribe = self._on_subscribe
         for topics, callback in subscriptions.items():
             self._client.message_callback_add(topics, self._receiver(callback))
@@ -138,10 +139,11 @@ class MqttClient:
         if reason.is_failure:
             self.trouble = str(reason)
             return
-        # first: once a hub sees this client online, its requests must be received
+        # subscribed first: once a hub sees this client online, the hub's requests must be received
         client.subscribe([(topics, 1) for topics in self._subscriptions])
         with self._lock:
-            self.connected, self.trouble = True, ""
+            self.connected = True
+            self.trouble = ""
             for topic, payload in self._states.items():
                 client.publish(topic, payload, qos=0, retain=True)
 
@@ -156,7 +158,7 @@ class MqttClient:
         def receive(_client: Any, _data: Any, message: Any) -> None:
             try:
                 callback(message.topic, bytes(message.payload), bool(message.retain))
-            except Exception as error:  # otherwise this thread would end, and receive nothing more
+            except Exception as error:  # raised on, it would end this thread, which receives the messages
                 self._on_fault(error)
 
         return receive

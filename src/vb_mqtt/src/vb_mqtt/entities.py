@@ -2,8 +2,8 @@
 
 Each entity has a retained message with its description (Home Assistant's MQTT discovery), and another one, with the
 same key, with its state. An empty message removes an entity that no longer exists, even one from an earlier process.
-A state holds only what people and automations use, and nothing that changes by itself: each change is an entry in the
-hub's history.
+A state holds only what people and automations use, and nothing that changes on its own, because each change is an entry
+in the hub's history.
 
 A button sends the time, and the number of the newest stop in its own attributes, so that `resume` releases only the
 stop that was on the screen.
@@ -30,16 +30,16 @@ from vb_core.zones import zone_by_number
 
 PREFIX = "homeassistant"  # topic below which Home Assistant searches for descriptions
 ONLINE, OFFLINE = "online", "offline"
-MANAGER, INTEGRATOR, MONITOR, CONFIRM = "manager", "integrator", "monitor", "confirm"  # in `health`, beside commands
+MANAGER, INTEGRATOR, MONITOR, CONFIRM = "manager", "integrator", "monitor", "confirm"  # in `health`, with the commands
 COMMAND, ANSWER, NOTICE = "command", "answer", "notice"  # topics of messages that are not states
 ANSWERS = ("done", "asked", "refused")  # outcomes of a command
 NOTICES = ("info", "warning", "error")
 _KEY = re.compile(r"[A-Za-z0-9_-]{0,48}")
-# what a button or switch sends besides its command: the time and an id; the stop or the answer that its state shows
+# what a button or switch sends besides its command: the time and an id, and the stop or the answer that its state shows
 _DATED = '"at": {{ now().timestamp() }}, "id": "{{ now().timestamp() }}-{{ range(100000) | random }}"'
 _SEEN_STOP = "{{ this.attributes.stop_number | default('', true) }}"
 _ANSWER = "{{ this.attributes.answer | default('', true) }}"
-NOBODY_ASKS = "-"
+NO_QUESTION = "-"
 QUESTION_TIME = 30.0  # [s] for which a question can be answered
 MAX_SIDE = 1000  # [px] of the map's picture
 _MAX_TEXT = 250  # characters; Home Assistant accepts 255
@@ -76,14 +76,14 @@ class LabEntities:
         return f"{PREFIX}/+/{self.device}/+/config"
 
 
-def key_of(kind: str, name: str) -> str:
+def entity_key(kind: str, name: str) -> str:
     """Returns the key of a border, camera or robot: safe in a topic, and different for different names."""
     if not _KEY.fullmatch(name):
         name = hashlib.blake2b(name.encode("utf-8"), digest_size=8).hexdigest()
     return f"{kind}_{name}" if name else kind
 
 
-def describe(lab: LabEntities) -> Dict[str, Dict[str, Any]]:
+def describe_entities(lab: LabEntities) -> Dict[str, Dict[str, Any]]:
     """Returns the description of each entity, by its topic."""
 
     def title(code: str, **values: str) -> str:
@@ -116,12 +116,13 @@ def describe(lab: LabEntities) -> Dict[str, Dict[str, Any]]:
         entities["button", command] = {"name": title("command_" + command), **button(needs, "stopped", command)}
     problem = {"device_class": "problem", "entity_category": "diagnostic", "value_template": _flag("problem")}
     for camera in lab.cameras:
-        entities["binary_sensor", key_of("camera", camera)] = {"name": title("mqtt_camera", camera=camera), **problem}
+        name = title("mqtt_camera", camera=camera)
+        entities["binary_sensor", entity_key("camera", camera)] = {"name": name, **problem}
     for robot in lab.robots or ():
         name = title("mqtt_robot", who=sentences.robot_placeholder(robot))
-        entities["binary_sensor", key_of("robot", robot)] = {"name": name, "needs": MONITOR, **problem}
+        entities["binary_sensor", entity_key("robot", robot)] = {"name": name, "needs": MONITOR, **problem}
     for identity, name in (lab.borders or {}).items():
-        key = key_of("border", identity)
+        key = entity_key("border", identity)
         entities["switch", key] = {
             "name": border_name(name, lab.language),
             "needs": INTEGRATOR,
@@ -139,17 +140,18 @@ def describe(lab: LabEntities) -> Dict[str, Dict[str, Any]]:
     }
 
 
-def leftovers(lab: LabEntities, described: Iterable[str]) -> List[str]:
+def find_stale_topics(lab: LabEntities, described: Iterable[str]) -> List[str]:
     """Returns the topics of descriptions on the broker whose entities no longer belong to the lab.
 
     Entities of a kind that is not known yet are kept.
     """
-    current = describe(lab)
+    current = describe_entities(lab)
     unknown = [kind for kind, names in (("border", lab.borders), ("robot", lab.robots)) if names is None]
-    return sorted(topic for topic in described if topic not in current and key_in(topic).split("_")[0] not in unknown)
+    stale = (topic for topic in described if topic not in current)
+    return sorted(topic for topic in stale if key_from_topic(topic).split("_")[0] not in unknown)
 
 
-def key_in(topic: str) -> str:
+def key_from_topic(topic: str) -> str:
     """Returns the key of the entity that a topic describes."""
     return topic.split("/")[3]
 
@@ -167,20 +169,18 @@ def _complete(
     if platform != "switch":  # Home Assistant derives a border's id from its name
         config["default_entity_id"] = f"{platform}.{lab.device}_{key}"
     if platform != "button":
-        config["image_topic" if platform == "image" else "state_topic"] = lab.topic(key)
+        field = "image_topic" if platform == "image" else "state_topic"
+        config[field] = lab.topic(key)
     if platform not in ("event", "image"):
         config["json_attributes_topic"] = lab.topic(shows or key)
     if "command_template" in config:
-        config["command_topic"], config["qos"] = lab.topic(COMMAND), 1
+        config.update(command_topic=lab.topic(COMMAND), qos=1)
     config["availability"] = [{"topic": lab.topic("availability")}]
     if needs:
         config["availability"].append({"topic": lab.topic("health"), "value_template": f"{{{{ value_json.{needs} }}}}"})
     config["availability_mode"] = "all"
-    config["device"] = {
-        "identifiers": [lab.device],
-        "name": lab.device.replace("_", " ").capitalize(),
-        "model": "Virtual borders",
-    }
+    name = lab.device.replace("_", " ").capitalize()
+    config["device"] = {"identifiers": [lab.device], "name": name, "model": "Virtual borders"}
     config["origin"] = {"name": "vb_mqtt"}
     return config
 
@@ -189,7 +189,7 @@ def _flag(field: str) -> str:
     return f"{{{{ 'ON' if value_json.{field} else 'OFF' }}}}"
 
 
-def state_value(message: Any, language: str) -> Dict[str, Any]:
+def state_payload(message: Any, language: str) -> Dict[str, Any]:
     """Converts vb_msgs/InteractionState to the state and the last answer."""
     return {
         "state": message.name,
@@ -201,18 +201,18 @@ def state_value(message: Any, language: str) -> Dict[str, Any]:
     }
 
 
-def stop_value(message: Any) -> Dict[str, Any]:
+def stop_payload(message: Any) -> Dict[str, Any]:
     """Converts vb_msgs/InteractionState to the stop and its number, which `resume` must name."""
     return {"stopped": bool(message.stopped), "stopped_by": message.stopped_by, "stop_number": message.stop_number}
 
 
-def question_value(message: Any, language: str) -> Dict[str, Any]:
+def question_payload(message: Any, language: str) -> Dict[str, Any]:
     """Converts vb_msgs/InteractionState to the open question, who was asked, and the command that answers yes."""
     answer_age = (message.header.stamp - message.last_answered).to_sec()
     is_open = message.last_code in QUESTIONS and answer_age <= QUESTION_TIME
     answer = mapping_from_values(message.last_values).get("answer", "") if is_open else ""
     return {
-        "question": sentence_in(message, language, "last_")[:_MAX_TEXT] if is_open else NOBODY_ASKS,
+        "question": sentence_in(message, language, "last_")[:_MAX_TEXT] if is_open else NO_QUESTION,
         "command": message.last_command if is_open else "",
         "asked": message.last_source if is_open else "",
         "answer": answer.replace(" ", "_"),
@@ -220,7 +220,7 @@ def question_value(message: Any, language: str) -> Dict[str, Any]:
     }
 
 
-def border_value(border: Any) -> Dict[str, Any]:
+def border_payload(border: Any) -> Dict[str, Any]:
     """Converts vb_msgs/VirtualBorder."""
     return {
         "enabled": bool(border.enabled),
@@ -244,7 +244,7 @@ def robot_problems(name: str, lines: Sequence[Notice], notices: Iterable[Notice]
     return [notice.sentence(language) for notice in problems]
 
 
-def notice_value(notice: Notice, language: str) -> Dict[str, Any]:
+def notice_payload(notice: Notice, language: str) -> Dict[str, Any]:
     """Converts a notice, for the list of notices and as an event."""
     about = {"robot": notice.robot, "border": notice.border_id, "camera": notice.camera}
     return {
@@ -255,11 +255,12 @@ def notice_value(notice: Notice, language: str) -> Dict[str, Any]:
     }
 
 
-def answer_value(sender_id: str, request_name: str, success: bool, code: str, text: str) -> Dict[str, Any]:
+def answer_payload(sender_id: str, request_name: str, success: bool, code: str, text: str) -> Dict[str, Any]:
     """Returns the event that reports the result of a command or a switch."""
     done, asked, refused = ANSWERS
-    kind = done if success else (asked if code in QUESTIONS else refused)
-    return {"event_type": kind, "id": sender_id, "command": request_name, "code": code, "text": text[:_MAX_TEXT]}
+    unsuccessful = asked if code in QUESTIONS else refused
+    outcome = done if success else unsuccessful
+    return {"event_type": outcome, "id": sender_id, "command": request_name, "code": code, "text": text[:_MAX_TEXT]}
 
 
 def draw_map(prior: GridMap, posterior: GridMap, borders: Sequence[Any]) -> bytes:

@@ -5,10 +5,10 @@ message counts once, and only if it carries the time at which it was given. Only
 any form, unless it was retained: a stop too many does no harm. Whatever arrives, only a `Refusal` is raised.
 
 >>> inbox = Inbox(started=90.0)
->>> inbox.take(b'{"command": "save", "at": 99.5}', retained=False, now=100.0).age
+>>> inbox.accept_request(b'{"command": "save", "at": 99.5}', retained=False, now=100.0).age
 0.5
->>> inbox.take(b'{"command": "save", "at": 99.5}', retained=False, now=101.0)    # delivered twice
->>> inbox.take(b"stop", retained=False, now=102.0).command
+>>> inbox.accept_request(b'{"command": "save", "at": 99.5}', retained=False, now=101.0)    # delivered twice
+>>> inbox.accept_request(b"stop", retained=False, now=102.0).command
 'stop'
 """
 
@@ -27,22 +27,19 @@ from vb_core.rate_limiter import RateLimiter
 from vb_core.sentences import words_of_name
 from vb_core.vocabulary import ANSWERS, COMMANDS, STOP
 
-KNOWN = (*COMMANDS, *ANSWERS)
+ACCEPTED_COMMANDS = (*COMMANDS, *ANSWERS)
 MAX_AGE = 5.0  # [s] nobody expects an older request to be carried out
 MAX_BYTES = 2048
-RATE, BURST = 2.0, 10.0  # requests let through: [1/s] on average, and at once
+RATE = 2.0  # [1/s] requests let through on average
+BURST = 10.0  # requests let through at once
 _TEXT = re.compile(r"[0-9A-Za-z_.-]{0,64}")
-_KINDS = (frozenset({"command", "seen_stop"}), frozenset({"border", "enabled"}))  # fields, beside `at` and `id`
+_KINDS = (frozenset({"command", "seen_stop"}), frozenset({"border", "enabled"}))  # fields, besides `at` and `id`
 
 
 class Refusal(CodedError):
-    """The refusal of a message.
+    """The refusal of a message."""
 
-    Attributes:
-        sender_id: the sender's own id for the message; "" if it has none.
-    """
-
-    sender_id = ""
+    sender_id = ""  # the sender's own id for the message, if it has one
 
 
 @dataclass(frozen=True)
@@ -54,7 +51,7 @@ class MqttRequest:
         sender_id: the sender's own id for it, which the answer repeats.
         command: the command's name; "": a border is to be switched.
         seen_stop: number of the newest stop that the sender was shown, see vb_msgs/Command.
-        border: key of the border to switch, see `entities.key_of`.
+        border: key of the border to switch, see `entities.entity_key`.
         enabled: whether to switch it on.
         age: [s] since it was given.
     """
@@ -80,7 +77,7 @@ class Inbox:
         self._accepted_ids: Deque[str] = deque(maxlen=256)  # more than the rate lets through within MAX_AGE
         self._limiter = RateLimiter(RATE, BURST)
 
-    def take(self, payload: bytes, retained: bool, now: float) -> Optional[MqttRequest]:
+    def accept_request(self, payload: bytes, retained: bool, now: float) -> Optional[MqttRequest]:
         """Returns the request in a message, or None if it was accepted before, or the message is empty.
 
         Args:
@@ -91,7 +88,7 @@ class Inbox:
             Refusal: "mqtt_retained", "mqtt_bad_message", "mqtt_undated", "expired", "mqtt_clock", "mqtt_too_fast".
         """
         if not payload:
-            return None  # this is how a retained message is deleted
+            return None  # an empty message deletes a retained one
         if retained:
             raise Refusal("mqtt_retained")
         fields = _read(payload)
@@ -99,7 +96,7 @@ class Inbox:
         sender_id = sender_id if isinstance(sender_id, str) and _TEXT.fullmatch(sender_id) else ""
         digest = f"mqtt:{hashlib.blake2b(payload, digest_size=12).hexdigest()}"
         if fields.get("command") == STOP:
-            # a sender that gives each of its stops the same id must be obeyed all the same
+            # a sender must be obeyed even if it gives each of its stops the same id
             return MqttRequest(digest if {"id", "at"} <= set(fields) else f"mqtt:{uuid.uuid4().hex}", sender_id, STOP)
         try:
             # messages without an id are told apart by their contents, which include the time
@@ -115,6 +112,7 @@ class Inbox:
         return request
 
     def _check(self, fields: Dict[str, Any], identity: str, sender_id: str, now: float) -> MqttRequest:
+        """Returns the request in a message's fields, whose names and values must be right, or raises a Refusal."""
         allowed = next((kind for kind in _KINDS if kind & set(fields)), frozenset({"command"}))
         unknown = sorted(set(fields) - allowed - {"at", "id"})
         if unknown:
@@ -126,7 +124,7 @@ class Inbox:
             if not border or not isinstance(fields.get("enabled"), bool):
                 raise _bad("enabled" if border else "border")
             return MqttRequest(identity, sender_id, border=border, enabled=fields["enabled"], age=age)
-        if command not in KNOWN:
+        if command not in ACCEPTED_COMMANDS:
             raise _bad("command")
         return MqttRequest(identity, sender_id, command, _text(fields, "seen_stop"), age=age)
 

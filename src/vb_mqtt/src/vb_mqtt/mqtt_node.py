@@ -29,13 +29,13 @@ from vb_core.ros.robot_status import CapabilitiesListener
 from vb_core.vocabulary import COMMANDS
 from vb_mqtt import entities
 from vb_mqtt.broker_connection import MqttClient, read_connection
-from vb_mqtt.entities import CONFIRM, INTEGRATOR, MANAGER, MONITOR, OFFLINE, ONLINE, LabEntities, key_of
+from vb_mqtt.entities import CONFIRM, INTEGRATOR, MANAGER, MONITOR, OFFLINE, ONLINE, LabEntities, entity_key
 from vb_mqtt.incoming_requests import BURST, RATE, Inbox, MqttRequest
 
 SOURCE = "home_assistant"
-SWITCH = "switch_border"  # its name in the queue of commands, which are carried out in the order given
+SWITCH_BORDER = "switch_border"  # name of a switch in the queue of commands, which are carried out in the order given
 _PERIOD = 1.0  # [s] between two rounds of publishing, and of looking for silent nodes
-_SILENCE = 4.0  # [s] until a node is silent; a detector publishes once a second, the interaction manager ten times
+_SILENCE = 4.0  # [s] after which a node is silent; a detector publishes once a second, the manager ten times
 _GRACE = 5.0  # [s] without a broker before a notice says so
 _INTEGRATOR = "$map_integrator"
 
@@ -77,10 +77,11 @@ class MqttNode:
         self._language = params.language
         self._lab = LabEntities(params.device, params.language, tuple(params.cameras))
         self._lock = threading.Lock()
-        self._inbox, self._answer_limiter = Inbox(time.time()), RateLimiter(RATE, BURST)
+        self._inbox = Inbox(time.time())
+        self._answer_limiter = RateLimiter(RATE, BURST)
         self._refusal_counts: Dict[str, int] = {}  # by code
-        self._description_topics: Set[str] = set()  # of this lab's entities, on the broker
-        self._borders: Optional[Dict[str, VirtualBorder]] = None  # by key; None: not known yet
+        self._description_topics: Set[str] = set()  # what the broker holds of this lab's entities
+        self._borders: Optional[Dict[str, VirtualBorder]] = None  # by key, or None if not known yet
         self._grids: Dict[str, Any] = {}
         self._question_is_open = False
         self._last_heard: Dict[str, float] = {}  # [s] of the monotonic clock, last time by node or camera
@@ -95,7 +96,8 @@ class MqttNode:
         self._notice_publisher = NoticePublisher()
         self._notices = NoticeListener()
         self._robots = CapabilitiesListener()
-        self._maps, self._publish_timer = node.Mailbox(), node.WakeTimer(_PERIOD)
+        self._maps = node.Mailbox()
+        self._publish_timer = node.WakeTimer(_PERIOD)
         self._subscribe()
         self._broker.put(will[0], ONLINE.encode())
         self._publish_all()
@@ -120,15 +122,15 @@ class MqttNode:
 
     def _on_state(self, message: InteractionState) -> None:
         self._last_heard[MANAGER] = time.monotonic()
-        self._put_state("state", entities.state_value(message, self._language))
-        self._put_state("stopped", entities.stop_value(message))
-        question = entities.question_value(message, self._language)
+        self._put_state("state", entities.state_payload(message, self._language))
+        self._put_state("stopped", entities.stop_payload(message))
+        question = entities.question_payload(message, self._language)
         self._put_state("question", question)
         self._question_is_open = bool(question["answer"])
         self._put_health()
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
-        self._borders = {key_of("border", border.id): border for border in message.borders}
+        self._borders = {entity_key("border", border.id): border for border in message.borders}
         self._publish_timer.set()
         self._maps.put(True)
 
@@ -162,7 +164,8 @@ class MqttNode:
         return time.monotonic() - self._last_heard.get(sender, -1e9) < _SILENCE
 
     def _put_health(self) -> None:
-        manager, robots = self._is_alive(MANAGER), self._robots.current()
+        manager = self._is_alive(MANAGER)
+        robots = self._robots.current()
         offered = effective_commands(robots[1], tuple(COMMANDS)) if robots is not None else COMMANDS
         health = {command: manager and command in offered for command in COMMANDS}
         health.update({MANAGER: manager, MONITOR: robots is not None, CONFIRM: manager and self._question_is_open})
@@ -171,20 +174,22 @@ class MqttNode:
 
     def _publish_all(self) -> None:
         """Publishes all entities with their availability and problems, and new notices."""
-        robots, borders, notices = self._robots.current(), self._borders, self._notices.current()
+        robots = self._robots.current()
+        borders = self._borders
+        notices = self._notices.current()
         if robots is not None:
             self._lab = replace(self._lab, robots=tuple(status.robot for status in robots[0].robots))
         if borders is not None:
             self._lab = replace(self._lab, borders={border.id: border.name for border in borders.values()})
         self._put_health()
-        problems = {key_of("camera", camera): self._camera_problems(camera, notices) for camera in self._lab.cameras}
+        problems = {entity_key("camera", name): self._camera_problems(name, notices) for name in self._lab.cameras}
         for robot in self._lab.robots or ():
             lines = robots[1].robot_notices if robots is not None else ()
-            problems[key_of("robot", robot)] = entities.robot_problems(robot, lines, notices, self._language)
+            problems[entity_key("robot", robot)] = entities.robot_problems(robot, lines, notices, self._language)
         for key, texts in problems.items():
             self._put_state(key, {"problem": bool(texts), "problems": sorted(set(texts))})
         for key, border in (borders or {}).items():
-            self._put_state(key, entities.border_value(border))
+            self._put_state(key, entities.border_payload(border))
         self._describe()
         self._send_news(notices)
         self._watch_connection()
@@ -197,16 +202,16 @@ class MqttNode:
         return problems
 
     def _describe(self) -> None:
-        for topic, config in entities.describe(self._lab).items():
+        for topic, config in entities.describe_entities(self._lab).items():
             self._broker.put(topic, _json(config))
         with self._lock:
             topics = list(self._description_topics)
-        for topic in entities.leftovers(self._lab, topics):
+        for topic in entities.find_stale_topics(self._lab, topics):
             self._broker.put(topic, b"")
-            self._broker.put(self._lab.topic(entities.key_in(topic)), b"")
+            self._broker.put(self._lab.topic(entities.key_from_topic(topic)), b"")
 
     def _send_news(self, notices: List[Notice]) -> None:
-        values = [entities.notice_value(notice, self._language) for notice in notices]
+        values = [entities.notice_payload(notice, self._language) for notice in notices]
         with self._lock:
             counts = dict(self._refusal_counts)
         self._put_state("notices", {"count": len(values), "notices": values[:20], "refused": counts})
@@ -228,7 +233,7 @@ class MqttNode:
     # ------------------------------------------------------------------ requests from people
     def _on_message(self, _topic: str, payload: bytes, retained: bool) -> None:
         try:
-            request = self._inbox.take(payload, retained, time.time())
+            request = self._inbox.accept_request(payload, retained, time.time())
             if request is not None:
                 self._carry_out(request)
         except CodedError as error:
@@ -237,10 +242,10 @@ class MqttNode:
             self._refuse(MqttRequest("", getattr(error, "sender_id", "")), error)
 
     def _carry_out(self, request: MqttRequest) -> None:
-        is_accepted = self._command_sender.put(
-            request.command or SWITCH,
+        is_accepted = self._command_sender.submit(
+            request.command or SWITCH_BORDER,
             request,
-            given=time.monotonic() - request.age,
+            given_at=time.monotonic() - request.age,
             seen_stop=request.seen_stop,
             identity=request.id,
             carry_out=send if request.command else lambda _order: self._switch_border(request),
@@ -270,9 +275,9 @@ class MqttNode:
     def _send_answer(self, request: MqttRequest, success: bool, code: str, text: str) -> None:
         request_name = request.command or request.border
         rospy.loginfo_throttle_identical(1.0, f"{rospy.get_name()}: {request_name or 'a message'}: {text} [{code}]")
-        # the inbox limits requests with an id; a refusal without an answer is counted all the same
+        # the inbox limits requests with an id; a refusal is counted even if it is not answered
         if request.id or self._answer_limiter.allows("", time.time()):
-            value = entities.answer_value(request.sender_id, request_name, success, code, text)
+            value = entities.answer_payload(request.sender_id, request_name, success, code, text)
             self._broker.send(self._lab.topic(entities.ANSWER), _json(value))
 
 

@@ -180,7 +180,7 @@ class RobotDriverNode:
             commanders = find_commanders(rospy.get_name(), self._profile.base, rosgraph.Master(rospy.get_name()))
         except (rosgraph.MasterException, OSError):
             return  # without the master, no other node can be connected either
-        self._allowed, self._base_listens = commanders.allowed, commanders.heard
+        self._allowed, self._base_listens = commanders.allowed, commanders.has_listener
         self._arbiter.gate.other_commanders = tuple(sorted(commanders.others))
 
     def _on_state(self, message: InteractionState) -> None:
@@ -190,7 +190,7 @@ class RobotDriverNode:
         self._stops.store()  # here in the callback, so that a slow disk does not delay commands to the wheels
 
     def _on_stop(self, message: Stop) -> None:
-        self._stops.hear(message.id or new_id())
+        self._stops.add(message.id or new_id())
         self._stops.store()
 
     def _on_progress(self, message: BorderProgress) -> None:
@@ -317,7 +317,7 @@ class RobotDriverNode:
     # ------------------------------------------------------------- notices
     def _publish_report(self, command: DriveCommand, now: float) -> None:
         """Publishes which source drives, at once if that changes, and the notices."""
-        previous, report = self._report, (command.source, command.code, self._stops.lasting)
+        previous, report = self._report, (command.source, command.code, self._stops.persisted_ids)
         if report == previous and 0.0 <= now - self._reported_at < STATE_PERIOD:
             return
         self._report, self._reported_at = report, now

@@ -193,7 +193,7 @@ class RobotMonitorNode:
         self._dispatch_timer.set()  # the robots must stop at once when the state ends
 
     def _on_stop(self, message: Stop) -> None:
-        self._stops.hear(message.id or new_id())
+        self._stops.add(message.id or new_id())
         self._cancel_goals_while_stopped()
 
     # ------------------------------------------------------------- stops and speed limits, through navigation

@@ -10,7 +10,7 @@ from nav_msgs.srv import GetMap, GetMapResponse
 from vb_core import names
 from vb_core.errors import ParameterError
 from vb_core.grid_map import GridMap
-from vb_core.map_files import map_path, read_map
+from vb_core.map_files import path_from_caller, read_map
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, parameters
 from vb_sim.floor_plan import physical_map
@@ -58,4 +58,4 @@ def build() -> MapServerNode:
     if bool(params.world) == bool(params.map_yaml):
         raise ParameterError(rospy.resolve_name("~world"), "either this or map_yaml must be set")
     file = params.map_yaml
-    return MapServerNode(read_map(map_path(file)) if file else physical_map(load_world(params.world)))
+    return MapServerNode(read_map(path_from_caller(file)) if file else physical_map(load_world(params.world)))

@@ -77,7 +77,7 @@ class ParticipantNode:
             (f"the lab's state on {names.LAB_STATE}: is lab_simulator running?", lambda: self._lab_states.received > 0),
             (f"the interaction's state on {names.STATE}: is interaction_manager running?", lambda: self._sees_state),
         ):
-            node.watch_input(label, arrived, node.INPUT_TIMEOUT)
+            node.log_missing_input(label, arrived, node.INPUT_TIMEOUT)
 
     def close(self) -> None:
         """Ends the worker."""

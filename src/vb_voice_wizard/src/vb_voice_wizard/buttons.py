@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Dict, List, Mapping, Sequence
 
 from vb_core.errors import ParameterError
-from vb_core.vocabulary import COMMANDS, STATES, normalize
+from vb_core.vocabulary import COMMANDS, STATES, command_name_from_text
 
 
 class ButtonMap:
@@ -47,7 +47,7 @@ def _read(key: str, mapping: object) -> Dict[int, str]:
         raise ParameterError(key, f"expected commands with their buttons, got {mapping!r}")
     result: Dict[int, str] = {}
     for name, buttons in mapping.items():
-        command = normalize(str(name))
+        command = command_name_from_text(str(name))
         if command not in COMMANDS:
             raise ParameterError(f"{key}/{name}", f"unknown command; known are {', '.join(COMMANDS)}")
         indices = buttons if isinstance(buttons, (list, tuple)) else [buttons]

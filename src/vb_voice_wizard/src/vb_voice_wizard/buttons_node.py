@@ -56,7 +56,7 @@ class ButtonsNode:
 
     def _on_joy(self, message: Joy) -> None:
         for command in self._map.update(message.buttons, self._state):
-            if not self._command_sender.put(command):
+            if not self._command_sender.submit(command):
                 rospy.logwarn_throttle(5.0, "buttons: pressed faster than commands are answered; some are lost")
 
     @staticmethod

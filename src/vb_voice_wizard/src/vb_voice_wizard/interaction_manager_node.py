@@ -20,7 +20,7 @@ from vb_core.ros.messages import values_from_mapping
 from vb_core.ros.notices import NoticeListener, NoticePublisher
 from vb_core.stop_latch import StopLatch, new_id
 from vb_core.sentences import words_of_name
-from vb_core.vocabulary import ANSWERS, BORDER, COMMANDS, GUIDE, RESUME, SAVE, SEED, STOP, UNDO, normalize
+from vb_core.vocabulary import ANSWERS, BORDER, COMMANDS, GUIDE, RESUME, SAVE, SEED, STOP, UNDO, command_name_from_text
 from vb_msgs.msg import BorderProgress, DriverState, InteractionState, LaserSpot, Stop, VirtualBorder
 from vb_msgs.msg import VirtualBorderArray
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
@@ -161,7 +161,7 @@ class InteractionManagerNode:
 
     # ------------------------------------------------------------------ commands
     def _on_command(self, request: CommandRequest) -> CommandResponse:
-        phrase = normalize(request.command)
+        phrase = command_name_from_text(request.command)
         command = ANSWERS.get(phrase, phrase)  # "yes, save" means "save"
         if command == STOP:
             answer = self._stop_robots(request.id, request.source)
@@ -269,7 +269,7 @@ class InteractionManagerNode:
         message.guide_s = durations[GUIDE]
         message.border_s = durations[BORDER]
         message.seed_s = durations[SEED]
-        message.stopped, message.stopped_by, message.stop_number, message.stops = self._latch.read()
+        message.stopped, message.stopped_by, message.stop_number, message.stops = self._latch.snapshot()
         message.ends_at = rospy.Time.from_sec(interaction.ends_at)
         message.confirm_save = interaction.question.command == SAVE
         message.available_commands = interaction.suggested_commands()
@@ -290,7 +290,7 @@ class InteractionManagerNode:
         notices = []
         if self._latch.stopped:
             code = "stop_state_lost" if self._latch.lost else "stopped"
-            notices.append(Notice(code, Severity.WARNING, values={"by": self._latch.by}))
+            notices.append(Notice(code, Severity.WARNING, values={"by": self._latch.stopped_by}))
         if not self._latch.stored:
             notices.append(Notice("stop_not_stored", Severity.WARNING))
         if self._interaction.ends_at:

@@ -149,7 +149,7 @@ class VoiceCommandsNode:
         self._beep("recognized")
         uncertain = self._late or not result.certain
         seen_stop = self._command_sender.stop_number(heard.start)
-        if not self._command_sender.put(result.command, heard, uncertain=uncertain, seen_stop=seen_stop):
+        if not self._command_sender.submit(result.command, heard, uncertain=uncertain, seen_stop=seen_stop):
             self._publish(replace(heard, result=result.refused("busy")))
 
     def _on_answer(

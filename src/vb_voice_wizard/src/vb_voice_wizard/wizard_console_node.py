@@ -77,7 +77,7 @@ class WizardConsoleNode:
     def press(self, key: str) -> bool:
         """Sends the command of a pressed key, if it has one. Returns whether the key leaves the console."""
         # another thread sends it, so that reading goes on
-        if key in COMMAND_KEYS and not self._command_sender.put(COMMAND_KEYS[key]):
+        if key in COMMAND_KEYS and not self._command_sender.submit(COMMAND_KEYS[key]):
             self._print(self._content.translate("console_too_many_keys"), WARNING_STYLE)
         return key == QUIT_KEY
 

@@ -72,10 +72,10 @@ class ActionExecutor:
         future = asyncio.get_event_loop().create_future()
         without_manager = command in (UNDO, REDO) and not self._has_manager()
         # the browser's id, so that a request repeated after a restart of the page is carried out once
-        if not self._command_sender.put(
+        if not self._command_sender.submit(
             command,
             future,
-            given=request.arrived - request.values["age"],
+            given_at=request.arrived - request.values["age"],
             source=source,
             seen_stop=request.values["seen_stop"],
             identity=request.id,

@@ -27,7 +27,7 @@ from vb_msgs.msg import DriverState, InteractionState, RobotStatus, RobotStatusA
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
 MANAGER = "$interaction_manager"
-VALIDITY = 5.0  # [s] a command is valid: carried out later, after a busy manager's delay, it would surprise people
+VALIDITY = 5.0  # [s] a command is valid; if a busy manager carried it out later, it would surprise people
 RESPONSE_TIMEOUT = 15.0  # [s] longer than the manager waits for other nodes, so that its answer arrives
 _STOP_TIMEOUT = 5.0  # [s] after which the manager counts as hanging: people who stop a robot must not wait longer
 _REPORTED_WITHIN = 1.5  # [s] robots report a new stop at once, and all stops that they hold every second
@@ -55,20 +55,18 @@ def make_request(
     return request
 
 
-def send(
-    request: CommandRequest, service_timeout: float = 1.0, response_timeout: float = RESPONSE_TIMEOUT
-) -> CommandResponse:
+def send(request: CommandRequest, response_timeout: float = RESPONSE_TIMEOUT) -> CommandResponse:
     """Sends a command. Sends it again if the answer is lost, for instance because the manager restarts.
 
     Raises:
         CodedError: "no_service" or "no_response", as in `services.call`.
     """
     try:
-        return services.call(names.COMMAND, Command, request, MANAGER, service_timeout, response_timeout)
+        return services.call(names.COMMAND, Command, request, MANAGER, response_timeout=response_timeout)
     except CodedError as error:
         if error.code != "no_response" or isinstance(error.__cause__, TimeoutError):
             raise
-    return services.call(names.COMMAND, Command, request, MANAGER, service_timeout, response_timeout)
+    return services.call(names.COMMAND, Command, request, MANAGER, response_timeout=response_timeout)
 
 
 class CommandSender:
@@ -78,7 +76,7 @@ class CommandSender:
     other.
 
     Args:
-        source: the person who gives the commands, unless `put` names another one.
+        source: the person who gives the commands, unless `submit` names another one.
         on_answer: called from another thread with the command, its `context`, and either the answer or the error.
     """
 
@@ -90,7 +88,7 @@ class CommandSender:
         self._source = source
         self._on_answer = on_answer
         self._lock = threading.Lock()
-        self._unanswered: Dict[str, List[threading.Event]] = {}  # by person
+        self._unanswered: Dict[str, List[threading.Event]] = {}  # each person's
         # pairs of the time [s] at which a number became known, and the number
         self._stop_numbers: Deque[Tuple[float, str]] = deque([(-math.inf, _NO_STOP)], maxlen=64)
         self._held: Dict[str, Sequence[str]] = {}  # ids of the stops that each robot holds
@@ -118,14 +116,14 @@ class CommandSender:
     def stop_number(self, when: float) -> str:
         """Returns the number of the newest stop known to this node at time `when` [s] of the monotonic clock."""
         known = (number for time_known, number in reversed(list(self._stop_numbers)) if time_known <= when)
-        return next(known, _NO_STOP)  # of a time that is no longer remembered: a command then releases no stop
+        return next(known, _NO_STOP)  # a command from before the remembered times releases no stop
 
-    def put(
+    def submit(
         self,
         command: str,
         context: Any = None,
         uncertain: bool = False,
-        given: float = math.inf,
+        given_at: float = math.inf,
         source: str = "",
         seen_stop: Optional[str] = None,
         identity: str = "",
@@ -137,17 +135,17 @@ class CommandSender:
 
         Args:
             context: passed on to `on_answer`.
-            given: [s] time on the monotonic clock when the person gave the command; at the latest, and by default, now.
+            given_at: [s] time on the monotonic clock when the person gave the command; at the latest, and by default, now.
             source: the person or input method that gives it; by default this sender's.
-            seen_stop: number of the newest stop shown to the person; None for the newest known to this node at `given`.
+            seen_stop: number of the newest stop shown to the person; None for the newest known to this node at `given_at`.
             identity: the command's id if it already has one and may arrive twice.
             carry_out: carries out any command except a stop; returns the answer or raises a `CodedError`.
         """
-        given = min(given, time.monotonic())
+        given_at = min(given_at, time.monotonic())
         source = source or self._source
         if seen_stop is None:
-            seen_stop = self.stop_number(given)
-        request = make_request(command, source, VALIDITY - (time.monotonic() - given), uncertain, seen_stop)
+            seen_stop = self.stop_number(given_at)
+        request = make_request(command, source, VALIDITY - (time.monotonic() - given_at), uncertain, seen_stop)
         request.id = identity or request.id
         if command == STOP and self._stop is not None:
             self._stop.publish(Stop(id=request.id, source=source))
@@ -159,23 +157,24 @@ class CommandSender:
                 return False
             waits_for = [] if command == STOP else list(unanswered)
             unanswered.append(answered)
-        node.start_thread(self._deliver, request, context, given, waits_for, answered, carry_out)
+        node.start_thread(self._deliver, request, context, given_at, waits_for, answered, carry_out)
         return True
 
     def _deliver(
         self,
         request: CommandRequest,
         context: Any,
-        given: float,
+        given_at: float,
         earlier_commands: List[threading.Event],
         answered: threading.Event,
         carry_out: Callable[[CommandRequest], Any],
     ) -> None:
+        """Carries out a command after the person's earlier ones, and reports the answer."""
         for earlier_command in earlier_commands:
             earlier_command.wait()
         answer, error = None, None
         try:
-            if request.command != STOP and time.monotonic() - given > VALIDITY:
+            if request.command != STOP and time.monotonic() - given_at > VALIDITY:
                 raise CodedError("expired", command=f"$command_{request.command}")
             answer = carry_out(request) if request.command != STOP else self._send_stop(request)
         except CodedError as caught:
@@ -194,16 +193,17 @@ class CommandSender:
         Raises:
             CodedError: "stop_unconfirmed" if no robot holds it, or as in `send`.
         """
-        given = time.monotonic()
+        given_at = time.monotonic()
         try:
             return send(stop, response_timeout=_STOP_TIMEOUT)
         except CodedError as error:
             if error.code not in services.UNANSWERED:
                 raise
-        time.sleep(max(0.0, given + _REPORTED_WITHIN - time.monotonic()))
+        time.sleep(max(0.0, given_at + _REPORTED_WITHIN - time.monotonic()))
         robots = sorted(name for name, stops in list(self._held.items()) if stop.id in stops)
         if not robots:
             raise CodedError("stop_unconfirmed")
         # the robots keep the stop, and report it to the manager when it runs again
-        code, values = "stop_held", {"robots": ", ".join(map(sentences.robot_placeholder, robots))}
-        return CommandResponse(True, code, sentences.translate(code, values), values_from_mapping(values))
+        values = {"robots": ", ".join(map(sentences.robot_placeholder, robots))}
+        message = sentences.translate("stop_held", values)
+        return CommandResponse(True, "stop_held", message, values_from_mapping(values))

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import rospy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_msgs.msg import Header
 
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
@@ -28,9 +29,9 @@ def array_from_image(message: Image) -> np.ndarray:
     if message.height == 0 or message.width == 0:
         raise CodedError("bad_image", "the image is empty")
     encoding = find_encoding(message.encoding)
-    channels, height = encoding.channels, encoding.rows(message.height)
+    height = encoding.rows(message.height)
     dtype = encoding.dtype.newbyteorder(">" if message.is_bigendian else "<")
-    row_bytes = message.width * channels * dtype.itemsize
+    row_bytes = message.width * encoding.channels * dtype.itemsize
     step = message.step
     if step < row_bytes or len(message.data) < step * (height - 1) + row_bytes:
         raise CodedError(
@@ -38,18 +39,14 @@ def array_from_image(message: Image) -> np.ndarray:
             f"cannot read an image with encoding '{message.encoding}': {message.width} x {message.height} pixels need"
             f" rows of {row_bytes} bytes, it has {len(message.data)} bytes in rows of {step}",
         )
-    strides = (step, channels * dtype.itemsize, dtype.itemsize)
-    pixels = np.ndarray((height, message.width, channels), dtype, bytes(message.data), strides=strides)
+    strides = (step, encoding.channels * dtype.itemsize, dtype.itemsize)
+    pixels = np.ndarray((height, message.width, encoding.channels), dtype, bytes(message.data), strides=strides)
     pixels = pixels.astype(dtype.newbyteorder("="), copy=False)
-    return pixels[:, :, 0] if channels == 1 else pixels
+    return pixels[:, :, 0] if encoding.channels == 1 else pixels
 
 
 def array_from_compressed_image(message: CompressedImage) -> np.ndarray:
-    """Decodes a JPEG or PNG image to pixels (H, W, 3) bgr, or (H, W).
-
-    Raises:
-        CodedError: "bad_image" if it cannot be decoded.
-    """
+    """Decodes a JPEG or PNG image to pixels (H, W, 3) bgr, or (H, W). Raises CodedError "bad_image" if it is damaged."""
     try:
         image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:  # no bytes at all, or too many pixels for OpenCV
@@ -60,27 +57,23 @@ def array_from_compressed_image(message: CompressedImage) -> np.ndarray:
 
 
 def decode(message: Union[Image, CompressedImage]) -> Tuple[np.ndarray, str]:
-    """Decodes an image message. Returns its pixels and their encoding, as in sensor_msgs/Image.
-
-    Raises:
-        CodedError: "bad_image"
-    """
+    """Decodes an image message to pixels and their encoding, as in sensor_msgs/Image. Raises CodedError "bad_image"."""
     if isinstance(message, Image):
         return array_from_image(message), message.encoding
     image = array_from_compressed_image(message)
-    # the format is "bayer_rggb8; jpeg compressed ..." if the driver names the encoding that it compressed
-    driver_encoding = message.format.split(";")[0].strip()
     if image.ndim == 3:
         return image, "bgr8"
-    return image, driver_encoding if driver_encoding.startswith("bayer") else "mono8"
+    # the format is "bayer_rggb8; jpeg compressed ..." if the driver names the encoding that it compressed
+    driver_encoding = message.format.split(";")[0].strip()
+    if driver_encoding.startswith("bayer"):
+        return image, driver_encoding
+    return image, "mono8"
 
 
 def message_from_image(image: np.ndarray, encoding: str, stamp: rospy.Time, frame_id: str) -> Image:
     """Converts pixels to a message. Inverse of `array_from_image`."""
     image = np.ascontiguousarray(image)
-    message = Image()
-    message.header.stamp = stamp
-    message.header.frame_id = frame_id
+    message = Image(header=Header(stamp=stamp, frame_id=frame_id))
     message.height, message.width = image.shape[:2]
     message.encoding = encoding
     message.is_bigendian = int(image.dtype.str.startswith(">"))
@@ -114,9 +107,7 @@ def camera_from_info(info: CameraInfo, rectified: bool = False) -> CameraModel:
 
 def info_from_camera(camera: CameraModel, stamp: rospy.Time, frame_id: str) -> CameraInfo:
     """Converts CameraModel to CameraInfo. Inverse of `camera_from_info`."""
-    info = CameraInfo()
-    info.header.stamp = stamp
-    info.header.frame_id = frame_id
+    info = CameraInfo(header=Header(stamp=stamp, frame_id=frame_id))
     info.width, info.height = camera.width, camera.height
     pinhole = "plumb_bob" if camera.distortion.size <= 5 else "rational_polynomial"
     info.distortion_model = "equidistant" if camera.fisheye else pinhole

@@ -14,11 +14,7 @@ from vb_core.ros.node import has_exited
 
 
 def read_graph(master: Optional[rosgraph.Master] = None) -> NodeGraph:
-    """Reads the graph of a master, by default this node's.
-
-    Raises:
-        rosgraph.MasterException, OSError: if it does not answer.
-    """
+    """Reads the graph of a master, by default this node's. Raises rosgraph.MasterException or OSError without an answer."""
     master = master or rosgraph.Master(rospy.get_name())
     return NodeGraph(*master.getSystemState(), dict(master.getTopicTypes()))
 
@@ -30,12 +26,12 @@ class Commanders:
     Attributes:
         others: running nodes that can command the base past the driver.
         allowed: the driver, its mux, and trusted nodes.
-        heard: whether any node subscribes to the driver's commands.
+        has_listener: whether any node subscribes to the driver's commands.
     """
 
     others: Set[str]
     allowed: Set[str]
-    heard: bool
+    has_listener: bool
 
 
 def find_commanders(driver: str, base: Base, master: rosgraph.Master) -> Commanders:

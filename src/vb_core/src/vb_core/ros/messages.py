@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Point, Pose, Quaternion, Transform, TransformStamped, Vector3
 from nav_msgs.msg import OccupancyGrid
 from rospy.numpy_msg import numpy_msg
+from std_msgs.msg import Header
 from vb_msgs.msg import BorderPreview
 
 from vb_core import geometry, sentences
@@ -44,9 +45,7 @@ def grid_from_message(message: OccupancyGrid) -> GridMap:
 
 def message_from_grid(grid: GridMap, stamp: rospy.Time, frame_id: str = "map") -> OccupancyGrid:
     """Converts GridMap to OccupancyGrid. Inverse of `grid_from_message`. To be published as NumpyOccupancyGrid."""
-    message = NumpyOccupancyGrid()
-    message.header.stamp = stamp
-    message.header.frame_id = frame_id
+    message = NumpyOccupancyGrid(header=Header(stamp=stamp, frame_id=frame_id))
     message.info.map_load_time = stamp
     message.info.resolution = grid.resolution
     message.info.height, message.info.width = grid.shape
@@ -117,10 +116,7 @@ def transform_from_message(message: Transform) -> np.ndarray:
 
 def message_from_transform(T: np.ndarray, parent: str, child: str, stamp: rospy.Time) -> TransformStamped:
     """Converts a 4x4 matrix T_parent_child to a stamped transform. Inverse of `transform_from_message`."""
-    message = TransformStamped()
-    message.header.stamp = stamp
-    message.header.frame_id = parent
-    message.child_frame_id = child
+    message = TransformStamped(header=Header(stamp=stamp, frame_id=parent), child_frame_id=child)
     message.transform.translation = Vector3(*(float(value) for value in T[:3, 3]))
     message.transform.rotation = message_from_quaternion(geometry.quaternion_from_rotation(T[:3, :3]))
     return message

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import ctypes
 import gc
 import inspect
@@ -51,7 +52,7 @@ def run(name: str, build: Callable[[], Any]) -> None:
     if hasattr(node, "close"):
         rospy.on_shutdown(node.close)
     if rospy.get_param("/use_sim_time", False):
-        watch_input("the time on /clock, because /use_sim_time is set", _clock_runs)
+        log_missing_input("the time on /clock, because /use_sim_time is set", _clock_runs)
     rospy.spin()
     if _failures:
         sys.exit(1)
@@ -62,7 +63,7 @@ def _log_without_registering() -> None:
 
     As long as the parameter is not set, rospy subscribes to it under the node's name. If a node that has been replaced
     by another of the same name logs one more line while it ends, the master takes it for the newer of the two and stops
-    the other one: about once in seventy replacements.
+    the other one. This happened about once in seventy replacements.
     """
     name = "/rosout_disable_topics_generation"
     get_param_server_cache().set(name, bool(rospy.get_param(name, False)))
@@ -71,8 +72,8 @@ def _log_without_registering() -> None:
 def _freeze_startup_objects() -> None:
     """Excludes the objects made so far, which live as long as the node, from Python's garbage collection.
 
-    The collector would halt all threads while it goes through them: 30 to 60 ms of processor time, several times as
-    long on a busy computer, during which no stop is answered and no image searched.
+    The collector would halt all threads while it goes through them. In these 30 to 60 ms, or several times as long on a
+    busy computer, no stop is answered and no image searched.
     """
     gc.collect()
     gc.freeze()
@@ -85,7 +86,8 @@ def _interface(name: str, build: Callable[[], Any]) -> str:
     class_ = build.__globals__.get(returned) if isinstance(returned, str) else returned
     text = inspect.getdoc(class_) or inspect.getdoc(sys.modules[build.__module__]) or ""
     values = Path(build.__code__.co_filename).resolve().parent.parent.parent / "config" / f"{name}.yaml"
-    return f"{name}\n\n{text}" + (f"\n\nParameters and their defaults: {values}" if values.is_file() else "")
+    parameters = f"\n\nParameters and their defaults: {values}" if values.is_file() else ""
+    return f"{name}\n\n{text}{parameters}"
 
 
 def wait_for_publishers(subscribers: Iterable[rospy.Subscriber], timeout: float) -> None:
@@ -118,12 +120,12 @@ def has_exited(master: rosgraph.Master, name: str) -> bool:
 
 
 def keep_private(*paths: Path) -> None:
-    """Makes files readable by their owner only, as `files.keep_private` does, and logs which ones others could read.
+    """Makes files readable by their owner only, as `files.restrict_to_owner` does, and logs which ones others could read.
 
     Raises:
         CodedError: "file_not_private".
     """
-    for path in filter(files.keep_private, paths):
+    for path in filter(files.restrict_to_owner, paths):
         rospy.logwarn("%s: others could read %s; from now on only its owner can", rospy.get_name(), path)
 
 
@@ -139,18 +141,16 @@ _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8  # malloc.h
 
 def _tune_malloc(option: int, value: int) -> None:
     """Sets an option of glibc's malloc. With another C library nothing changes."""
-    try:
+    with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).mallopt(option, value)
-    except (OSError, AttributeError):
-        pass
 
 
 def _share_heap() -> None:
     """Makes all threads of this process use one heap.
 
     rospy receives each connection in a separate thread. By default glibc gives up to eight threads per core a heap
-    each, which keeps the memory of the largest messages it ever held: a detector grew by 18 MiB each time its camera's
-    driver was restarted. The threads hardly ever allocate at the same time: Python runs only one of them at a time.
+    each, which keeps the memory of the largest messages it ever held. A detector grew by 18 MiB each time its camera's
+    driver was restarted. The threads hardly ever allocate at the same time, as Python runs only one of them at a time.
     """
     _tune_malloc(_M_ARENA_MAX, 1)
 
@@ -158,8 +158,8 @@ def _share_heap() -> None:
 def disable_heap_trimming() -> None:
     """Makes this process keep the memory of an image for the next one; for nodes that handle many images.
 
-    By default glibc returns blocks of that size to the system, which then clears the next image's pages one by one:
-    three quarters of the time needed to receive 1080p images.
+    By default glibc returns blocks of that size to the system, which then clears the next image's pages one by one.
+    This takes three quarters of the time needed to receive 1080p images.
     """
     # the largest glibc accepts; rospy receives into buffers of half that size
     _tune_malloc(_M_MMAP_THRESHOLD, 32 << 20)
@@ -185,7 +185,7 @@ class Queue(Generic[T]):
             return True
 
     def get(self) -> Optional[T]:
-        """Waits for the oldest item and takes it; None once the queue is closed and empty."""
+        """Waits for the oldest item and takes it. Returns None once the queue is closed and empty."""
         with self._condition:
             self._condition.wait_for(lambda: self._items or self._closed)
             item = self._items.popleft() if self._items else None
@@ -268,14 +268,15 @@ class WakeTimer:
             woken = not self._closed and self._wake.wait(self._period)
         else:
             woken = self._get_simulated()
-        if woken:  # after a timeout, a notification that arrives just now is left for the next wait
+        if woken:  # a notification that arrives just after a timeout is left for the next wait
             self._wake.clear()
         return None if self._closed else woken
 
     def _get_simulated(self) -> bool:
+        """Waits in simulated time, as `get` does in wall time. Returns whether the worker was notified."""
         began, began_simulated = time.monotonic(), rospy.get_time()
         if not 0.0 <= self._due - began_simulated <= self._period:
-            # this is the first wait, the last one ended too late, or time has jumped
+            # no wait preceded this one, the last one ended too late, or time has jumped
             self._due = began_simulated + self._period
         wall, now = began, began_simulated
         woken = False
@@ -343,7 +344,7 @@ LOG_DELAY = 5.0  # [s] of wall time before the first log line about waiting, and
 INPUT_TIMEOUT = 60.0  # [s] of wall time
 
 
-def watch_input(input_name: str, arrived: Callable[[], bool], timeout: Optional[float] = None) -> None:
+def log_missing_input(input_name: str, arrived: Callable[[], bool], timeout: Optional[float] = None) -> None:
     """Watches, in a thread, whether an input arrives: logs what the node waits for, and gives up after a timeout.
 
     Args:
@@ -355,21 +356,19 @@ def watch_input(input_name: str, arrived: Callable[[], bool], timeout: Optional[
     threading.Thread(target=_await, args=(input_name, arrived, timeout), daemon=True).start()
 
 
-def _await(input_name: str, arrived: Callable[[], bool], timeout: Optional[float]) -> bool:
+def _await(input_name: str, arrived: Callable[[], bool], timeout: Optional[float]) -> None:
+    """Waits for an input, as `log_missing_input` explains, in the calling thread."""
     began = logged_at = time.monotonic()
-    while not arrived():
+    while not (arrived() or rospy.is_shutdown()):
         now = time.monotonic()
-        if rospy.is_shutdown():
-            return False
         if timeout is not None and now - began > timeout:
             shut_down_with_error(CodedError("input_timeout", what=input_name, seconds=round(now - began)))
-            return False
+            return
         if now - logged_at > LOG_DELAY:
             rospy.logwarn("%s waits for %s", rospy.get_name(), input_name)
-            # the pause doubles each time: 5, 10, 20 s ...
+            # the pause doubles each time, from 5 s to 10 s to 20 s
             logged_at = now + max(0.0, now - began - LOG_DELAY)
         time.sleep(0.02)
-    return True
 
 
 def wait_for_clock() -> None:

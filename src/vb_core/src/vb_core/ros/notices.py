@@ -122,7 +122,7 @@ class NoticePublisher:
         now = time.monotonic()
         new_notices = []
         for notice in self._notices:
-            # a warning that becomes an error is news
+            # a warning that becomes an error counts as new
             key = (notice.code, notice.robot, notice.border_id, notice.camera, notice.severity)
             if notice.severity >= Severity.WARNING and now - self._logged.get(key, -math.inf) > LOG_PERIOD:
                 new_notices.append(notice)

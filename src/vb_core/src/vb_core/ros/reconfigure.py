@@ -1,6 +1,6 @@
 """Changes parameters while a node runs, with dynamic_reconfigure (rqt_reconfigure, dynparam).
 
-The parameter class is the only source of names, limits and units: the description that dynamic_reconfigure needs is
+The parameter class is the only source of names, limits and units. The description that dynamic_reconfigure needs is
 generated from its fields instead of a .cfg file.
 """
 
@@ -22,7 +22,7 @@ _KINDS = {bool: "bool", int: "int", float: "double"}
 _LIMIT = {bool: (False, True), int: (-(2**31), 2**31 - 1), float: (-1e9, 1e9)}
 
 
-def describe(params: Parameters, fixed: Sequence[str] = ()) -> Any:
+def reconfigure_description(params: Parameters, fixed: Sequence[str] = ()) -> Any:
     """Describes a parameter class's numbers and booleans as a compiled .cfg file does.
 
     Args:
@@ -39,18 +39,17 @@ def describe(params: Parameters, fixed: Sequence[str] = ()) -> Any:
         minimum = metadata["low"] if metadata["low"] is not None else metadata["above"]
         type_minimum, type_maximum = _LIMIT[value_type]
         unit = f" [{metadata['unit']}]" if metadata["unit"] else ""
-        entries.append(
-            {
-                "name": field.name,
-                "type": _KINDS[value_type],
-                "default": value,
-                "min": value_type(type_minimum if minimum is None else minimum),
-                "max": value_type(type_maximum if metadata["high"] is None else metadata["high"]),
-                "level": 1,
-                "description": f"{metadata['doc'] or field.name.replace('_', ' ')}{unit}",
-                "edit_method": "",
-            }
-        )
+        entry = {
+            "name": field.name,
+            "type": _KINDS[value_type],
+            "default": value,
+            "min": value_type(type_minimum if minimum is None else minimum),
+            "max": value_type(type_maximum if metadata["high"] is None else metadata["high"]),
+            "level": 1,
+            "description": f"{metadata['doc'] or field.name.replace('_', ' ')}{unit}",
+            "edit_method": "",
+        }
+        entries.append(entry)
     group = {"name": "Default", "type": "", "id": 0, "parent": 0, "state": True, "cstate": "true", "groups": []}
     group["parameters"] = entries
     columns = {"defaults": "default", **{name: name for name in ("min", "max", "level", "type")}}
@@ -80,7 +79,7 @@ class ReconfigureServer(Generic[P]):
         self._params = params
         self._apply = apply
         self._where = rospy.resolve_name(namespace)
-        description = describe(params, fixed)
+        description = reconfigure_description(params, fixed)
         # the server does not convert values from the parameter server: a 3 instead of 3.0 would change the type
         for name, value in description.defaults.items():
             rospy.set_param(f"{namespace}/{name}", value)

@@ -17,15 +17,15 @@ def robot_from_status(message: RobotStatus) -> ConnectedRobot:
     """Converts the message about one robot."""
     return ConnectedRobot(
         name=message.robot,
-        navigation=bool(message.move_base),
+        has_navigation=bool(message.move_base),
         plans_round_borders=message.plans_round_borders,
-        driver=message.driver,
-        localized=message.localized,
+        has_driver=message.driver,
+        is_localized=message.localized,
         obeys_stop=message.obeys_stop,
         obeys_speed=message.obeys_speed,
         maps=tuple(message.maps),
         missing_maps=tuple(message.missing_maps),
-        unheard=tuple(message.unheard),
+        unheard_topics=tuple(message.unheard),
     )
 
 
@@ -43,7 +43,7 @@ class CapabilitiesListener:
 
     def __init__(self, on_message: Callable[[], None] = lambda: None) -> None:
         self._on_message = on_message
-        self._newest: Optional[Tuple[float, RobotStatusArray, Capabilities]] = None  # with the time [s] when it came
+        self._newest: Optional[Tuple[float, RobotStatusArray, Capabilities]] = None  # each with its arrival time [s]
         rospy.Subscriber(names.ROBOTS, RobotStatusArray, self._on_robots, queue_size=1, tcp_nodelay=True)
 
     def current(self) -> Optional[Tuple[RobotStatusArray, Capabilities]]:

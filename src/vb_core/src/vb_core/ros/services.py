@@ -14,7 +14,12 @@ UNANSWERED = ("no_service", "no_response")  # codes for a service that does not 
 
 
 def call(
-    name: str, service: Type, request: Any, who: str, service_timeout: float = 1.0, response_timeout: float = 5.0
+    name: str,
+    service: Type,
+    request: Any,
+    answering_node: str,
+    service_timeout: float = 1.0,
+    response_timeout: float = 5.0,
 ) -> Any:
     """Calls a service. Returns its response, or raises an error, within a known time.
 
@@ -24,7 +29,7 @@ def call(
     Args:
         name: the service's name.
         service: the service's class, for instance vb_msgs.srv.AddBorder.
-        who: the node's name in the error's sentence: "the map integrator", or "$map_integrator" to translate it.
+        answering_node: the node's name in the error's sentence: "the map integrator", or "$map_integrator" to translate it.
         service_timeout: [s] how long to wait for the service to appear.
         response_timeout: [s] how long to wait for its response after that.
 
@@ -47,8 +52,8 @@ def call(
     try:
         response, error = answers.get(timeout=service_timeout + response_timeout)
     except queue.Empty:
-        response, error = None, TimeoutError(f"no response within {response_timeout:g} s")
+        error = TimeoutError(f"no response within {response_timeout:g} s")
     if error is not None:
         code = "no_response" if is_sent.is_set() else "no_service"
-        raise CodedError(code, who=who) from error
+        raise CodedError(code, who=answering_node) from error
     return response

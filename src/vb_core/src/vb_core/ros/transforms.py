@@ -18,7 +18,7 @@ class TransformLookup:
     """tf2's buffer and listener; returns 4x4 matrices or raises an error."""
 
     def __init__(self) -> None:
-        self._buffer = tf2_ros.Buffer()  # of the last 10 s
+        self._buffer = tf2_ros.Buffer()  # transforms of the last 10 s
         self._listener = tf2_ros.TransformListener(self._buffer)
 
     def lookup(self, target: str, source: str, stamp: rospy.Time, timeout: float = 0.1) -> np.ndarray:
@@ -41,7 +41,7 @@ class TransformLookup:
         return transform_from_message(stamped.transform)
 
     def pose_on_map(self, frame: str, silence: float) -> Optional[Pose]:
-        """Returns a frame's pose on the map, (x, y, yaw) [m, m, rad]; None if none is newer than `silence` [s]."""
+        """Returns a frame's pose on the map, (x, y, yaw) [m, m, rad], or None if none is newer than `silence` [s]."""
         stamp = self.newest(names.MAP_FRAME, frame)
         if not stamp.is_zero() and abs((rospy.Time.now() - stamp).to_sec()) > silence:
             return None

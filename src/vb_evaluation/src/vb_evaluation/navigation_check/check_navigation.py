@@ -28,17 +28,17 @@ from vb_evaluation.navigation_check.plan_observer import Observer, wait_until
 from vb_msgs.msg import RobotStatus, RobotStatusArray, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
 
-WATCHED = 2.0  # [s] for which plans are requested after the costmaps were cleared
-STILL = 0.05  # [m] by which the robot's pose may move while nothing but a border changes
-SOFT = 0.75  # delta of the soft border
+WATCH_TIME = 2.0  # [s] for which plans are requested after the costmaps were cleared
+MAX_DRIFT = 0.05  # [m] by which the robot's pose may move while nothing but a border changes
+SOFT_OCCUPANCY = 0.75  # delta of the soft border
 _SIGNS = {True: "[green]ok[/green]", False: "[red]NO[/red]", None: "[yellow]?[/yellow]"}
 
 
 class Check(NamedTuple):
-    """One line of the result. `good` is None where it could not be determined."""
+    """One line of the result. `passed` is None where it could not be determined."""
 
     name: str
-    good: Optional[bool]
+    passed: Optional[bool]
     result: str
 
 
@@ -63,8 +63,9 @@ class NavigationCheck:
         at_once: float = 1.0,
         timeout: float = 10.0,
     ) -> None:
-        self._goal, self._size, self._move_base = (goal[0], goal[1], 0.0), size, "/" + move_base.strip("/")
-        self._at_once, self._timeout, self._base_frame = at_once, timeout, base_frame
+        self._goal = (*goal, 0.0)
+        self._move_base = "/" + move_base.strip("/")
+        self._size, self._base_frame, self._at_once, self._timeout = size, base_frame, at_once, timeout
 
     def run(self) -> List[Check]:
         """Runs all checks, in order.
@@ -75,7 +76,7 @@ class NavigationCheck:
         """
         service = f"{self._move_base}/make_plan"
         try:
-            # a running move_base offers it at once
+            # a running move_base offers this service without delay
             rospy.wait_for_service(service, timeout=2.0)
         except rospy.ROSException:
             raise CodedError("no_planner", f"no node offers {service}: start move_base first") from None
@@ -94,9 +95,8 @@ class NavigationCheck:
         middle = points[len(points) // 2]
         # the border must be clear of the robot and of the goal
         if np.abs(np.array([start[:2], self._goal[:2]]) - middle).max(axis=1).min() < self._size:
-            raise CodedError(
-                "path_too_short", f"a border of {self._size:g} m does not fit on the path: choose a --goal farther away"
-            )
+            reason = f"a border of {self._size:g} m does not fit on the path: choose a --goal farther away"
+            raise CodedError("path_too_short", reason)
         # one cell less: a path may touch the border's edge
         half_size = 0.5 * self._size - observer.posterior.resolution
 
@@ -110,10 +110,10 @@ class NavigationCheck:
             checks.append(self._soon("plans respect a new border at once", plan_avoids_border, self._at_once))
             checks.append(self._check_cleared_costmaps(plan_avoids_border))
         checks.append(self._soon("the way is free again once the border is removed", lambda: not plan_avoids_border()))
-        with self._border(middle, SOFT):
+        with self._border(middle, SOFT_OCCUPANCY):
             checks.append(self._check_soft_border(plan_avoids_border))
         moved = float(np.hypot(*(np.array(geometry.pose2d_from_transform(pose(self._base_frame))) - start)[:2]))
-        return [*checks, Check("localisation does not jump", moved <= STILL, f"moved by {100 * moved:.1f} cm")]
+        return [*checks, Check("localisation does not jump", moved <= MAX_DRIFT, f"moved by {100 * moved:.1f} cm")]
 
     @contextlib.contextmanager
     def _border(self, middle: np.ndarray, occupancy: float) -> Iterator[None]:
@@ -140,6 +140,7 @@ class NavigationCheck:
         return self._soon(name, plan_avoids_border)
 
     def _check_cleared_costmaps(self, plan_avoids_border: Callable[[], bool]) -> Check:
+        """Checks that plans still go round the border soon after the costmaps were cleared, and keep doing so."""
         name = "a border survives clear_costmaps"
         try:
             call(f"{self._move_base}/clear_costmaps", Empty, EmptyRequest(), "move_base")
@@ -147,10 +148,10 @@ class NavigationCheck:
             return Check(name, None, str(error))
         # the costmap is empty until its next cycle; what counts is that the border returns on its own
         check = self._soon(name, plan_avoids_border, self._at_once)
-        if not check.good:
+        if not check.passed:
             return check
         plans = []
-        end = time.monotonic() + WATCHED
+        end = time.monotonic() + WATCH_TIME
         while time.monotonic() < end:
             plans.append(plan_avoids_border())
         result = f"back {check.result}; {plans.count(False)} of {len(plans)} plans after that cross it"
@@ -206,6 +207,6 @@ def main() -> None:
         sys.exit(1)
     table = Table("", "check", "found")
     for check in checks:
-        table.add_row(_SIGNS[check.good], check.name, check.result)
+        table.add_row(_SIGNS[check.passed], check.name, check.result)
     console.print(table)
-    sys.exit(1 if any(check.good is False for check in checks) else 0)
+    sys.exit(1 if any(check.passed is False for check in checks) else 0)

@@ -18,7 +18,7 @@ from vb_core.ros.messages import message_from_pose2d
 from vb_evaluation.navigation_check.plan_observer import wait_until
 from vb_msgs.msg import LabState
 
-AT_GOAL = 0.5  # [m] above navigation's tolerance and the localisation error (0.1 each), below a false report's (metres)
+GOAL_RADIUS = 0.5  # [m] above navigation's tolerance and localisation error (0.1 each), below a false report's (metres)
 FALSE_REPORTS = 2  # a goal is sent again until navigation has reported falsely this often
 OUTCOMES = {
     GoalStatus.SUCCEEDED: "reached",
@@ -96,4 +96,4 @@ class GoalRunner:
         return GoalOutcome(outcome, text, path, seconds, false_reports)
 
     def _is_near(self, goal: Pose) -> bool:
-        return bool(self._path) and math.dist(self._path[-1], goal[:2]) < AT_GOAL
+        return bool(self._path) and math.dist(self._path[-1], goal[:2]) < GOAL_RADIUS

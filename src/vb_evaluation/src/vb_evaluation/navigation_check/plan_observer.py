@@ -15,7 +15,7 @@ from std_msgs.msg import Header, String
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_core.ros import messages
+from vb_core.ros.messages import NumpyOccupancyGrid, array_from_points, grid_from_message, message_from_pose2d
 from vb_msgs.msg import BorderProgress, DetectorStatus, InteractionState, LabState, VirtualBorder, VirtualBorderArray
 
 
@@ -39,10 +39,8 @@ class Observer:
             rospy.Subscriber(names.STATE, InteractionState, self._on_state),
             rospy.Subscriber(names.PROGRESS, BorderProgress, lambda m: setattr(self, "progress", m)),
             rospy.Subscriber(names.BORDERS, VirtualBorderArray, lambda m: setattr(self, "borders", m.borders)),
-            rospy.Subscriber(names.PHYSICAL_MAP, messages.NumpyOccupancyGrid, lambda m: self._on_map("prior", m)),
-            rospy.Subscriber(
-                names.MAP_WITH_BORDERS, messages.NumpyOccupancyGrid, lambda m: self._on_map("posterior", m)
-            ),
+            rospy.Subscriber(names.PHYSICAL_MAP, NumpyOccupancyGrid, lambda m: self._on_map("prior", m)),
+            rospy.Subscriber(names.MAP_WITH_BORDERS, NumpyOccupancyGrid, lambda m: self._on_map("posterior", m)),
             rospy.Subscriber(names.LAB_STATE, LabState, lambda m: setattr(self, "lab", m), queue_size=1),
             rospy.Subscriber(names.DETECTORS, DetectorStatus, lambda m: self.detectors.update({m.camera: m})),
             rospy.Subscriber("/sim/participant_done", String, lambda m: setattr(self, "outcome", json.loads(m.data))),
@@ -55,7 +53,7 @@ class Observer:
 
     def _on_map(self, which: str, message) -> None:
         try:
-            setattr(self, which, messages.grid_from_message(message))
+            setattr(self, which, grid_from_message(message))
         except CodedError as error:
             rospy.logwarn("%s: %s", which, error)
 
@@ -66,13 +64,13 @@ class Observer:
             CodedError: "no_planner" if the service does not answer.
         """
         header = Header(0, rospy.Time.now(), names.MAP_FRAME)
-        poses = [PoseStamped(header, messages.message_from_pose2d(*pose)) for pose in (start, goal)]
+        poses = [PoseStamped(header, message_from_pose2d(*pose)) for pose in (start, goal)]
         try:
             rospy.wait_for_service(service, timeout=20.0)
             reply = rospy.ServiceProxy(service, GetPlan)(*poses, 0.0)
         except (rospy.ROSException, rospy.ServiceException) as error:
             raise CodedError("no_planner", f"{service} does not answer: {error}") from None
-        return messages.array_from_points([pose.pose.position for pose in reply.plan.poses])
+        return array_from_points([pose.pose.position for pose in reply.plan.poses])
 
 
 def wait_until(condition: Callable[[], bool], timeout: float, period: float = 0.05) -> bool:

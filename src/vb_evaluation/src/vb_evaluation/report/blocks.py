@@ -29,7 +29,7 @@ HEADINGS = {
 }
 
 
-def columns(*keys: str, **headings: str) -> Dict[str, str]:
+def column_headings(*keys: str, **headings: str) -> Dict[str, str]:
     """Returns a table's columns with their headings: those given here, those of HEADINGS, or the capitalised key."""
     titles = {**HEADINGS, **headings}
     return {key: titles.get(key, key.replace("_", " ").capitalize()) for key in keys}
@@ -44,18 +44,19 @@ class Table:
         columns: key to heading; the keys are the file's columns.
         rows: key to a text, a number, or an Interval, which becomes "estimate [low, high]" with the digits of
             `digits` and three columns in the file.
-        words: explanation of the figures.
+        explanation: what the figures mean, a paragraph below the table.
     """
 
     name: str
     columns: Dict[str, str]
     rows: List[Dict[str, Any]]
     digits: Dict[str, int] = field(default_factory=dict)
-    words: str = ""
+    explanation: str = ""
 
     def text(self, row: Dict[str, Any], key: str) -> str:
         """Writes a cell as the page shows it."""
-        value, digits = row.get(key, ""), self.digits.get(key, 2)
+        value = row.get(key, "")
+        digits = self.digits.get(key, 2)
         if isinstance(value, Interval):
             return value.text(digits)
         return format_number(value, digits) if isinstance(value, float) else str(value)
@@ -72,7 +73,7 @@ class Table:
         value = row.get(key, "")
         return isinstance(value, str) and not value.lstrip("+-\N{MINUS SIGN}")[:1].isdigit()
 
-    def plain(self, row: Dict[str, Any]) -> Dict[str, Any]:
+    def csv_row(self, row: Dict[str, Any]) -> Dict[str, Any]:
         """Returns a row as it is written to the file."""
         cells: Dict[str, Any] = {}
         for key in self.columns:

@@ -9,7 +9,7 @@ import pandas
 
 from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, paper_results
-from vb_evaluation.report.blocks import Block, Table, columns
+from vb_evaluation.report.blocks import Block, Table, column_headings
 from vb_evaluation.report.paper_results import METHODS, PAPER
 from vb_evaluation.report.study_files import DRAWS, WORLDS, StudyResults, known_values, pairs, read_sheet, select
 from vb_evaluation.statistics import Interval
@@ -21,14 +21,13 @@ def paper_comparison_section(study: StudyResults) -> List[Block]:
     """Compares each figure of the paper with ours, in both directions: being better does not count as agreement."""
     rows = [
         {"scenario": study.scenario_title(scenario), **row}
-        for scenario in (PAPER if set(METHODS) <= set(study.methods) else ())
+        for scenario in PAPER
         for row in _compare_scenario(study, scenario)
     ]
     if not rows:
         return []
     counts = {word: sum(row["reading"].startswith(word) for row in rows) for word in ("same", "better", "worse")}
-    keys = ("scenario", "quantity", "paper", "here", "difference", "reading")
-    heads = columns(*keys, here="Here [95 %]", difference="Here minus paper")
+    heads = column_headings(*rows[0], here="Here [95 %]", difference="Here minus paper")
     readings = (
         "Same: the paper's figure lies in our 95 % interval. Better and worse are both disagreement: a simulation whose "
         "people do better than real people is wrong in that figure, too. "
@@ -39,10 +38,10 @@ def paper_comparison_section(study: StudyResults) -> List[Block]:
 
 
 def _compare_scenario(study: StudyResults, scenario: str) -> Iterator[Dict[str, Any]]:
-    """Yields a row for each figure that the paper has of a scenario; none if it was not run."""
+    """Yields a row for each figure that the paper has of a scenario; none if it was not run with both methods."""
     scenario_runs = select(study.runs, scenario=scenario)
     published = PAPER[scenario]
-    if not len(scenario_runs):
+    if not len(scenario_runs) or not set(METHODS) <= set(study.methods):
         return
     yield _compare("speed-up", published.speedup, effect_sizes.ratio(scenario_runs, METHODS), digits=2, step=0.1)
     if published.border_gain_s is not None:
@@ -53,7 +52,8 @@ def _compare_scenario(study: StudyResults, scenario: str) -> Iterator[Dict[str, 
         title = paper_results.method_title(method).lower()
         runs = select(scenario_runs, method=method)
         done = select(runs, completed=1)
-        index, similarity = published.jaccard[method], statistics.median(known_values(done, "jaccard"))
+        index = published.jaccard[method]
+        similarity = statistics.median(known_values(done, "jaccard"))
         yield _compare(f"Jaccard index, {title}", index, similarity, digits=3, step=1e-3)
         if scenario == "corner" and scenario_runs.jaccard_enclosed.notna().any():
             inside = statistics.median(known_values(done, "jaccard_enclosed"))
@@ -65,15 +65,17 @@ def _compare_scenario(study: StudyResults, scenario: str) -> Iterator[Dict[str, 
 
 def _compare(quantity: str, published: float, ours: Interval, *, digits: int, step: float) -> Dict[str, Any]:
     """Makes the row of a figure, with so many digits. The paper's is rounded to multiples of `step`."""
-    low, high = (ours.estimate if math.isnan(limit) else limit for limit in (ours.low, ours.high))
-    tolerance = 0.5 * step
-    above = ours.estimate > published
-    reading = "same" if low - tolerance <= published <= high + tolerance else ("better" if above else "worse")
-    difference = f"{ours.estimate - published:+.{digits}f}".replace("-", "\N{MINUS SIGN}")
-    if math.isnan(ours.estimate):
-        reading, difference = "unknown", ours.text(digits)
     paper = f"{published:.{digits}f}"
     here = ours.text(digits)
+    low, high = (ours.estimate if math.isnan(limit) else limit for limit in (ours.low, ours.high))
+    tolerance = 0.5 * step
+    reading = "better" if ours.estimate > published else "worse"
+    if low - tolerance <= published <= high + tolerance:
+        reading = "same"
+    difference = f"{ours.estimate - published:+.{digits}f}".replace("-", "\N{MINUS SIGN}")
+    if math.isnan(ours.estimate):
+        reading = "unknown"
+        difference = here
     return {"quantity": quantity, "paper": paper, "here": here, "difference": difference, "reading": reading}
 
 
@@ -92,13 +94,13 @@ def plausible_worlds_section(study: StudyResults) -> List[Block]:
         f"All {len(inputs)} assumptions vary together over their plausible ranges: a Latin hypercube of "
         f"{table.draw.nunique()} draws."
     )
-    heads = columns("conclusion", "worlds", "holds", "n", holds="holds in [%] of worlds", n="Number")
-    words = (
+    heads = column_headings("conclusion", "worlds", "holds", "n", holds="holds in [%] of worlds", n="Number")
+    explanation = (
         "Wilson's 95 % intervals. The ranges are assumed, too: a share of worlds is no probability that a conclusion is "
         "true. A world is a draw of all assumptions, with one person who tries both methods. "
         "Too bright: the lab's own check of the cameras asks for a shorter exposure before anybody draws."
     )
-    return [introduction, Table("worlds", heads, conclusions(study, paired_rows), {"holds": 0}, words)]
+    return [introduction, Table("worlds", heads, conclusions(study, paired_rows), {"holds": 0}, explanation)]
 
 
 def _completed(rows: pandas.DataFrame, column: str) -> Tuple[pandas.Series, pandas.Series]:

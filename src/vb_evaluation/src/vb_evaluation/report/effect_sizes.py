@@ -8,17 +8,17 @@ import numpy as np
 import pandas
 
 from vb_evaluation import statistics
-from vb_evaluation.report.blocks import Block, Table, columns
+from vb_evaluation.report.blocks import Block, Table, column_headings
 from vb_evaluation.report.study_files import StudyResults, known_values, pairs, select
-from vb_evaluation.statistics import Interval
+from vb_evaluation.statistics import CONFIDENCE, Interval
 
 
-def shift(
+def paired_shift(
     table: pandas.DataFrame,
     column: str,
     methods: Tuple[str, str],
     completed: bool = False,
-    confidence: float = statistics.CONFIDENCE,
+    confidence: float = CONFIDENCE,
 ) -> Interval:
     """Computes the Hodges-Lehmann difference, without an interval where there are too few pairs for one of 90 %."""
     first, second = pairs(table, column, methods, completed)
@@ -33,9 +33,7 @@ def ratio(table: pandas.DataFrame, methods: Tuple[str, str]) -> Interval:
     return statistics.ratio_of_means(second, first)
 
 
-def completed_more(
-    table: pandas.DataFrame, methods: Tuple[str, str], confidence: float = statistics.CONFIDENCE
-) -> Interval:
+def completed_more(table: pandas.DataFrame, methods: Tuple[str, str], confidence: float = CONFIDENCE) -> Interval:
     """Computes by how much the first method's share of completed runs is larger [percentage points]."""
     flags = (known_values(select(table, method=method), "completed") for method in methods)
     return statistics.difference_of_proportions(*flags, confidence).scaled(100.0)
@@ -43,7 +41,7 @@ def completed_more(
 
 def wilcoxon_blocks(study: StudyResults, column: str, unit: str, completed: bool) -> List[Block]:
     """Reports the paper's Wilcoxon test, for studies with people only."""
-    if not study.people or len(study.methods) < 2:
+    if not study.has_people or len(study.methods) < 2:
         return []
     rows = []
     for title, runs in study.by_scenario():
@@ -52,12 +50,12 @@ def wilcoxon_blocks(study: StudyResults, column: str, unit: str, completed: bool
             rows.append({"scenario": title, **wilcoxon_row(statistics.compare_paired(*samples))})
     add_holm(rows)
     keys = ("scenario", "n", "z", "p", "holm", "r", "rank_biserial", "shift")
-    words = (
+    explanation = (
         "Wilcoxon signed-rank test: Z as SPSS gives it (zero differences left out, ties corrected, no continuity correction), "
         "exact p over all signs, r = |Z| / √(2 × pairs), Hodges-Lehmann difference. Holm: corrected over this table."
     )
-    heads = columns(*keys, shift=f"Difference {f'[{unit}]' if unit else ''}")
-    return [Table(f"test_{column}", heads, rows, {"z": 3, "shift": 3}, words=words)] if rows else []
+    heads = column_headings(*keys, shift=f"Difference {f'[{unit}]' if unit else ''}")
+    return [Table(f"test_{column}", heads, rows, {"z": 3, "shift": 3}, explanation=explanation)] if rows else []
 
 
 def wilcoxon_row(comparison: statistics.PairedComparison) -> dict:

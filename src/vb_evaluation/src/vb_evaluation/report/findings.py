@@ -34,7 +34,7 @@ TABLES = {
 EFFECTS = {"carpet": 0.077, "corner": -0.028}
 
 
-def answers(study: StudyResults) -> List[str]:
+def format_findings(study: StudyResults) -> List[str]:
     """Formats the answers as Markdown paragraphs and tables. Leaves out questions about what was not run.
 
     Raises:
@@ -48,15 +48,16 @@ def answers(study: StudyResults) -> List[str]:
     parts = [
         f"{study.runs.participant.nunique()} people, {len(study.runs)} runs, seed {study.meta.get('seed', '?')}, revision "
         f"{' and '.join(revisions)}.",
-        "\n".join(f"{number}. {words}." for number, words in enumerate(_answers(study, tables), 1)),
+        "\n".join(f"{number}. {answer}." for number, answer in enumerate(_answer_questions(study, tables), 1)),
     ]
     for name, title in TABLES.items():
         if name in tables:
-            parts += [". ".join(filter(None, (f"**{title}**", tables[name].words))), tables[name].markdown()]
+            parts += [". ".join(filter(None, (f"**{title}**", tables[name].explanation))), tables[name].markdown()]
     return parts
 
 
-def _answers(study: StudyResults, tables: Dict[str, Table]) -> List[str]:
+def _answer_questions(study: StudyResults, tables: Dict[str, Table]) -> List[str]:
+    """Returns a sentence for each question, from the tables by name, which also hold the figures."""
     faster = [row["speedup"].low > 1.0 for row in tables["summary"].rows]
     *accuracy, completed = tables["not_worse"].rows
     exact = all(row["reading"] == "not worse" for row in accuracy)
@@ -67,9 +68,8 @@ def _answers(study: StudyResults, tables: Dict[str, Table]) -> List[str]:
         f"**Completed as often?** {completed['reading'].capitalize()}: a difference of {completed['gain']} points",
     ]
     if "beside_the_paper" in tables:
-        sentences.append(
-            f"**The paper's people?** {_counts(tables['beside_the_paper'].rows)}; better is disagreement as well"
-        )
+        readings = _counts(tables["beside_the_paper"].rows)
+        sentences.append(f"**The paper's people?** {readings}; better is disagreement as well")
         effects = "; ".join(_effect(study, key) for key in EFFECTS if key in study.scenarios)
         sentences += [f"**The paper's effects on accuracy?** {effects}"] if effects else []
     if study.runs.pointed_right.notna().any():
@@ -92,7 +92,7 @@ def _counts(rows: List[Dict[str, Any]]) -> str:
 
 
 def _effect(study: StudyResults, scenario: str) -> str:
-    difference = effect_sizes.shift(select(study.runs, scenario=scenario), "jaccard", METHODS, True)
+    difference = effect_sizes.paired_shift(select(study.runs, scenario=scenario), "jaccard", METHODS, True)
     is_found = difference.low <= EFFECTS[scenario] <= difference.high and not difference.low <= 0.0 <= difference.high
     return (
         f"{paper_results.scenario_title(scenario)} {statistics.format_number(EFFECTS[scenario], 3)} there, {difference.text(3)} here: "
@@ -109,6 +109,6 @@ def write_page(folder: Path, page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     if text.count(BEGIN) != 1 or text.count(END) != 1:
         raise CodedError("no_place", f"{page} needs these two lines, once each:\n{BEGIN}\n{END}")
-    written = "\n\n".join(answers(read_study(folder)))
+    written = "\n\n".join(format_findings(read_study(folder)))
     head, tail = text.split(BEGIN)[0], text.split(END)[1]
     write_atomically(page, f"{head}{BEGIN}\n\n{written}\n\n{END}{tail}".encode("utf-8"))

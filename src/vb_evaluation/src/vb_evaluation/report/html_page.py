@@ -1,7 +1,7 @@
 """Writes the report: one page without external resources, and each of its tables as CSV.
 
 Sections come in order of importance: how far the border is from the intended one, then time, then the paper's
-Jaccard index; every figure comes with its limits. For simulated people, effects have intervals but no p: as
+Jaccard index. Every figure comes with its limits. For simulated people, effects have intervals but no p: as
 their number is arbitrary, any effect can be made significant. For real people, the paper's tests are reported too.
 """
 
@@ -14,13 +14,12 @@ import jinja2
 from markupsafe import Markup
 
 from vb_core.errors import CodedError
-from vb_evaluation.report import cross_checks, outcomes
-from vb_evaluation.report import questionnaire
+from vb_evaluation.report import cross_checks, outcomes, questionnaire
 from vb_evaluation.report.blocks import Block, Table
 from vb_evaluation.report.study_files import StudyResults, read_study, write_table
 
 PAGE, TABLES = "report.html", "tables"
-# id, title, and the function that makes the blocks; a section without blocks is left out
+# (id, title, function that makes the blocks); a section without blocks is left out
 SECTIONS: Tuple[Tuple[str, str, Callable[[StudyResults], List[Block]]], ...] = (
     ("summary", "Findings", outcomes.summary_section),
     ("error", "Boundary error", outcomes.error_section),
@@ -50,7 +49,7 @@ def write_report(folder: Path) -> Path:
     loader = jinja2.FileSystemLoader(str(template_folder))
     environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
     text = environment.get_template("report.html.j2").render(
-        title=f"Drawing virtual borders: the study with {'people' if study.people else 'simulated people'}",
+        title=f"Drawing virtual borders: the study with {'people' if study.has_people else 'simulated people'}",
         notices=notices(study),
         sections=sections,
         css=Markup((template_folder / "report.css").read_text(encoding="utf-8")),
@@ -61,7 +60,7 @@ def write_report(folder: Path) -> Path:
         for old in (study.folder / TABLES).glob("*.csv"):
             old.unlink()
         for table in (block for _, _, blocks in sections for block in blocks if isinstance(block, Table)):
-            rows = [table.plain(row) for row in table.rows]
+            rows = [table.csv_row(row) for row in table.rows]
             if rows:
                 longest = max((list(row) for row in rows), key=len)
                 write_table(study.folder / TABLES / f"{table.name}.csv", longest, rows)
@@ -74,20 +73,18 @@ def notices(study: StudyResults) -> List[str]:
     """Returns what readers must know before any figure."""
     people = study.runs.participant.nunique()
     sentences = [f"{people} people, {len(study.runs)} runs."]
-    if not study.people:
+    if not study.has_people:
         sentences = [
             f"This is a simulation: {people} simulated people, {len(study.runs)} runs. No person took part. The figures follow "
             "from the assumptions in config/assumptions.yaml; they predict nothing about people, and user experience is not examined."
         ]
-    facts = [
-        f"{name} {study.meta[name]}" for name in ("revision", "command", "machine", "date") if study.meta.get(name)
-    ]
+    names = ("revision", "command", "machine", "date")
+    facts = [f"{name} {study.meta[name]}" for name in names if study.meta.get(name)]
     if facts:
         sentences.append("Made by: " + "; ".join(facts))
-    if study.meta.get("deviating"):
-        sentences.append(
-            f"{study.meta['deviating']} runs were not done in the planned condition and are left out; runs.csv has them."
-        )
+    count = study.meta.get("deviating")
+    if count:
+        sentences.append(f"{count} runs were not done in the planned condition and are left out; runs.csv has them.")
     if study.missing:
         sentences.append(
             f"Missing runs ({len(study.missing)}): {'; '.join(study.missing[:12])}. Means take the runs that are there, "

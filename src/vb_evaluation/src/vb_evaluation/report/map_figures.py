@@ -102,7 +102,7 @@ def _uri(png: bytes) -> str:
 
 
 def nearest_to_median(study: StudyResults, scenario: str, method: str) -> Optional[pandas.Series]:
-    """Finds the row of the completed run, with a map, nearest to the median Jaccard index; None if there is none."""
+    """Finds the row of the completed run, with a map, nearest to the median Jaccard index, or None."""
     runs = select(study.runs, scenario=scenario, method=method, completed=1).dropna(subset=["jaccard"])
     names = runs.get("map", pandas.Series("", runs.index))
     with_map = runs[[bool(name) and (study.folder / name).is_file() for name in names]]

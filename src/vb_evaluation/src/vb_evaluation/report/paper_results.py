@@ -38,9 +38,11 @@ METHODS = ("nrs", "robot_only")
 
 
 def published(scenario: str, method: str) -> Tuple[float, float]:
-    """Returns the paper's (Jaccard index, completeness) of a scenario with a method; nan where it has none."""
+    """Returns the paper's (Jaccard index, completeness) of a scenario with a method, or nan where it has none."""
     entry = PAPER.get(scenario)
-    return (entry.jaccard[method], entry.completeness) if entry and method in entry.jaccard else (math.nan, math.nan)
+    if entry is None or method not in entry.jaccard:
+        return math.nan, math.nan
+    return entry.jaccard[method], entry.completeness
 
 
 def scenario_title(key: str) -> str:

@@ -1,7 +1,7 @@
 """Reads and reports what participants answered, and reports what measuring their runs warned of.
 
 UEQ-S: Schrepp, Hinderks, Thomaschewski, "Design and Evaluation of a Short Version of the User Experience Questionnaire
-(UEQ-S)", IJIMAI 4(6), 2017: items 1 to 4 pragmatic, 5 to 8 hedonic quality, each the mean of items scaled to -3 .. 3.
+(UEQ-S)", IJIMAI 4(6), 2017. Items 1 to 4 are pragmatic, 5 to 8 hedonic quality, each the mean of items in -3 .. 3.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import pandas
 from vb_core.errors import CodedError
 from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes
-from vb_evaluation.report.blocks import Block, Table, columns
+from vb_evaluation.report.blocks import Block, Table, column_headings
 from vb_evaluation.report.paper_results import METHODS
-from vb_evaluation.report.study_files import SHEETS, WARNINGS, StudyResults, read_sheet, yes_or_no
+from vb_evaluation.report.study_files import QUESTIONNAIRE_FILES, WARNINGS, StudyResults, read_sheet, yes_or_no
 
 # the paper's (Sect. 5.5 and 5.8.2)
 STATEMENTS = (
@@ -27,7 +27,7 @@ STATEMENTS = (
     ("It was easy to learn the handling of the interaction method", "1 = hard, 5 = easy"),
     ("I liked the feedback of the system", "1 = bad/no feedback, 5 = good feedback"),
 )
-# (left, right) end, in the published order; 1 is the left box
+# (left end, right end) in the published order; 1 is the left box
 UEQ_S = (
     ("obstructive", "supportive"),
     ("complicated", "easy"),
@@ -74,7 +74,7 @@ class Questionnaire(NamedTuple):
 
 
 def read_questionnaire(path: Path) -> Questionnaire:
-    """Reads the answers from the CSV file of the paper's questionnaire, and the UEQ-S beside it.
+    """Reads the answers from the CSV file of the paper's questionnaire, and the UEQ-S with it.
 
     One line per participant; the columns are `participant`, for each statement and method `s1_nrs` ... `s5_robot_only`
     with whole numbers from 1 to 5, `helped` with yes or no, and, if the UEQ-S was asked, `u1_nrs` ... `u8_robot_only`
@@ -91,7 +91,7 @@ def read_questionnaire(path: Path) -> Questionnaire:
         raise CodedError("bad_questionnaire", f"{path}: nobody has answered yet")
 
     def numbers(column: str, highest: int) -> List[float]:
-        """Returns a column's answers, nan for a missing one; empty if there is no such column."""
+        """Returns a column's answers, nan for each missing one. Without such a column there are none."""
         cells = sheet.get(column, pandas.Series(dtype=str))
         return [_answer(text, f"{path}, line {line}: {column}", highest) for line, text in cells.items()]
 
@@ -117,15 +117,15 @@ def _answer(text: str, place: str, highest: int) -> float:
 
 
 def participants_section(study: StudyResults) -> List[Block]:
-    """Reports who took part and what they answered; empty for simulated people."""
-    questionnaire_file, demographics_file = (study.folder / name for name in SHEETS)
+    """Reports who took part and what they answered, nothing for simulated people."""
+    questionnaire_file, demographics_file = (study.folder / name for name in QUESTIONNAIRE_FILES)
     blocks: List[Block] = []
-    if study.people and demographics_file.is_file():
+    if study.has_people and demographics_file.is_file():
         demographics = read_sheet(demographics_file, ("participant",)).drop(columns="participant")
-        heads = columns("question", "answers", answers=f"Answers of {len(demographics)} people")
+        heads = column_headings("question", "answers", answers=f"Answers of {len(demographics)} people")
         rows = [{"question": key, "answers": _summary(column[column != ""])} for key, column in demographics.items()]
         blocks.append(Table("demographics", heads, rows))
-    if study.people and questionnaire_file.is_file():
+    if study.has_people and questionnaire_file.is_file():
         replies = read_questionnaire(questionnaire_file)
         rows = [
             {
@@ -138,7 +138,7 @@ def participants_section(study: StudyResults) -> List[Block]:
         ]
         effect_sizes.add_holm(rows[: len(STATEMENTS)])
         effect_sizes.add_holm(rows[len(STATEMENTS) :])
-        heads = columns(
+        heads = column_headings(
             "statement", "nrs", "robot_only", "shift", "z", "p", "holm", "r", "n", shift="Difference", n="People"
         )
         introduction = (
@@ -162,6 +162,5 @@ def runs_section(study: StudyResults) -> List[Block]:
     """Lists the warnings from measuring the recordings."""
     if not (study.folder / WARNINGS).is_file():
         return []
-    warnings = list(read_sheet(study.folder / WARNINGS, ("warning",)).warning)
-    rows = [{"warning": words} for words in warnings]
-    return [Table("warnings", {"warning": f"What measuring the recordings warned of: {len(warnings)}"}, rows)]
+    rows = read_sheet(study.folder / WARNINGS, ("warning",)).to_dict("records")
+    return [Table("warnings", {"warning": f"What measuring the recordings warned of: {len(rows)}"}, rows)]

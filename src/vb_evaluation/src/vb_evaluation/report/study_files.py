@@ -21,7 +21,7 @@ from vb_evaluation.report import paper_results
 
 RUNS, WORLDS = "runs.csv", "worlds.csv"
 DRAWS, META, WARNINGS = "draws.csv", "study.json", "warnings.csv"
-SHEETS = ("questionnaire.csv", "demographics.csv")  # filled in by people
+QUESTIONNAIRE_FILES = ("questionnaire.csv", "demographics.csv")  # filled in by people
 STATES = ("guide", "border", "seed")
 TIMES = tuple(f"time_{state}_s" for state in STATES) + ("time_total_s",)
 KEY = ("participant", "scenario", "method", "seed")
@@ -31,7 +31,7 @@ MEASURES = ("completed", *TIMES, "jaccard", *ERRORS)
 # by file, the columns that identify a row besides KEY
 CONDITIONS: Dict[str, Tuple[str, ...]] = {RUNS: (), WORLDS: ("draw",)}
 BASELINE = "robot_only"
-_FURTHER = ("jaccard_enclosed", "too_bright", "helped", "problems", "seed_is_right", "pointed_right")
+_EXTRA_MEASURES = ("jaccard_enclosed", "too_bright", "helped", "problems", "seed_is_right", "pointed_right")
 _FLAGS = {
     **dict.fromkeys(("yes", "y", "1", "true", "ja"), True),
     **dict.fromkeys(("no", "n", "0", "false", "nein"), False),
@@ -60,7 +60,7 @@ class StudyResults:
         return self.tables[RUNS]
 
     @property
-    def people(self) -> bool:
+    def has_people(self) -> bool:
         """Whether people took part."""
         return bool(self.meta.get("people", False))
 
@@ -155,8 +155,8 @@ def read_study(folder: Path) -> StudyResults:
     tables = {name: read_table(folder / name, CONDITIONS[name]) for name in files}
     tables = {name: table for name, table in tables.items() if len(table) or name == RUNS}
     runs = tables[RUNS]
-    planned = runs["as_planned"] != "0" if "as_planned" in runs else np.ones(len(runs), bool)
-    tables[RUNS] = runs[planned]
+    if "as_planned" in runs:
+        tables[RUNS] = runs[runs["as_planned"] != "0"]
     if not len(tables[RUNS]):
         raise CodedError("bad_study", f"{folder / RUNS} has no rows: no run has ended yet")
     return StudyResults(folder, tables, {**read_meta(folder / META), "deviating": len(runs) - len(tables[RUNS])})
@@ -194,11 +194,11 @@ def read_table(path: Path, conditions: Sequence[str]) -> pandas.DataFrame:
         CodedError: "bad_study" if a column is missing or a measure is neither a number nor empty.
     """
     table = read_sheet(path, (*REQUIRED, *conditions))
-    for column in (*MEASURES, *_FURTHER, *conditions):
+    for column in (*MEASURES, *_EXTRA_MEASURES, *conditions):
         text = table.get(column, pandas.Series("", table.index))
         digits = text.str.lower().replace({"true": "1", "false": "0"})
         numbers = pandas.to_numeric(digits, errors="coerce").astype(float)
-        wrong = ~np.isfinite(numbers) & ((text != "") | (column in conditions)) & (column not in _FURTHER)
+        wrong = ~np.isfinite(numbers) & ((text != "") | (column in conditions)) & (column not in _EXTRA_MEASURES)
         if wrong.any():
             reason = f"expected a number, got {text[wrong].iloc[0]!r}"
             raise CodedError("bad_study", f"{path}, line {wrong.idxmax()}: {column}: {reason}")
@@ -208,7 +208,7 @@ def read_table(path: Path, conditions: Sequence[str]) -> pandas.DataFrame:
 
 
 def yes_or_no(text: str, place: str, code: str) -> Optional[bool]:
-    """Parses a person's yes or no; None if the cell is empty."""
+    """Parses a person's yes or no. Returns None if the cell is empty."""
     if text and text.lower() not in _FLAGS:
         raise CodedError(code, f"{place}: expected yes or no or nothing, got '{text}'")
     return _FLAGS.get(text.lower())
@@ -221,7 +221,7 @@ def write_table(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, 
 
 
 def read_meta(path: Path) -> Dict[str, Any]:
-    """Reads study.json; empty if there is none."""
+    """Reads study.json, or returns an empty dictionary if there is none."""
     if not path.is_file():
         return {}
     try:

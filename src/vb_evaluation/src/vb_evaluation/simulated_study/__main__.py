@@ -1,4 +1,4 @@
-"""Runs the simulated study: all runs not done yet, or only those of them that are asked for; see `make study`."""
+"""Runs the simulated study (see `make study`): all runs not done yet, or only those of them that are asked for."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import List, Optional
 from rich.console import Console
 
 from vb_core.errors import CodedError
-from vb_evaluation.repository_revision import repository_top
+from vb_evaluation.repository_revision import repository_root
 from vb_evaluation.report.study_files import RUNS, WORLDS
 from vb_evaluation.simulated_study import campaign, config, run_plan
 
@@ -37,7 +37,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="vb_evaluation.simulated_study", description=__doc__)
     parser.add_argument("--config", type=Path, default=None, help="a configuration of your own (YAML)")
     parser.add_argument("--seed", type=int, default=None, help="instead of the configuration's")
-    parser.add_argument("--out", type=Path, default=repository_top() / "out" / "study")
+    parser.add_argument("--out", type=Path, default=repository_root() / "out" / "study")
     parser.add_argument("--quick", action="store_true", help="only the first person, to see that all works")
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     for name, kind in ONLY.items():
@@ -57,7 +57,7 @@ def _run(options: argparse.Namespace, console: Console) -> int:
         # a shell starts background jobs with interrupts ignored, and Python leaves that so
         signal.signal(number, _interrupt)
     study = config.load(options.config, options.seed)
-    jobs = run_plan.select(run_plan.jobs(study, options.quick), **{name: getattr(options, name) for name in ONLY})
+    jobs = run_plan.select(run_plan.plan_jobs(study, options.quick), **{name: getattr(options, name) for name in ONLY})
     counts = {file: sum(job.file == file for job in jobs) for file in (RUNS, WORLDS)}
     console.print(", ".join(f"{count} runs for {file}" for file, count in counts.items()))
     failed = campaign.run_jobs(study, jobs, options.out, console, max(1, options.processes))

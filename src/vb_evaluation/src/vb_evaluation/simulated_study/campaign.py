@@ -28,7 +28,7 @@ from vb_core.files import write_atomically
 from vb_core.grid_map import FREE, GridMap
 from vb_core.map_files import read_map, write_map
 from vb_evaluation import metrics
-from vb_evaluation.repository_revision import repository_top, revision
+from vb_evaluation.repository_revision import repository_root, revision
 from vb_evaluation.report import study_files
 from vb_evaluation.report.map_figures import write_truths
 from vb_evaluation.report.study_files import CONDITIONS, DRAWS, META, REQUIRED, RUNS, WORLDS, read_meta, write_table
@@ -36,17 +36,17 @@ from vb_evaluation.simulated_study.config import Study, study_from_mapping
 from vb_evaluation.simulated_study.run_plan import Job, draw_worlds
 from vb_sim import floor_plan
 
-if TYPE_CHECKING:  # only running needs ROS: reading a study does not
+if TYPE_CHECKING:  # a study can be read without ROS, which only running it needs
     from vb_evaluation.simulated_study.live_run import LiveRun
 
 AREAS, ROWS = "areas.npz", "rows"
-FURTHER = "outcome reason seed_is_right pointed_right tries spots robot_collisions jaccard_enclosed too_bright".split()
-COLUMNS = (*study_files.MEASURES, *FURTHER)
+_EXTRAS = "outcome reason seed_is_right pointed_right tries spots robot_collisions jaccard_enclosed too_bright".split()
+COLUMNS = (*study_files.MEASURES, *_EXTRAS)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """A worker's result: a row, and the map of a main run; or the program's error."""
+    """A worker's result: a row and, for a main run, the map, or else the program's error."""
 
     job: Job
     row: Optional[Dict[str, Any]] = None
@@ -67,8 +67,8 @@ def run_jobs(study: Study, jobs: Sequence[Job], folder: Path, console: Console, 
         CodedError: "other_study".
         KeyboardInterrupt: after printing what is done.
     """
-    facts = describe(study)
-    open_folder(folder, configuration(study), facts)
+    metadata = study_metadata(study)
+    open_folder(folder, configuration_hash(study), metadata)
     _write_inputs(study, jobs, folder)
     remaining = [job for job in jobs if not _row_file(folder, job).exists()]
     if len(remaining) < len(jobs):
@@ -82,7 +82,7 @@ def run_jobs(study: Study, jobs: Sequence[Job], folder: Path, console: Console, 
                 failed += 1
                 console.print(f"failed: {outcome.job.name}: {outcome.fault}", markup=False)
             else:
-                _store(outcome, folder, facts["revision"])
+                _store(outcome, folder, metadata["revision"])
     except KeyboardInterrupt:
         done = sum(_row_file(folder, job).exists() for job in jobs)
         console.print(
@@ -125,12 +125,11 @@ def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> 
     """Carries out one run of the study that a document and the files named in it describe."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     try:
-        # only running needs ROS: reading a study does not
         from vb_evaluation.simulated_study.live_run import run
 
         study = study_from_mapping(document, sources)
         ended = run(study.changed(job.changes) if job.changes else study, job)
-        row = {**job.columns(study.design.seed), **measure(ended)}
+        row = {**job.columns(study.design.seed), **measure_run(ended)}
         if job.file != RUNS:
             return Outcome(job, row)
         map_file = f"maps/p{job.participant:02d}_{job.scenario}_{job.method}.yaml" if ended.saved_seed else ""
@@ -139,12 +138,12 @@ def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> 
         return Outcome(job, fault=str(error) if isinstance(error, CodedError) else traceback.format_exc())
 
 
-def measure(run: LiveRun) -> Dict[str, object]:
+def measure_run(run: LiveRun) -> Dict[str, object]:
     """Computes all columns of a run except those that identify it: measures (paper, Sect. 5.5), and what explains them."""
     restricted = metrics.restricted_cells(run.prior, run.posterior)
     floor = run.prior.data == FREE
     # in spot cleaning the paper's people drew around 3.2 m2 and restricted the rest, which hides the drawing's errors
-    enclosed = (metrics.enclosed(floor, cells & floor, run.truth) for cells in (run.truth, restricted))
+    enclosed = (metrics.enclosed_cells(floor, cells & floor, run.truth) for cells in (run.truth, restricted))
     # over every interaction of the run: cancelled ones took time too
     times = [sum(float(record[f"{state}_s"]) for record in run.records) for state in study_files.STATES]
     saved = run.saved_seed is not None
@@ -170,42 +169,40 @@ def measure(run: LiveRun) -> Dict[str, object]:
 
 
 # ---------------------------------------------------------------- metadata of the runs
-def open_folder(folder: Path, configuration: str, facts: Mapping[str, Any]) -> None:
+def open_folder(folder: Path, configuration: str, metadata: Mapping[str, Any]) -> None:
     """Makes sure that a folder's contents belong to a configuration, and records which.
 
     Args:
         configuration: the study's hash.
-        facts: for study.json.
+        metadata: for study.json.
 
     Raises:
         CodedError: "other_study".
     """
     present = read_meta(folder / META).get("configuration", "unknown")
     if present != configuration and ((folder / META).exists() or (folder / RUNS).exists()):
-        raise CodedError(
-            "other_study",
-            f"{folder} holds runs of another configuration or program ({present}, this is {configuration}): "
-            "they cannot be mixed. Delete it, or let OUT=folder put the new ones elsewhere",
-        )
-    document = {**facts, "configuration": configuration}
+        reason = f"{folder} holds runs of another configuration or program ({present}, this is {configuration})"
+        hint = "they cannot be mixed. Delete it, or let OUT=folder put the new ones elsewhere"
+        raise CodedError("other_study", f"{reason}: {hint}")
+    document = {**metadata, "configuration": configuration}
     write_atomically(folder / META, (json.dumps(document, indent=2, sort_keys=True, default=str) + "\n").encode())
 
 
-def configuration(study: Study) -> str:
+def configuration_hash(study: Study) -> str:
     """Returns a hash of configuration and program, without its tests: rows with different hashes must not be mixed.
 
     It does not depend on which of the study's runs are asked for.
     """
     digest = hashlib.sha256(study.hash.encode())
     for folder in ("src", "launch", "robots"):
-        for path in sorted((repository_top() / folder).rglob("*")):
+        for path in sorted((repository_root() / folder).rglob("*")):
             if path.suffix in (".py", ".yaml", ".json", ".msg", ".srv", ".launch") and "test" not in path.parts:
                 digest.update(path.read_bytes())
     return digest.hexdigest()[:12]
 
 
-def describe(study: Study) -> Dict[str, Any]:
-    """Returns facts that a study's rows lack: what it is, and what produced it."""
+def study_metadata(study: Study) -> Dict[str, Any]:
+    """Returns what a study's rows lack: what it is, and what produced it."""
     return {
         "seed": study.design.seed,
         "world": study.world.name,

@@ -16,7 +16,7 @@ import rospkg
 
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
-from vb_evaluation.repository_revision import repository_top
+from vb_evaluation.repository_revision import repository_root
 from vb_sim.model_params import BodyProportions, Models, ParticipantModel, read_document
 from vb_sim.world import World, world_from_mapping
 
@@ -52,9 +52,9 @@ def draw(key: str, spec: Any, rng: np.random.Generator) -> float:
     """Draws one value of a trait's distribution, as the configuration writes it.
 
     A number is the same for everybody. {uniform: [low, high]}, {normal: [mean, standard deviation]} and
-    {lognormal: [median, standard deviation of the logarithm]} are drawn; `low` and `high` beside them are limits.
+    {lognormal: [median, standard deviation of the logarithm]} are drawn, within `low` and `high` if these are given.
     {scaled: [distribution, factor]} draws from another distribution and multiplies the value, after its limits, by a factor.
-    {mixture: [{share: 0.7, normal: ...}, ...]} draws from one of several distributions, for instance men's and women's.
+    {mixture: [{share: 0.7, normal: ...}, ...]} draws from one of several, for instance men's and women's.
 
     Raises:
         ParameterError: names the trait.
@@ -63,7 +63,8 @@ def draw(key: str, spec: Any, rng: np.random.Generator) -> float:
         return float(spec)
     try:
         parameters = dict(spec)
-        low, high = float(parameters.pop("low", -math.inf)), float(parameters.pop("high", math.inf))
+        low = float(parameters.pop("low", -math.inf))
+        high = float(parameters.pop("high", math.inf))
         ((kind, values),) = parameters.items()
         if kind == "mixture":
             shares = np.array([float(part.get("share", 0.0)) for part in values])
@@ -74,9 +75,8 @@ def draw(key: str, spec: Any, rng: np.random.Generator) -> float:
         else:
             value = _DISTRIBUTIONS[kind](rng, *(float(entry) for entry in values))
     except (TypeError, ValueError, KeyError, AttributeError):
-        raise ParameterError(
-            key, f"expected a number, or one of mixture, scaled, {', '.join(_DISTRIBUTIONS)}, got {spec!r}"
-        ) from None
+        expected = f"expected a number, or one of mixture, scaled, {', '.join(_DISTRIBUTIONS)}"
+        raise ParameterError(key, f"{expected}, got {spec!r}") from None
     return min(max(value, low), high)
 
 
@@ -211,19 +211,19 @@ class Study:
         Raises:
             ParameterError: names the key that is wrong.
         """
-        document, files = copy.deepcopy(dict(self.document)), copy.deepcopy(dict(self.sources))
+        document = copy.deepcopy({**self.document, **self.sources})
         for key, value in changes.items():
-            head, _, rest = key.partition("/")
-            target, path = (files[head], rest) if head in files else (document, key)
-            _set(target, path, value)
-        return study_from_mapping(document, files)
+            _set(document, key, value)
+        sources = {name: document.pop(name) for name in self.sources}
+        return study_from_mapping(document, sources)
 
 
 def _set(document: Any, path: str, value: Any) -> None:
     *parents, last = path.split("/")
     for name in parents:
         document = document[int(name)] if isinstance(document, list) else document.setdefault(name, {})
-    document[int(last) if isinstance(document, list) else last] = value
+    index = int(last) if isinstance(document, list) else last
+    document[index] = value
 
 
 def load(path: Optional[Path] = None, seed: Optional[int] = None) -> Study:
@@ -289,7 +289,7 @@ def _merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> Dict[str, Any
 
 def _find_file(name: str, folder: Path) -> Path:
     """Finds a file beside the configuration, in the current folder, in the repository or in vb_sim."""
-    for path in (folder / name, Path(name), repository_top() / name, repository_top() / "src" / "vb_sim" / name):
+    for path in (folder / name, Path(name), repository_root() / name, repository_root() / "src" / "vb_sim" / name):
         if path.is_file():
             return path
     raise CodedError("no_file", f"'{name}' is neither beside the configuration nor in the repository")

@@ -22,7 +22,7 @@ from vb_core.ros.messages import NumpyOccupancyGrid, grid_from_message
 from vb_sim.in_process_ros.launch_file import import_nodes, start_launch
 from vb_sim.in_process_ros.rospy_stand_in import Graph, Node
 from vb_sim.in_process_ros.threading_stand_in import Scheduler, replaced
-from vb_evaluation.repository_revision import repository_top
+from vb_evaluation.repository_revision import repository_root
 from vb_evaluation.simulated_study.config import METHODS, Study, Traits
 from vb_evaluation.simulated_study.run_plan import Job
 from vb_evaluation.simulated_study.study_camera_node import RenderCache, StudyCeilingCameras, StudyRobotCamera
@@ -36,15 +36,15 @@ from vb_sim.person.participant_methods import make_script
 from vb_sim.person.walking import distance_to_chain
 from vb_sim.robot.path_planner import Costmap, Planner
 from vb_sim import floor_plan
-from vb_sim.world import Scenario, World
+from vb_sim.world import Scenario
 from vb_sim.simulated_lab import SimulatedLab
 
-LAUNCH = repository_top() / "launch" / "simulation.launch"
+LAUNCH = repository_root() / "launch" / "simulation.launch"
 # no other node depends on what these publish or store
 OMITTED = ("display_markers", "feedback", "camera_poses")
-OFF_THE_LINE = 0.4  # [m] people do not stand on what they draw
+MIN_STAND_DISTANCE = 0.4  # [m] people do not stand on what they draw
 START_NS = 1_000_000_000_000  # keeps every timestamp away from zero, which would mean none
-WARM_UP_TIME = 2.0  # [s] until every node has heard of the others; then the person comes in
+WARM_UP_TIME = 2.0  # [s] for every node to hear of the others before the person comes in
 _LONGEST_END_NS = 600 * 10**9
 
 
@@ -63,8 +63,9 @@ class LiveRun:
     """
 
     def __init__(self, study: Study, job: Job) -> None:
-        world, scenario = study.world, study.world.scenario(job.scenario)
-        traits, marks = study.traits(job.participant), study.marks(job.participant, job.scenario)
+        world = study.world
+        traits = study.traits(job.participant)
+        marks = study.marks(job.participant, job.scenario)
         self._study = study
         self._models = replace(study.models, body=traits.body)
         self._random_seed = study.run_seed(job.participant)
@@ -72,7 +73,7 @@ class LiveRun:
         self._method = job.method
         self._ended = False
         self.prior = self.posterior = floor_plan.physical_map(world)
-        self.scenario = personal_scenario(world, scenario, traits, self.prior, marks)
+        self.scenario = personal_scenario(world.scenario(job.scenario), traits, self.prior, marks)
         self.truth = floor_plan.ground_truth(world, self.scenario)
         self.lab = SimulatedLab(world, study.models, self._random_seed)
         self.script = make_script(world, self.scenario, traits.model, job.method, self._random_seed)
@@ -121,16 +122,17 @@ class LiveRun:
 
     def _lab_nodes(self) -> Dict[str, Callable[[], Any]]:
         """Returns, by type of node, what runs instead of the simulated lab's scripts."""
-        world, cache, idle_every = self._study.world, render_cache(), self._study.timing.idle_every
+        world = self._study.world
+        idle_every = self._study.timing.idle_every
 
         def ceiling_cameras() -> None:
             shown = [world.camera(name) for name in self._cameras]
-            self.too_bright = StudyCeilingCameras(cache, shown, self._random_seed, idle_every).too_bright
+            self.too_bright = StudyCeilingCameras(render_cache(), shown, self._random_seed, idle_every).too_bright
 
         def robot_camera() -> None:
             name, prefix = rospy.get_param("~robot", ""), rospy.get_param("~tf_prefix", "")
             robot = world.robot(name) if name else world.robots[0]
-            StudyRobotCamera(cache, robot, self._random_seed, prefix, idle_every)
+            StudyRobotCamera(render_cache(), robot, self._random_seed, prefix, idle_every)
 
         return {
             "lab_simulator": lambda: LabSimulatorNode(self.lab, parameters.read(LabSimulatorParams)),
@@ -179,9 +181,7 @@ def _delayed_extraction(scheduler: Scheduler, seconds: float) -> ContextManager[
     return replaced({extraction: {"extract_border": extract_and_wait}})
 
 
-def personal_scenario(
-    world: World, scenario: Scenario, traits: Traits, grid: GridMap, marks: Tuple[float, float, float] = (0.0, 0.0, 0.0)
-) -> Scenario:
+def personal_scenario(scenario: Scenario, traits: Traits, grid: GridMap, marks: Tuple[float, float, float]) -> Scenario:
     """Returns the scenario as this person sees it: the border by the marks on the floor, and where the person stands.
 
     The person's position is near the common one, on free floor, off the border. The ground truth stays the map's.
@@ -195,7 +195,7 @@ def personal_scenario(
     line = np.vstack([scenario.border, scenario.border[:1]]) if scenario.closed else scenario.border
     for share in (1.0, 0.75, 0.5, 0.25):
         place = scenario.stand + share * np.array(traits.stand_offset)
-        if planner.is_traversable(place) and distance_to_chain(place, line) >= OFF_THE_LINE:
+        if planner.is_traversable(place) and distance_to_chain(place, line) >= MIN_STAND_DISTANCE:
             return replace(scenario, stand=place)
     return scenario
 

@@ -5,7 +5,7 @@ Use it to see what a study consists of before it is run. `live_run.run(study, jo
 
 >>> from vb_evaluation.simulated_study import config
 >>> study = config.load()                                         # config/study.yaml
->>> quick = jobs(study, quick=True)                               # one participant
+>>> quick = plan_jobs(study, quick=True)                               # one participant
 >>> len(quick), sorted({(job.scenario, job.method) for job in quick})[0]
 (6, ('carpet', 'nrs'))
 """
@@ -26,7 +26,7 @@ from vb_evaluation.report.study_files import KEY, RUNS, WORLDS
 from vb_evaluation.simulated_study.config import PACKAGE, Study
 
 SOURCES = ("paper", "data", "literature", "assumed", "mechanics")
-USUAL = (0.5, 2.0)
+DEFAULT_FACTORS = (0.5, 2.0)
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Assumption(Parameters):
     """The source of one figure.
 
     Attributes:
-        times: plausible range in multiples of the value; empty: USUAL if it is assumed, else it is not varied.
+        times: plausible range in multiples of the value; empty: DEFAULT_FACTORS if it is assumed, else it is not varied.
     """
 
     source: str = param("assumed", choices=SOURCES)
@@ -44,8 +44,8 @@ class Assumption(Parameters):
 
     @property
     def range(self) -> Tuple[float, ...]:
-        """(low, high) in multiples of the value; empty if it is not varied."""
-        return tuple(self.times) or (USUAL if self.source == "assumed" else ())
+        """(low, high) in multiples of the value, or () if it is not varied."""
+        return tuple(self.times) or (DEFAULT_FACTORS if self.source == "assumed" else ())
 
 
 @lru_cache(maxsize=1)
@@ -65,7 +65,7 @@ def draw_worlds(study: Study, count: int, seed: int) -> List[Dict[str, float]]:
 
     Another count gives different worlds.
     """
-    # imported here: it takes as long as all other imports of a worker, which never draws worlds
+    # this import takes as long as all others of a worker, which never draws worlds
     from scipy.stats import qmc
 
     varied = varied_assumptions(study)
@@ -79,12 +79,12 @@ def draw_worlds(study: Study, count: int, seed: int) -> List[Dict[str, float]]:
     ]
 
 
-def changes(study: Study, factors: Mapping[str, float]) -> Dict[str, Any]:
+def world_changes(study: Study, factors: Mapping[str, float]) -> Dict[str, Any]:
     """Returns a world's changes, for `Study.changed`."""
-    return {key: scaled(_get(study, key), factor) for key, factor in factors.items()}
+    return {key: scale_value(_get(study, key), factor) for key, factor in factors.items()}
 
 
-def scaled(value: Any, factor: float) -> Any:
+def scale_value(value: Any, factor: float) -> Any:
     """Multiplies a number, a list of numbers or a distribution by a factor; whole numbers stay whole and at least 1."""
     if isinstance(value, bool):
         return value
@@ -93,7 +93,7 @@ def scaled(value: Any, factor: float) -> Any:
     if isinstance(value, float):
         return round(value * factor, 9)
     if isinstance(value, list):
-        return [scaled(entry, factor) for entry in value]
+        return [scale_value(entry, factor) for entry in value]
     return {"scaled": [value, factor]}
 
 
@@ -143,7 +143,7 @@ class Job:
         return f"{self.file[: -len('.csv')]}_{place}_{self.scenario}_{self.method}"
 
 
-def jobs(study: Study, quick: bool = False) -> List[Job]:
+def plan_jobs(study: Study, quick: bool = False) -> List[Job]:
     """Lists all runs of a study or, if `quick`, only those of its first participant, which show that all works."""
     if quick:
         return main_jobs(study, 1)
@@ -153,12 +153,11 @@ def jobs(study: Study, quick: bool = False) -> List[Job]:
 def main_jobs(study: Study, participants: int) -> List[Job]:
     """Lists a run for every participant, method and scenario, in each participant's order."""
     design = study.design
+    shared = (design.participants, design.scenarios, design.methods, design.seed)
     return [
         Job(participant, scenario, method, order=place)
         for participant in range(1, participants + 1)
-        for place, (scenario, method) in enumerate(
-            order_runs(participant, design.participants, design.scenarios, design.methods, design.seed), 1
-        )
+        for place, (scenario, method) in enumerate(order_runs(participant, *shared), 1)
     ]
 
 
@@ -166,14 +165,14 @@ def world_jobs(study: Study) -> List[Job]:
     """Lists a run of each method in each world, each world with a different person. Scenarios take turns."""
     scenarios = study.design.scenarios
     return [
-        Job(draw, scenarios[draw % len(scenarios)], method, draw, changes(study, factors))
+        Job(draw, scenarios[draw % len(scenarios)], method, draw, world_changes(study, factors))
         for draw, factors in enumerate(draw_worlds(study, study.design.worlds, study.design.seed), 1)
         for method in study.design.methods
     ]
 
 
 def select(candidates: List[Job], **values: Any) -> List[Job]:
-    """Selects the jobs with these values of columns; None is any.
+    """Selects the jobs with these values of columns, where None stands for any value.
 
     Raises:
         CodedError: "no_such_run" if there is none.

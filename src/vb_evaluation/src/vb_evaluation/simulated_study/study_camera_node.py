@@ -40,14 +40,15 @@ class RenderCache:
         cv2.setNumThreads(1)
         self._floor: Optional[FloorTexture] = None
         self._mesh: Optional[Mesh] = None
-        self._views: Dict[str, Tuple[str, Any]] = {}  # by name: what the view shows, as text, and the view
+        self._views: Dict[str, Tuple[str, Any]] = {}  # by name, (text of what the view depends on, view)
         self._floor_key: object = None
 
     def enter(self, world: World, models: Models) -> None:
         """Prepares for runs in a world. The participant's body may differ each time."""
         floor_key = repr((world.room, world.floor, world.walls, world.furniture, world.patches, world.lights))
         if floor_key != self._floor_key:
-            self._floor, self._mesh = render_floor(world, FLOOR_SEED), world_mesh(world)
+            self._floor = render_floor(world, FLOOR_SEED)
+            self._mesh = world_mesh(world)
             self._floor_key = floor_key
             self._views.clear()
         self.world, self.models = world, models
@@ -55,7 +56,8 @@ class RenderCache:
     def view(self, kind: Type[View], whose: Any) -> View:
         """Returns the view of a ceiling camera, or of a robot's, before anything has moved."""
         # without the body: the pointer's height depends on it, but nothing that was rendered does
-        models, radii = self.models, self.world.robot_radii()
+        models = self.models
+        radii = self.world.robot_radii()
         key = repr((whose, models.optics, models.camera_noise, models.robot_camera, sorted(radii.items())))
         name = f"{kind.__name__} {whose.name}"
         if name not in self._views or self._views[name][0] != key:
@@ -116,10 +118,7 @@ class StudyCeilingCameras(StudyCameras):
         super().__init__(simulated, optics.latency_ms, seed, idle_every)
 
     def _is_relevant(self, camera: SimulatedCamera, snapshot: Snapshot) -> bool:
-        if self._idle_every == 1:
-            return True
-        laser = snapshot.laser
-        if laser is not None and _shows(camera, snapshot, np.array([[*laser, 0.0]]), _SPOT_MARGIN_PX):
+        if self._idle_every == 1 or _may_show_spot(camera, snapshot):
             return True
         bodies = [(pose, 0.45, 2.1) for pose in [snapshot.person] if pose is not None]
         bodies += [(pose, 0.25, 0.5) for pose in snapshot.robots.values()]
@@ -136,10 +135,12 @@ class StudyRobotCamera(StudyCameras):
         super().__init__([simulated], models.optics.latency_ms, seed, idle_every)
 
     def _is_relevant(self, camera: SimulatedCamera, snapshot: Snapshot) -> bool:
-        if self._is_due(camera):
-            return True
-        laser = snapshot.laser
-        return laser is not None and _shows(camera, snapshot, np.array([[*laser, 0.0]]), _SPOT_MARGIN_PX, False)
+        return self._is_due(camera) or _may_show_spot(camera, snapshot, behind=False)
+
+
+def _may_show_spot(camera: SimulatedCamera, snapshot: Snapshot, behind: bool = True) -> bool:
+    laser = snapshot.laser
+    return laser is not None and _shows(camera, snapshot, np.array([[*laser, 0.0]]), _SPOT_MARGIN_PX, behind)
 
 
 def _shows(camera: SimulatedCamera, snapshot: Snapshot, points: np.ndarray, margin: float, behind: bool = True) -> bool:

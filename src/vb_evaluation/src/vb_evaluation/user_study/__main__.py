@@ -13,8 +13,7 @@ from vb_core.map_files import read_map
 from vb_evaluation import statistics
 from vb_evaluation.report import findings
 from vb_evaluation.report.html_page import write_report
-from vb_evaluation.user_study import blind_judging, forms, privacy, protocol, recording_measures
-from vb_evaluation.user_study import conduct_run
+from vb_evaluation.user_study import blind_judging, conduct_run, forms, privacy, protocol, recording_measures
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
@@ -34,9 +33,9 @@ def _path(text: str) -> Path:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="study_kit", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    """Makes the parser. It sets `run` to the chosen command's function, which yields the lines to print."""
+    formatter = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(prog="study_kit", description=__doc__, formatter_class=formatter)
     commands = parser.add_subparsers(dest="command", required=True)
 
     def command(name: str, run: Callable[[argparse.Namespace], Iterable[Any]], words: str) -> Callable[..., Any]:
@@ -94,11 +93,11 @@ def _report(options: argparse.Namespace) -> Iterator[Any]:
 
 
 def _forms(options: argparse.Namespace) -> Iterator[Any]:
-    yield from forms.write(options.folder)
+    yield from forms.write_forms(options.folder)
 
 
 def _judge(options: argparse.Namespace) -> Iterator[Any]:
-    yield blind_judging.write(options.study or options.results.parent, options.results)
+    yield blind_judging.write_judging_sheet(options.study or options.results.parent, options.results)
 
 
 def _export(options: argparse.Namespace) -> Iterator[Any]:
@@ -112,24 +111,25 @@ def _delete(options: argparse.Namespace) -> Iterator[Any]:
 
 def _plan(options: argparse.Namespace) -> Iterator[Any]:
     seed = secrets.randbelow(10**9) if options.seed is None else options.seed
-    protocol.write(options.out, protocol.plan(options.participants, options.scenarios, options.methods, seed))
+    rows = protocol.plan_runs(options.participants, options.scenarios, options.methods, seed)
+    protocol.write_protocol(options.out, rows)
     conduct_run.write_template(options.out.parent)
     yield options.out
 
 
 def _run(options: argparse.Namespace) -> Iterator[Any]:
-    planned = conduct_run.next_run(options.protocol, options.participant, options.again)
-    run = conduct_run.conduct_run(planned, conduct_run.roslaunch, conduct_run.read_keys(), print)
-    if planned.last:
-        yield f"that was the last run: hand out questionnaire_{planned.questionnaire}_first.html"
+    next_run = conduct_run.find_next_run(options.protocol, options.participant, options.again)
+    run = conduct_run.conduct_run(next_run, conduct_run.roslaunch, conduct_run.read_keys(), print)
+    if next_run.last:
+        yield f"that was the last run: hand out questionnaire_{next_run.questionnaire}_first.html"
     if "ended" not in run:
-        raise CodedError("unfinished", f"the run was not ended: {planned.folder} is kept, --again does the run again")
-    yield planned.folder
+        raise CodedError("unfinished", f"the run was not ended: {next_run.folder} is kept, --again does the run again")
+    yield next_run.folder
 
 
 def _measure(options: argparse.Namespace) -> Iterator[Any]:
     physical = read_map(options.map) if options.map else None
-    for note in recording_measures.measure(options.protocol, options.ground_truth, options.out, physical):
+    for note in recording_measures.measure_study(options.protocol, options.ground_truth, options.out, physical):
         yield f"look at this: {note}"
     yield write_report(options.out)
 

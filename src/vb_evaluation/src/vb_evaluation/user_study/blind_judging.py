@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import secrets
 from pathlib import Path
-from typing import Dict, List
+from typing import Dict
 
 from vb_core.errors import CodedError
 from vb_core.map_files import read_map
@@ -19,7 +19,7 @@ from vb_evaluation.report.study_files import RUNS, read_sheet, write_table, yes_
 FOLDER, SHEET, KEY = "judging", "judgements.csv", "judging_key.csv"
 
 
-def write(study: Path, results: Path) -> Path:
+def write_judging_sheet(study: Path, results: Path) -> Path:
     """Writes the pictures of all measured runs with a saved border, and an empty sheet. Returns their folder.
 
     Raises:
@@ -40,16 +40,15 @@ def write(study: Path, results: Path) -> Path:
         (study / FOLDER).mkdir()
         for code, picture in zip(codes, pictures):
             (study / FOLDER / f"{code}.png").write_bytes(picture)
-        sheet: List[Dict[str, str]] = [{"code": code, "completed": ""} for code in sorted(codes)]
-        write_table(study / FOLDER / SHEET, ["code", "completed"], sheet)
+        write_table(study / FOLDER / SHEET, ["code", "completed"], [{"code": code} for code in sorted(codes)])
         write_table(study / KEY, ["code", "recording"], key)
     except OSError as error:
         raise CodedError("cannot_write_into", folder=str(study / FOLDER), reason=error.strerror) from None
     return study / FOLDER
 
 
-def read(study: Path) -> Dict[str, bool]:
-    """Reads the judgements by recording; empty if nobody has judged.
+def read_judgements(study: Path) -> Dict[str, bool]:
+    """Reads the judgements by recording, none if nobody has judged.
 
     Raises:
         CodedError: "bad_judgement" naming the line.

@@ -1,7 +1,7 @@
 """Conducts one run of a study with people: in the right condition, in the planned order, with notes.
 
-The experimenter names the participant; which run comes next, and how the system is started for it, follow from the
-protocol and kit.yaml beside it. Nothing is typed twice or overwritten: a repeated run gets a separate folder.
+The experimenter names the participant. Which run comes next, and how the system is started for it, follow from the
+protocol and from kit.yaml next to it. Nothing is typed twice or overwritten: a repeated run gets a separate folder.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import Any, Callable, Dict, Iterator, List, Mapping, Tuple
 
 import yaml
 
+from vb_core.child_processes import ChildProcess
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_evaluation.repository_revision import revision
@@ -40,7 +41,7 @@ KEYS = {
     "c": "completed",
     "f": "not completed",
 }
-ENDS = {"c": True, "f": False}
+END_KEYS = {"c": True, "f": False}
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def write_template(folder: Path) -> None:
         write_atomically(folder / SETTINGS, TEMPLATE.encode("utf-8"))
 
 
-def next_run(path: Path, participant: str, again: bool = False) -> NextRun:
+def find_next_run(path: Path, participant: str, again: bool = False) -> NextRun:
     """Finds the participant's next run: the first one in the planned order that has no finished recording.
 
     Args:
@@ -79,7 +80,7 @@ def next_run(path: Path, participant: str, again: bool = False) -> NextRun:
     Raises:
         CodedError: "no_participant", "all_done", "unfinished", "bad_protocol".
     """
-    entries = protocol.read(path)
+    entries = protocol.read_protocol(path)
     own = sorted((entry for entry in entries if entry.participant == participant), key=lambda entry: entry.order)
     if not own:
         people = ", ".join(dict.fromkeys(entry.participant for entry in entries))
@@ -102,7 +103,8 @@ def next_run(path: Path, participant: str, again: bool = False) -> NextRun:
     number = 2
     folder = planned
     while folder.exists():
-        folder, number = planned.with_name(f"{planned.name}_{number}"), number + 1
+        folder = planned.with_name(f"{planned.name}_{number}")
+        number += 1
     launch, arguments = _settings(path.parent / SETTINGS, entry.method)
     cameras = tuple(name for name in arguments.get("cameras", "").split() if name != "none")
     launch_arguments = (f"{key}:={value}" for key, value in sorted(arguments.items()))
@@ -127,7 +129,7 @@ def _settings(path: Path, method: str) -> Tuple[List[str], Dict[str, str]]:
 
 
 def conduct_run(
-    planned: NextRun, start: Callable[[NextRun], Callable[[], None]], keys: Iterator[str], say: Callable[[str], None]
+    next_run: NextRun, start: Callable[[NextRun], Callable[[], None]], keys: Iterator[str], say: Callable[[str], None]
 ) -> Mapping[str, Any]:
     """Starts the system, notes events by key press, and ends with "completed" or "not completed".
 
@@ -138,13 +140,13 @@ def conduct_run(
     Returns:
         The content of run.yaml.
     """
-    planned.folder.mkdir(parents=True)
-    entry = planned.entry
+    next_run.folder.mkdir(parents=True)
+    entry = next_run.entry
     run: Dict[str, Any] = {name: getattr(entry, name) for name in ("participant", "order", "method", "scenario")}
-    run.update(cameras=list(planned.cameras), revision=revision(), command=list(planned.command), started=_now())
-    _write(planned.folder, run)
-    stop = start(planned)
-    cameras = " ".join(planned.cameras) or "none"
+    run.update(cameras=list(next_run.cameras), revision=revision(), command=list(next_run.command), started=_now())
+    _write(next_run.folder, run)
+    stop = start(next_run)
+    cameras = " ".join(next_run.cameras) or "none"
     say(f"{entry.participant}, run {entry.order}: {entry.scenario} with {entry.method}, cameras {cameras}")
     say("keys: " + ", ".join(f"{key} {words}" for key, words in KEYS.items()))
     try:
@@ -153,20 +155,20 @@ def conduct_run(
                 say(f"'{key}' means nothing")
                 continue
             event = {"time": time.time(), "key": key, "event": KEYS[key], "text": next(keys, "") if key == "n" else ""}
-            with open(str(planned.folder / EVENTS), "a", encoding="utf-8") as stream:
+            with open(str(next_run.folder / EVENTS), "a", encoding="utf-8") as stream:
                 stream.write(json.dumps(event) + "\n")
             say(f"noted: {KEYS[key]}")
-            if key in ENDS:
-                run.update(completed=ENDS[key], ended=_now())
+            if key in END_KEYS:
+                run.update(completed=END_KEYS[key], ended=_now())
                 break
     finally:
         stop()
         # a system that did not start, or not as planned, is reported now and not by the analysis a week later
-        run["recorded"] = any((planned.folder / BAGS).glob("*.bag*"))
-        _write(planned.folder, run)
+        run["recorded"] = any((next_run.folder / BAGS).glob("*.bag*"))
+        _write(next_run.folder, run)
     if not run["recorded"]:
-        say(f"nothing was recorded: see {planned.folder / 'launch.log'}")
-    for words in deviations(entry, Recording(planned.folder)):
+        say(f"nothing was recorded: see {next_run.folder / 'launch.log'}")
+    for words in deviations(entry, Recording(next_run.folder)):
         say(f"not as planned: {words}")
     return run
 
@@ -201,8 +203,6 @@ def read_keys() -> Iterator[str]:
         termios.tcsetattr(sys.stdin, termios.TCSADRAIN, attributes)
 
 
-def roslaunch(planned: NextRun) -> Callable[[], None]:
+def roslaunch(next_run: NextRun) -> Callable[[], None]:
     """Starts the system as planned. Returns what stops it."""
-    from vb_core.child_processes import Child
-
-    return Child(list(planned.command), planned.folder / "launch.log").stop
+    return ChildProcess(list(next_run.command), next_run.folder / "launch.log").stop

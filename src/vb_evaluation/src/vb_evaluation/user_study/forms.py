@@ -24,7 +24,7 @@ DEMOGRAPHICS: Tuple[Tuple[str, str, Sequence[str]], ...] = (
 )
 
 
-def write(folder: Path) -> List[Path]:
+def write_forms(folder: Path) -> List[Path]:
     """Writes all forms, and demographics.csv and questionnaire.csv with nothing but their columns.
 
     Raises:

@@ -11,7 +11,7 @@ import pandas
 
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
-from vb_evaluation.report.study_files import RUNS, SHEETS, read_sheet
+from vb_evaluation.report.study_files import QUESTIONNAIRE_FILES, RUNS, read_sheet
 from vb_evaluation.user_study import blind_judging, protocol
 from vb_evaluation.user_study.recording_measures import attempts
 
@@ -28,8 +28,8 @@ def export(results: Path, out: Path) -> List[Path]:
     Raises:
         CodedError: "cannot_write_into" if the folder exists; "bad_study" if there is nothing measured.
     """
-    tables = {RUNS: read_sheet(results / RUNS, ("participant",))}
-    tables.update({name: read_sheet(results / name, ("participant",)) for name in SHEETS if (results / name).is_file()})
+    names = [RUNS, *(name for name in QUESTIONNAIRE_FILES if (results / name).is_file())]
+    tables = {name: read_sheet(results / name, ("participant",)) for name in names}
     people = sorted({name for table in tables.values() for name in table.participant})
     secrets.SystemRandom().shuffle(people)
     numbers = {name: f"a{number:02d}" for number, name in enumerate(people, 1)}
@@ -47,8 +47,10 @@ def export(results: Path, out: Path) -> List[Path]:
 
 
 def _age_band(text: str) -> str:
-    low = int(text) // AGE_BAND * AGE_BAND if text.isdigit() else None
-    return "" if low is None else f"{low} to {low + AGE_BAND - 1}"
+    if not text.isdigit():
+        return ""
+    low = int(text) // AGE_BAND * AGE_BAND
+    return f"{low} to {low + AGE_BAND - 1}"
 
 
 def delete(path: Path, participant: str) -> List[str]:
@@ -64,20 +66,21 @@ def delete(path: Path, participant: str) -> List[str]:
     own = sheet.participant == participant
     if not own.any():
         raise CodedError("no_participant", f"{path} has no participant '{participant}'", participant=participant)
-    names, deleted = [name for name in sheet.recording[own] if name], []
-    for name in names:
-        for folder in attempts(path.parent / Path(name).expanduser()):
+    recordings = [name for name in sheet.recording[own] if name]
+    deleted = []
+    for recording in recordings:
+        for folder in attempts(path.parent / Path(recording).expanduser()):
             shutil.rmtree(folder)
             deleted.append(str(folder))
     sheet.loc[own, [column for column in ("recording", "completed", "note") if column in sheet]] = ""
     _write(sheet, path)
-    for name in SHEETS:
+    for name in QUESTIONNAIRE_FILES:
         if (path.parent / name).is_file():
             answers = read_sheet(path.parent / name, ("participant",))
             remaining = answers[answers.participant != participant]
             _write(remaining, path.parent / name)
-            deleted += [f"{len(answers) - len(remaining)} line(s) of {name}"]
-    _delete_pictures(path.parent, names)
+            deleted.append(f"{len(answers) - len(remaining)} line(s) of {name}")
+    _delete_pictures(path.parent, recordings)
     return deleted
 
 
@@ -93,7 +96,7 @@ def _delete_pictures(study: Path, recordings: List[str]) -> None:
     codes = set(key.code[key.recording.isin(recordings)])
     for code in codes:
         (study / blind_judging.FOLDER / f"{code}.png").unlink(missing_ok=True)
-    if (study / blind_judging.FOLDER / blind_judging.SHEET).is_file():  # it may be with the judge
+    if (study / blind_judging.FOLDER / blind_judging.SHEET).is_file():  # the judge may have taken the sheet away
         judgements = read_sheet(study / blind_judging.FOLDER / blind_judging.SHEET, ("code",))
         _write(judgements[~judgements.code.isin(codes)], study / blind_judging.FOLDER / blind_judging.SHEET)
     _write(key[~key.code.isin(codes)], study / blind_judging.KEY)

@@ -37,7 +37,7 @@ class Entry:
         return protocol.absolute().parent / Path(self.recording).expanduser()
 
 
-def plan(participants: int, scenarios: Sequence[str], methods: Sequence[str], seed: int) -> List[Dict[str, str]]:
+def plan_runs(participants: int, scenarios: Sequence[str], methods: Sequence[str], seed: int) -> List[Dict[str, str]]:
     """Returns the rows of a protocol to fill in. See `order_runs`."""
     return [
         {
@@ -52,8 +52,8 @@ def plan(participants: int, scenarios: Sequence[str], methods: Sequence[str], se
     ]
 
 
-def write(path: Path, rows: Sequence[Dict[str, str]]) -> None:
-    """Writes a protocol; inverse of `read`.
+def write_protocol(path: Path, rows: Sequence[Dict[str, str]]) -> None:
+    """Writes a protocol; inverse of `read_protocol`.
 
     Raises:
         CodedError: "cannot_write", also if the file exists: notes must not be lost.
@@ -65,7 +65,7 @@ def write(path: Path, rows: Sequence[Dict[str, str]]) -> None:
         raise CodedError("cannot_write", what=str(path), reason=error.strerror) from None
 
 
-def read(path: Path) -> List[Entry]:
+def read_protocol(path: Path) -> List[Entry]:
     """Reads a protocol. Runs without a recording did not take place.
 
     Raises:
@@ -80,9 +80,8 @@ def read(path: Path) -> List[Entry]:
             raise CodedError("bad_protocol", f"{path}, line {line}: {empty[0]} is empty")
         for key in ((row["participant"], row["method"], row["scenario"]), row["recording"] or line):
             if first_lines.setdefault(key, line) != line:
-                raise CodedError(
-                    "bad_protocol", f"{path}, lines {first_lines[key]} and {line}: the same run or recording twice"
-                )
+                lines = f"lines {first_lines[key]} and {line}"
+                raise CodedError("bad_protocol", f"{path}, {lines}: the same run or recording twice")
         if row["recording"]:
             names = {key: row[key] for key in ("participant", "method", "scenario", "recording")}
             completed = yes_or_no(row.get("completed", ""), f"{path}, line {line}: completed", "bad_protocol")

@@ -24,7 +24,7 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 
 LOG, BAGS, RUN, EVENTS = "interactions.jsonl", "bags", "run.yaml", "events.jsonl"
-TOPICS = [names.MAP_WITH_BORDERS, names.BORDERS, names.DETECTORS]  # read from a bag
+TOPICS = [names.MAP_WITH_BORDERS, names.BORDERS, names.DETECTORS]  # those that are read from a bag
 WITHOUT = ".*(image|compressed|points|projector).*"  # not recorded: a thousand times as large as the rest
 Row = TypeVar("Row")
 
@@ -64,16 +64,18 @@ class Recording:
         paths = sorted((self.folder / BAGS).glob("*.bag"))
         for path in paths:
             _read_bag(path, states, cameras)
-        return states, cameras if paths else None
+        if not paths:
+            return states, None
+        return states, cameras
 
     @property
     def cameras(self) -> Optional[Set[str]]:
-        """The ceiling cameras whose detectors ran; None if there is no bag."""
+        """The ceiling cameras whose detectors ran, or None if there is no bag."""
         return self._bags[1]
 
     @property
     def run(self) -> Mapping[str, Any]:
-        """What was planned and noted; empty if the recording was not made by study_kit run."""
+        """What was planned and noted, empty if the recording was not made by study_kit run."""
         return _read(self.folder / RUN, yaml.safe_load) or {}
 
     def count(self, key: str) -> int:
@@ -81,11 +83,11 @@ class Recording:
         return _rows(self.folder / EVENTS, lambda row: row.get("key")).count(key)
 
     def physical(self) -> Optional[GridMap]:
-        """Returns the physical map: the first recorded one on which no border was in force; None if there is none."""
+        """Returns the physical map, which is the first recorded one without a border in force, or None."""
         return next((grid for _, grid, borders in self._maps() if not borders), None)
 
     def result(self, interaction: LoggedInteraction) -> Optional[Tuple[GridMap, np.ndarray]]:
-        """Returns the map with borders and the seed (2,) [m] that an interaction made; None if nothing was saved.
+        """Returns the map with borders and the seed (2,) [m] that an interaction made, or None if nothing was saved.
 
         Borders of earlier attempts in the same recording act on the map too, as they did on the robot.
 
@@ -109,7 +111,8 @@ class Recording:
 
 
 def _read_bag(path: Path, states: Dict[float, Dict[str, Any]], cameras: Set[str]) -> None:
-    # only here: a study is planned and reported without ROS
+    """Adds the messages of a bag to states, by stamp [s] and topic, and its ceiling cameras to cameras."""
+    # a study is planned and reported without ROS
     import rosbag
     from vb_core.ros.messages import NumpyOccupancyGrid, grid_from_message
 
@@ -132,7 +135,7 @@ def _interaction(row: Dict[str, Any]) -> LoggedInteraction:
 
 
 def _read(path: Path, read: Callable[[str], Any]) -> Any:
-    """Reads a text file; None if there is none."""
+    """Reads a text file, or returns None if there is none."""
     try:
         return read(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -142,7 +145,7 @@ def _read(path: Path, read: Callable[[str], Any]) -> Any:
 
 
 def _rows(path: Path, make: Callable[[Dict[str, Any]], Row]) -> List[Row]:
-    """Makes a row of each line of JSON in a file; empty if there is no file."""
+    """Makes a row of each line of JSON in a file. There are none if there is no file."""
     rows = []
     for number, line in enumerate((_read(path, str) or "").splitlines(), 1):
         try:

@@ -16,7 +16,7 @@ from vb_core.grid_map import GridMap, nearest_cell
 from vb_core.map_files import write_map
 from vb_evaluation import metrics
 from vb_evaluation.report.map_figures import write_truths
-from vb_evaluation.report.study_files import META, REQUIRED, RUNS, SHEETS, STATES, WARNINGS
+from vb_evaluation.report.study_files import META, REQUIRED, QUESTIONNAIRE_FILES, RUNS, STATES, WARNINGS
 from vb_evaluation.report.study_files import read_meta, read_sheet, write_table
 from vb_evaluation.user_study import blind_judging, protocol
 from vb_evaluation.user_study.recording import Recording
@@ -24,11 +24,11 @@ from vb_evaluation.user_study.recording import Recording
 _TIMES = (*STATES, "total")
 SEED_REACH = 0.2  # [m] from a seed to the free floor that it means
 MIN_COLOR = 40  # [grey levels] between the largest and the smallest channel; less is grey
-FURTHER = "order as_planned revision map outcome saved seed_is_right helped problems recording interaction note".split()
-COLUMNS = (*REQUIRED, *metrics.ERRORS, *FURTHER)
+_EXTRAS = "order as_planned revision map outcome saved seed_is_right helped problems recording interaction note".split()
+COLUMNS = (*REQUIRED, *metrics.ERRORS, *_EXTRAS)
 
 
-def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optional[GridMap] = None) -> List[str]:
+def measure_study(protocol_file: Path, ground_truths: Path, out: Path, physical: Optional[GridMap] = None) -> List[str]:
     """Measures every run of a protocol and writes runs.csv, study.json and maps/ for the report.
 
     Args:
@@ -42,7 +42,7 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
     Raises:
         CodedError: what is wrong with protocol, recordings or ground truths.
     """
-    entries = protocol.read(protocol_file)
+    entries = protocol.read_protocol(protocol_file)
     if not entries:
         raise CodedError("bad_protocol", f"{protocol_file}: no run has a recording yet")
     if (out / RUNS).exists() and not read_meta(out / META).get("people"):
@@ -53,7 +53,7 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
     truths = {scenario: read_ground_truth(ground_truths / f"{scenario}.png", physical) for scenario in scenarios}
     _delete_maps(out)
     write_truths(out, physical, truths)
-    judged = blind_judging.read(protocol_file.parent)
+    judged = blind_judging.read_judgements(protocol_file.parent)
     rows, notes = [], []
     for entry, folder in zip(entries, folders):
         noted = judged.get(entry.recording, entry.completed)
@@ -69,7 +69,7 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
         notes += warnings
     write_table(out / RUNS, COLUMNS, rows)
     write_table(out / WARNINGS, ["warning"], [{"warning": note} for note in notes])
-    for name in SHEETS:
+    for name in QUESTIONNAIRE_FILES:
         if (protocol_file.parent / name).is_file():
             write_atomically(out / name, (protocol_file.parent / name).read_bytes())
     meta = {"people": True, "protocol": protocol_file.name}
@@ -99,12 +99,9 @@ def read_ground_truth(path: Path, physical: GridMap) -> np.ndarray:
     if image is None:
         raise CodedError("bad_ground_truth", f"{path}: there is no such picture, or a damaged one")
     if image.shape[:2] != physical.shape:
-        rows, columns = physical.shape
-        raise CodedError(
-            "bad_ground_truth",
-            f"{path}: the picture has {image.shape[1]} x {image.shape[0]} pixels, the map {columns} x {rows}: "
-            "draw over the map's own picture and do not scale it",
-        )
+        sizes = f"{image.shape[1]} x {image.shape[0]} pixels, the map {physical.shape[1]} x {physical.shape[0]}"
+        hint = "draw over the map's own picture and do not scale it"
+        raise CodedError("bad_ground_truth", f"{path}: the picture has {sizes}: {hint}")
     chroma = np.ptp(image.astype(int), axis=2)[::-1]
     # half of the strongest colour: cuts the soft edge that an editor draws in its middle
     marked = (chroma >= max(MIN_COLOR, chroma.max() / 2.0)) & metrics.free_cells(physical)
@@ -135,7 +132,7 @@ def last_attempt(folder: Path) -> Path:
 
 
 def deviations(entry: protocol.Entry, recording: Recording) -> List[str]:
-    """Lists how the condition in which a recording was made differs from the planned one; empty if it does not."""
+    """Lists how the condition in which a recording was made differs from the planned one."""
     differences = []
     run = recording.run
     for name, planned in (("participant", entry.participant), ("scenario", entry.scenario), ("method", entry.method)):
@@ -151,30 +148,28 @@ def deviations(entry: protocol.Entry, recording: Recording) -> List[str]:
     return differences
 
 
-def outcome_of(begun: bool, planned: bool, saved: bool, seed_right: bool, noted: Optional[bool]) -> str:
-    """Returns a run's outcome, from which every table is made.
+def classify_outcome(is_as_planned: bool, is_saved: bool, seed_is_right: bool, judged_completed: Optional[bool]) -> str:
+    """Returns the outcome of a run, from which every table is made.
 
-    unreadable      its recording is damaged or incomplete: the system's failure too (not returned here)
-    not_started     no interaction was begun: the system's failure, nobody's result
-    not_as_planned  in another condition than planned: left out
+    unreadable      its recording is damaged or incomplete, which is the system's failure too (not returned here)
+    not_started     no interaction was begun, which is the system's failure and nobody's result (not returned here)
+    not_as_planned  in another condition than planned, and left out
     completed       saved, with the seed in the ground truth, and not judged to have failed
     judged_failed   the same, but judged not to be what was asked for
     wrong_seed      saved, with the seed on the wrong side
     not_saved       given up, cancelled, or broken off
-    disputed        judged as completed, though nothing was saved or the seed is wrong: not completed
+    disputed        judged as completed, but nothing was saved or the seed is wrong; counts as not completed
 
     Args:
-        noted: what judge or experimenter said; None for nothing.
+        judged_completed: what judge or experimenter said; None for nothing.
     """
-    if not begun:
-        return "not_started"
-    if not planned:
+    if not is_as_planned:
         return "not_as_planned"
-    if saved and seed_right:
-        return "judged_failed" if noted is False else "completed"
-    if noted:
+    if is_saved and seed_is_right:
+        return "judged_failed" if judged_completed is False else "completed"
+    if judged_completed:
         return "disputed"
-    return "wrong_seed" if saved else "not_saved"
+    return "wrong_seed" if is_saved else "not_saved"
 
 
 def _describe(entry: protocol.Entry) -> str:
@@ -192,7 +187,8 @@ def _measured_row(
 ) -> Tuple[Dict[str, Any], List[str]]:
     """Makes a run's row. Each interaction of its recording is an attempt at it. There may be none, or several."""
     interactions = recording.interactions
-    row, run = _empty_row(entry, "not_started"), _describe(entry)
+    run = _describe(entry)
+    row = _empty_row(entry, "not_started")
     row.update(revision=recording.run.get("revision", ""), helped=recording.count("h"), problems=recording.count("p"))
     if not interactions:
         note = "nothing was begun in this recording, so it counts for nothing: can the run be done again?"
@@ -215,7 +211,7 @@ def _measured_row(
         row.update(saved=1, map=f"maps/{name}.yaml", seed_is_right=int(seed_is_right(seed, physical, truth)))
     if noted is None:
         noted = recording.run.get("completed")
-    row["outcome"] = outcome_of(True, not differences, bool(row["saved"]), bool(row["seed_is_right"]), noted)
+    row["outcome"] = classify_outcome(not differences, bool(row["saved"]), bool(row["seed_is_right"]), noted)
     row["completed"] = int(row["outcome"] == "completed")
     if row["outcome"] == "disputed":
         missing = "the seed point lies outside the ground truth" if row["saved"] else "nothing was saved"

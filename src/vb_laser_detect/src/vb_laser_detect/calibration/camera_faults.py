@@ -27,19 +27,20 @@ _MAX_FOCAL_CHANGE = 0.01  # lenses of one model differ by more, two calibrations
 # [m] extraction assumes that cameras agree within the hand's tremor; calibrated ones differ by one or two centimetres
 _MAX_DISAGREEMENT = 0.05
 _MAX_SIGHTINGS = 200  # per camera: enough for a median
-_SIGHTING_LIFETIME = 300.0  # [s] so that those from before a calibration soon no longer count
+_SIGHTING_LIFETIME = 300.0  # [s] sightings from before a calibration soon no longer count
 _MIN_COMMON = 20  # sightings that two cameras must share before they are compared
 # positions are interpolated over at most one lost image, and no longer than a straight part of a slow drawing lasts
-_MAX_GAP_PERIODS = 2.5  # of a camera's usual interval between sightings
+_MAX_GAP_PERIODS = 2.5  # in multiples of a camera's usual interval between sightings
 _MAX_GAP = 0.5  # [s]
 # [s] a detector looks up a fixed camera's pose twice a second: until then, spots may be located with the former one
 _POSE_LATENCY = 5.0
 
 Sighting = Tuple[float, float, float]  # stamp [s], x, y [m]
+PoseFile = Union[CameraPose, CodedError]  # a calibration, or why it cannot be read
 
 
 @dataclass(frozen=True)
-class Report:
+class DetectorReport:
     """The part of a detector's status that is compared.
 
     Attributes:
@@ -55,7 +56,7 @@ class Report:
     age: float = 0.0
 
 
-class CameraWatch:
+class CameraFaultFinder:
     """Finds faults of the cameras that should be there. Not thread safe.
 
     Args:
@@ -64,12 +65,12 @@ class CameraWatch:
     """
 
     def __init__(self, cameras: Sequence[str], now: float) -> None:
-        self._reports = {name: Report(now + _START_TIMEOUT - _SILENCE_TIMEOUT) for name in cameras}
+        self._reports = {name: DetectorReport(now + _START_TIMEOUT - _SILENCE_TIMEOUT) for name in cameras}
         self._ages: Dict[str, Deque[float]] = {name: deque(maxlen=_CLOCK_REPORTS) for name in cameras}
         self._sightings: Dict[str, Deque[Sighting]] = {}
         self._pose_changes: Dict[str, float] = {}  # [s] when a camera got its present pose
 
-    def report(self, camera: str, report: Report) -> None:
+    def report(self, camera: str, report: DetectorReport) -> None:
         """Records a detector's report; that of an unexpected camera is ignored."""
         if camera in self._reports:
             self._reports[camera] = report
@@ -88,18 +89,16 @@ class CameraWatch:
         self._sightings.pop(camera, None)
         self._pose_changes[camera] = now
 
-    def missing_detectors(self, now: float) -> List[Notice]:
+    def find_missing_detectors(self, now: float) -> List[Notice]:
         """Returns a notice for each camera whose detector has not reported for too long at a time [s]."""
-        return [
-            Notice.from_error(CodedError("detector_missing"), Severity.ERROR, camera)
-            for camera in sorted(self._reports)
-            if self._is_missing(camera, now)
-        ]
+        error = CodedError("detector_missing")
+        cameras = [camera for camera in sorted(self._reports) if self._is_missing(camera, now)]
+        return [Notice.from_error(error, Severity.ERROR, camera) for camera in cameras]
 
     def _is_missing(self, camera: str, now: float) -> bool:
         return now - self._reports[camera].arrival > _SILENCE_TIMEOUT
 
-    def wrong_clocks(self, now: float) -> List[Notice]:
+    def find_wrong_clocks(self, now: float) -> List[Notice]:
         """Returns a notice for each camera on a computer whose clock differs from this one's at a time [s]."""
         notices = []
         for camera, ages in sorted(self._ages.items()):
@@ -109,27 +108,27 @@ class CameraWatch:
                 notices.append(Notice.from_error(CodedError("camera_clock", age=f"{age:.2f}"), Severity.ERROR, camera))
         return notices
 
-    def misfits(
-        self, files: Mapping[str, Union[CameraPose, CodedError]], kept: Sequence[str], now: float
+    def find_calibration_faults(
+        self, files: Mapping[str, PoseFile], cameras_with_old_pose: Sequence[str], now: float
     ) -> List[Notice]:
         """Returns a notice for each camera whose calibration cannot be used, or does not fit its images.
 
         Args:
             files: each camera's calibration, or why it cannot be read.
-            kept: cameras whose earlier pose is still published.
+            cameras_with_old_pose: cameras whose earlier pose is still published.
             now: [s] present time.
         """
         frames = [report.frame for camera, report in self._reports.items() if not self._is_missing(camera, now)]
         notices = []
         for camera, file in sorted(files.items()):
             report = self._reports[camera]
-            fault = _misfit(camera, file, report, camera in kept)
-            # its detector says that another camera has the same frame: that must be resolved before the pose
+            fault = _calibration_fault(camera, file, report, camera in cameras_with_old_pose)
+            # the detectors report a frame that two cameras have: that must be resolved before the pose
             if fault is not None and not (report.frame and frames.count(report.frame) > 1):
                 notices.append(Notice.from_error(fault, Severity.ERROR, camera))
         return notices
 
-    def disagreements(self, now: float) -> List[Notice]:
+    def find_disagreements(self, now: float) -> List[Notice]:
         """Returns a notice for each pair of cameras that disagree on a spot: one was moved, or has another's pose."""
         recent = {
             camera: np.array(sorted(row for row in rows if 0.0 <= now - row[0] <= _SIGHTING_LIFETIME)).reshape(-1, 3)
@@ -145,7 +144,7 @@ class CameraWatch:
 
 
 def distance_between(a: np.ndarray, b: np.ndarray) -> float:
-    """Returns how far apart [m] two cameras see the same spot (median); NaN if they hardly saw it together.
+    """Returns how far apart [m] two cameras see the same spot (median), or NaN if they hardly saw it together.
 
     Cameras do not take their images at the same time, and a spot moves. So the second camera's position is interpolated
     to the first one's time, between two consecutive sightings at its usual rate.
@@ -158,9 +157,11 @@ def distance_between(a: np.ndarray, b: np.ndarray) -> float:
     intervals = np.diff(b[:, 0])
     previous = np.searchsorted(b[:, 0], a[:, 0], side="right") - 1  # row of b before each row of a
     is_between = (previous >= 0) & (previous < len(intervals))
-    a, previous = a[is_between], previous[is_between]
+    a = a[is_between]
+    previous = previous[is_between]
     is_short = intervals[previous] <= min(_MAX_GAP_PERIODS * float(np.median(intervals)), _MAX_GAP)
-    a, previous = a[is_short], previous[is_short]
+    a = a[is_short]
+    previous = previous[is_short]
     if len(a) < _MIN_COMMON:
         return math.nan
     share = ((a[:, 0] - b[previous, 0]) / intervals[previous])[:, None]
@@ -168,12 +169,12 @@ def distance_between(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.median(np.linalg.norm(interpolated - a[:, 1:], axis=1)))
 
 
-def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, Union[CameraPose, CodedError]]:
+def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, PoseFile]:
     """Reads each camera's calibration; gives the error if there is none, or its frame is also another camera's."""
-    files: Dict[str, Union[CameraPose, CodedError]] = {}
+    files: Dict[str, PoseFile] = {}
     for camera in cameras:
         try:
-            files[camera] = pose_file.load(pose_file.calibration_path(folder, camera))
+            files[camera] = pose_file.read_pose(pose_file.calibration_path(folder, camera))
         except CodedError as error:
             files[camera] = error.without_traceback()
     frames = {camera: file.frame for camera, file in files.items() if isinstance(file, CameraPose)}
@@ -185,8 +186,8 @@ def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, Union[CameraPos
     return files
 
 
-def _misfit(camera: str, file: Union[CameraPose, CodedError], report: Report, is_kept: bool) -> Optional[CodedError]:
-    """Returns the fault if a calibration cannot be used, or does not fit the camera's images; None if it fits."""
+def _calibration_fault(camera: str, file: PoseFile, report: DetectorReport, is_kept: bool) -> Optional[CodedError]:
+    """Returns the fault if a calibration cannot be used, or does not fit the camera's images, or None if it fits."""
     name = f"{camera}.yaml"
     if isinstance(file, CodedError):
         if file.code == "shared_frame":

@@ -22,13 +22,13 @@ from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 
 _SQUARES = (5, 4)  # few and therefore large: a camera on the ceiling must resolve them
-_MARKER_SHARE = 0.75  # of a square's side
+_MARKER_SHARE = 0.75  # a marker's side, as a share of a square's
 PAPERS_MM = {"A4": (297, 210), "A3": (420, 297), "A2": (594, 420), "A1": (841, 594), "A0": (1189, 841)}
 _DPI = 300
 _EDGE_MM = 8.0  # printers leave a margin
 _MIN_MARKER_PX = 6 * 2.3  # side of a marker: its 6 modules (4 x 4 and a black border) need 2.3 px each to be told apart
 _MIN_CORNERS_TO_FIND_BOARD = 6
-_MIN_CORNERS_TO_FIT_LENS = 8  # in a view: fewer say little about the lens
+_MIN_CORNERS_TO_FIT_LENS = 8  # fewer in a view say little about the lens
 _MIN_VIEWS = 12
 _MAX_VIEWS = 30  # the newest ones: more make the estimate slower, but hardly better
 _CELLS = (8, 6)  # columns and rows of the image; a cell is covered once a corner was seen in it
@@ -37,9 +37,10 @@ _MIN_SHIFT = 0.06  # share of the image's width by which the corners of a new vi
 # far more steps than OpenCV's default, which ends 3 % off a wide lens's focal length
 _CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-9)
 _MAX_RMS = 1.0  # [px]
-_MAX_FOCAL_SIGMA = 0.01  # of the focal length: 1 cm at 1 m
+_MAX_FOCAL_SIGMA = 0.01  # share of the focal length: 1 cm at 1 m
 # views from straight ahead cannot tell a near board from a long lens
-_MIN_TILT, _MIN_TILTED_VIEWS = np.radians(12.0), 4
+_MIN_TILT = np.radians(12.0)
+_MIN_TILTED_VIEWS = 4
 
 
 @dataclass(frozen=True)
@@ -121,8 +122,8 @@ def find_board(board: BoardParams, image: np.ndarray) -> BoardView:
     if corner_count < _MIN_CORNERS_TO_FIND_BOARD:
         raise CodedError("board_hidden", corners=corner_count, least=_MIN_CORNERS_TO_FIND_BOARD)
     ids = ids.ravel()
-    # refined again, as it depends on OpenCV's version whether the detector counts pixels from their centres or edges;
-    # only within the white between a corner and the markers
+    # the detector counts pixels from their centres or edges, depending on OpenCV's version: corners are refined again,
+    # within the white between a corner and the markers
     window = max(2, min(5, int(marker_px * (1.0 / _MARKER_SHARE - 1.0) / 2.0)))
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 0.001)
     pixels = cv2.cornerSubPix(gray, corners.astype(np.float32), (window, window), (-1, -1), criteria)
@@ -147,7 +148,8 @@ def write_board(paper: str, path: str) -> List[str]:
     page = np.full((page_height, page_width), 255, np.uint8)
     top, left = (page_height - height) // 2, (page_width - width) // 2
     page[top : top + height, left : left + width] = pattern
-    ruler_y, ruler_end = top + height + round(3.5 * dots_per_mm), left + round(100.0 * dots_per_mm)
+    ruler_y = top + height + round(3.5 * dots_per_mm)
+    ruler_end = left + round(100.0 * dots_per_mm)
     cv2.line(page, (left, ruler_y), (ruler_end, ruler_y), 0, 3)
     text = f"100 mm: print at 100 %, not fitted to the page.   {paper}, squares of {square_mm:.0f} mm"
     cv2.putText(page, text, (ruler_end + round(3 * dots_per_mm), ruler_y + 14), cv2.FONT_HERSHEY_SIMPLEX, 1.2, 0, 2)
@@ -205,7 +207,7 @@ class LensCalibration:
         return True
 
     def _shift_between(self, view: BoardView, earlier: BoardView) -> float:
-        """Returns how far the corners have moved on average, in widths of the image; 1 if both views share too few."""
+        """Returns how far the corners have moved on average, in widths of the image, or 1 if both views share too few."""
         shared_ids, places, earlier_places = np.intersect1d(view.ids, earlier.ids, return_indices=True)
         if len(shared_ids) < 4:
             return 1.0
@@ -224,11 +226,10 @@ class LensCalibration:
             corners = [np.pad(view.corners, ((0, 0), (0, 1))).astype(np.float32) for view in self.views]  # z = 0
             pixels = [view.pixels.astype(np.float32) for view in self.views]
             try:
-                rms, matrix, distortion, turns, _, deviations, *_ = cv2.calibrateCameraExtended(
-                    corners, pixels, self.size, None, None, criteria=_CRITERIA
-                )
+                result = cv2.calibrateCameraExtended(corners, pixels, self.size, None, None, criteria=_CRITERIA)
             except cv2.error:
                 raise CodedError("lens_not_determined") from None
+            rms, matrix, distortion, turns, _, deviations, *_ = result
             camera = CameraModel(*self.size, matrix, distortion.ravel()[:5])
             focal_sigma = max(deviations.ravel()[:2] / (matrix[0, 0], matrix[1, 1]))
             slants = [np.arccos(min(1.0, abs(float(cv2.Rodrigues(turn)[0][2, 2])))) for turn in turns]

@@ -29,7 +29,7 @@ from vb_core.errors import CodedError
 MIN_POINTS = 4
 _MAX_SETS = 200  # minimal sets tried; with 40 % wrong points, 50 sets hold one without any in 99.9 % of cases
 # points nearer to each other are one place, seen twice
-_SAME_PLACE_DIAGONALS = 0.005  # in diagonals of the image
+_SAME_PLACE_DIAGONALS = 0.005  # share of the image's diagonal
 _SAME_PLACE_DISTANCE = 0.01  # [m] on the floor
 _SAME_ORIENTATION = math.radians(2.0)  # poses that differ by less are the same
 _PLAUSIBLE = 9.0  # difference of chi square within which two poses are both plausible: 3 sigma
@@ -41,11 +41,11 @@ _MIN_AREA = 0.025  # share of the image that the points must span
 _MAX_FLOOR_SIGMA = 0.1  # [m] uncertainty on the floor, anywhere in the image
 # the corners of a rectangle
 _CLICK_SIGMA = 1.0  # [px] how exactly a person marks a corner
-_FOCALS = np.geomspace(0.3, 3.0, 48)  # of the image's width: focal lengths that are tried
-_USUAL_FOCAL = 0.75  # of the image's width: webcams and phones
+_FOCALS = np.geomspace(0.3, 3.0, 48)  # focal lengths that are tried, in widths of the image
+_USUAL_FOCAL = 0.75  # that of webcams and phones, in widths of the image
 _FOCAL_SIGMA = 0.35  # deviation of the focal length's logarithm from the usual one's
-_MAX_CORNER_ERROR = 0.02  # of the image's diagonal; with more, the corners are in another order, or of something else
-_CLICK_DRAWS = 16  # of inexact clicks
+_MAX_CORNER_ERROR = 0.02  # share of the image's diagonal; corners with a larger error are no rectangle, or in disorder
+_CLICK_DRAWS = 16  # random draws of inexact clicks
 
 
 @dataclass(frozen=True)
@@ -133,13 +133,8 @@ def estimate_pose(camera: CameraModel, observed: Correspondences, point_sigma: f
     middle, worst = floor_uncertainty(camera, fit.T_map_camera, fit.covariance)
     if worst > _MAX_FLOOR_SIGMA:
         raise CodedError("uncertain", cm=f"{100 * worst:.1f}", most=f"{100 * _MAX_FLOOR_SIGMA:.0f}")
-    return PoseEstimate(
-        T_map_camera=fit.T_map_camera,
-        used=agreeing,
-        errors_px=np.linalg.norm(project(camera, fit.T_map_camera, observed.points) - observed.pixels, axis=1),
-        errors_m=errors,
-        floor_sigma=(middle, worst),
-    )
+    errors_px = np.linalg.norm(project(camera, fit.T_map_camera, observed.points) - observed.pixels, axis=1)
+    return PoseEstimate(fit.T_map_camera, agreeing, errors_px, errors, (middle, worst))
 
 
 def check_points(camera: CameraModel, observed: Correspondences) -> None:
@@ -170,7 +165,7 @@ def _count_places(points: np.ndarray, same_place: float) -> int:
 
 
 def errors_on_floor(T_map_camera: np.ndarray, rays: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Returns the distances (N,) [m] from points to where rays (N, 3) meet the floor; inf where a ray misses it."""
+    """Returns the distances (N,) [m] from points to where rays (N, 3) meet the floor, or inf where a ray misses it."""
     positions = intersect_floor(T_map_camera, rays)[:, :2]
     return np.nan_to_num(np.linalg.norm(positions - points, axis=1), nan=np.inf)
 
@@ -205,7 +200,7 @@ def _move(T_map_camera: np.ndarray, delta: np.ndarray) -> np.ndarray:
 
 
 def project(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Returns the pixels (N, 2) of points (N, 2) [m] on the floor; NaN where the camera does not see them."""
+    """Returns the pixels (N, 2) of points (N, 2) [m] on the floor, or NaN where the camera does not see them."""
     return project_to_pixels(camera, T_map_camera, np.column_stack([points, np.zeros(len(points))]))
 
 
@@ -223,7 +218,8 @@ def planar_poses(rays: np.ndarray, points: np.ndarray) -> List[np.ndarray]:
     except cv2.error:  # points that are not planar after all
         return []
     poses = []
-    for rotation, shift in zip(rotations, shifts) if solution_count else ():
+    solutions = zip(rotations, shifts) if solution_count else ()
+    for rotation, shift in solutions:
         rotation, shift = cv2.solvePnPRefineLM(*problem, rotation, shift)
         if np.isfinite(rotation).all() and np.isfinite(shift).all():
             pose = geometry.invert_transform(geometry.make_transform(cv2.Rodrigues(rotation)[0], shift.ravel()))
@@ -233,15 +229,18 @@ def planar_poses(rays: np.ndarray, points: np.ndarray) -> List[np.ndarray]:
 
 
 def _consensus(rays: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Finds the pose T_map_camera that most points agree on; NaN if no points determine one.
+    """Finds the pose T_map_camera that most points agree on, or NaN if no points determine one.
 
-    A point's cost grows with its error up to a limit (MSAC; Torr and Zisserman, 2000): counting alone could not tell a
+    A point's cost grows with its error up to a limit (MSAC, by Torr and Zisserman, 2000). Counting alone could not tell a
     good pose from a bad one that barely agrees with the same points.
     """
-    best_pose, least_cost = np.full((4, 4), np.nan), math.inf
+    best_pose = np.full((4, 4), np.nan)
+    least_cost = math.inf
     for chosen in _minimal_sets(len(points)):
         # points beyond the range of the lens model agree with no pose
-        for pose in planar_poses(rays[chosen], points[chosen]) if np.isfinite(rays[chosen]).all() else ():
+        if not np.isfinite(rays[chosen]).all():
+            continue
+        for pose in planar_poses(rays[chosen], points[chosen]):
             errors = errors_on_floor(pose, rays, points) / _OUTLIER
             cost = float((np.minimum(errors, 1.0) ** 2).sum())
             if cost < least_cost:
@@ -269,7 +268,7 @@ def _fit(camera: CameraModel, observed: Correspondences, point_sigma: float, sta
     """Fits the pose by least squares, weighted by the measurements' accuracy."""
     from scipy.optimize import least_squares  # programs that only read calibrations do without its 20 MiB
 
-    # a point's error in the image comes from pixel and map: whitening (N, 2, 2) makes both directions independent, sigma 1
+    # a point's error in the image comes from pixel and map; whitening (N, 2, 2) makes both directions independent
     pixels = project(camera, start, observed.points)
     shifts = [project(camera, start, observed.points + move) - pixels for move in point_sigma * np.eye(2)]
     spread = np.nan_to_num(np.stack(shifts, axis=2))
@@ -334,7 +333,8 @@ def estimate_camera_from_rectangle(
     if len(hull) != 4 or abs(signed_area) < 25.0 or min(size) <= 0.0:
         raise CodedError("bad_rectangle")
     # seen from above and going clockwise, the second side goes to the map's negative y
-    width, depth = size[0], -math.copysign(size[1], signed_area)
+    width = size[0]
+    depth = -math.copysign(size[1], signed_area)
     points = np.array([[0.0, 0.0], [width, 0.0], [width, depth], [0.0, depth]])
     views = [_view_from_above(CameraModel.ideal(*image, factor * image[0]), pixels, points) for factor in _FOCALS]
     errors = np.array([error for _, error in views])
@@ -347,12 +347,13 @@ def estimate_camera_from_rectangle(
 
 def _view_from_above(camera: CameraModel, pixels: np.ndarray, points: np.ndarray) -> Tuple[PosedCamera, float]:
     """Returns the best view of points (4, 2) on the floor from above it, and their rms error in the image [px]."""
-    best_view, least_error = PosedCamera(camera, np.eye(4)), math.inf
+    best_pose = np.eye(4)
+    least_error = math.inf
     for T in planar_poses(camera.pixels_to_rays(pixels), points):
         error = float(np.sqrt(np.mean(np.sum((project(camera, T, points) - pixels) ** 2, axis=1))))
         if T[2, 3] > 0.0 and error < least_error:
-            best_view, least_error = PosedCamera(camera, T), error
-    return best_view, least_error
+            best_pose, least_error = T, error
+    return PosedCamera(camera, best_pose), least_error
 
 
 def click_uncertainty(

@@ -42,8 +42,8 @@ def calibration_path(folder: str, camera: str) -> Path:
     return Path(folder).expanduser() / f"{camera}.yaml"
 
 
-def save(path: Path, pose: CameraPose, report: Sequence[str]) -> None:
-    """Writes a calibration file, atomically; the previous one is kept beside it as *.old.
+def write_pose(path: Path, pose: CameraPose, report: Sequence[str]) -> None:
+    """Writes a calibration file, atomically, and keeps the previous one next to it as *.old.
 
     Args:
         report: lines that say when, how and how well the pose was found; they become comments.
@@ -66,8 +66,8 @@ def save(path: Path, pose: CameraPose, report: Sequence[str]) -> None:
     write_atomically(path, text.encode("utf-8"))
 
 
-def load(path: Path) -> CameraPose:
-    """Reads a calibration file; inverse of `save` but for the comments.
+def read_pose(path: Path) -> CameraPose:
+    """Reads a calibration file; inverse of `write_pose` but for the comments.
 
     Raises:
         CodedError: "no_calibration" if there is no such file; "bad_calibration" if it holds no pose.

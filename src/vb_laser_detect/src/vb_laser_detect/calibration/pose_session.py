@@ -13,12 +13,12 @@ from vb_core.errors import CodedError
 from vb_laser_detect.calibration.pose import MIN_POINTS, POINT_SIGMA, Correspondences, PoseEstimate, estimate_pose
 
 _HOLD_TIME = 2.0  # [s] for which a spot must be held before its position is taken
-_MIN_SIGHTINGS = 5  # in that time
+_MIN_SIGHTINGS = 5  # within the hold time
 _STILL_PX = 3.0  # four fifths of the sightings of a still spot are this near to their median
 _SAME_PLACE_PX = 15.0  # a spot nearer than this to an earlier place was not moved
 
 
-class HeldSpot:
+class StillSpotFinder:
     """Finds a laser spot that is held still in the image."""
 
     def __init__(self) -> None:
@@ -32,7 +32,7 @@ class HeldSpot:
         self._newest = stamp
         self._sightings.extend((stamp, u, v) for u, v in spots)
 
-    def place(self) -> Tuple[float, float]:
+    def median_position(self) -> Tuple[float, float]:
         """Returns the spot's median position (u, v) [px] in the images of the last two seconds.
 
         Raises:
@@ -47,7 +47,7 @@ class HeldSpot:
         return float(median[0]), float(median[1])
 
 
-class CalibrationSession:
+class PoseCalibrationSession:
     """The places on the floor where a camera was shown a spot, whose map positions are known to `point_sigma` [m]."""
 
     def __init__(self, camera: CameraModel, point_sigma: float = POINT_SIGMA) -> None:
@@ -84,7 +84,7 @@ class CalibrationSession:
         return had_place
 
     def solve(self) -> PoseEstimate:
-        """Estimates the camera's pose; raises what `estimate_pose` raises."""
+        """Estimates the camera's pose. Errors are those of `estimate_pose`."""
         return estimate_pose(self._camera, self.observed, self._point_sigma)
 
     def describe_progress(self) -> str:
@@ -99,7 +99,7 @@ class CalibrationSession:
         return f"{count}: {_describe_fit(estimate)}"
 
 
-def describe(estimate: PoseEstimate, observed: Correspondences) -> List[str]:
+def describe_estimate(estimate: PoseEstimate, observed: Correspondences) -> List[str]:
     """Describes the result to a person, in lines."""
     T = estimate.T_map_camera
     tilt = math.degrees(math.acos(max(-1.0, min(1.0, -float(T[2, 2])))))
@@ -133,8 +133,8 @@ def describe_points(estimate: PoseEstimate, observed: Correspondences) -> List[s
     ]
 
 
-def parse_place(text: str) -> Optional[List[float]]:
-    """Returns a line's two numbers, separated by spaces or commas; None for any other line."""
+def parse_point(text: str) -> Optional[List[float]]:
+    """Returns a line's two numbers, separated by spaces or commas, or None for any other line."""
     try:
         values = [float(word) for word in text.replace(",", " ").split()]
     except ValueError:

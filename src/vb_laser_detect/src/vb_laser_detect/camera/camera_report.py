@@ -12,9 +12,9 @@ import numpy as np
 
 from vb_core.errors import CodedError
 from vb_laser_detect.camera.v4l2_controls import CaptureParams, run_v4l2
-from vb_laser_detect.camera.camera_source import CameraSource, CapturedImage, is_device, printable
+from vb_laser_detect.camera.camera_source import CameraSource, CapturedImage, is_device, without_password
 
-# codes of notices that the lines help to explain: a camera cannot be read, is slow, or refuses a setting
+# codes of notices that the lines help to explain, about a camera that cannot be read, is slow or refuses a setting
 REPORTED = frozenset(
     "camera_unplugged camera_busy camera_forbidden camera_unreachable camera_stalled camera_ended camera_password"
     " camera_no_stream camera_fault camera_silent camera_slow bad_image control_refused no_control".split()
@@ -22,18 +22,18 @@ REPORTED = frozenset(
 _WATCH_TIME = 5.0  # [s]
 
 
-def describing_command(source: str) -> str:
+def describe_camera_command(source: str) -> str:
     """Returns the command that describes a camera; a password in its address is left out."""
-    return f"rosrun vb_bringup check_lab --camera {shlex.quote(printable(source))}"
+    return f"rosrun vb_bringup check_lab --camera {shlex.quote(without_password(source))}"
 
 
-def describe(source: str, params: CaptureParams) -> List[str]:
+def describe_camera(source: str, params: CaptureParams) -> List[str]:
     """Describes a camera in lines: driver, formats, sizes, rates and stamps. This takes some seconds.
 
     A device that the running detector reads is busy. Then the lines say so, and list what the device can do.
     """
     versions = ", ".join(f"{name} {'.'.join(map(str, number))}" for name, number in av.library_versions.items())
-    lines = [f"source {printable(source)}", f"Linux {platform.release()}, PyAV {av.__version__}, {versions}"]
+    lines = [f"source {without_password(source)}", f"Linux {platform.release()}, PyAV {av.__version__}, {versions}"]
     if is_device(source):
         try:
             lines += run_v4l2(source, "--info", "--list-formats-ext", "--list-ctrls-menus").splitlines()
@@ -68,8 +68,9 @@ def _watch(source: str, params: CaptureParams) -> List[str]:
         size: object = first.picture().pixels.shape[1::-1]
     except CodedError as error:
         size = error
-    stamps = np.array([shot.taken for shot in shots])
-    intervals, ages = np.diff(stamps), np.array(arrival_times) - stamps
+    stamps = np.array([shot.stamp for shot in shots])
+    intervals = np.diff(stamps)
+    ages = np.array(arrival_times) - stamps
     return [
         *lines,
         f"{len(shots)} images in {_WATCH_TIME:g} s, as {'JPEG' if first.jpeg else 'video'}, {size} px",

@@ -1,8 +1,8 @@
 """Reads images from a camera on this computer or in the network, or from a video file, until it is closed. No ROS.
 
-A demuxer (PyAV) delivers packets. A packet of motion JPEG is an image by itself, and is decoded only when it is
-searched, and only as far as necessary: a late one costs nothing. Packets of other codecs build on each other, and are
-decoded as they arrive; once they are late, or one is damaged, they are skipped until the next keyframe. A file waits
+A demuxer (PyAV) delivers packets. A packet of motion JPEG is a whole image, which is decoded only when it is searched,
+and only as far as necessary, so that a late one costs nothing. Packets of other codecs build on each other, and are
+decoded as they arrive. Once they are late, or one is damaged, they are skipped until the next keyframe. A file waits
 until its images are taken. Whatever ends the stream is reported in one sentence, and the camera is opened again.
 """
 
@@ -27,7 +27,8 @@ from vb_core.errors import CodedError
 from vb_core.image_format import AnyPicture, HalvedPicture, Picture
 from vb_laser_detect.camera.v4l2_controls import CaptureParams
 
-_OPEN_TIMEOUT, _STALL_TIMEOUT = 5.0, 3.0  # [s] for a phone that sleeps, and for a cable that was unplugged
+_OPEN_TIMEOUT = 5.0  # [s] a phone may have to wake up
+_STALL_TIMEOUT = 3.0  # [s] after this time without packets, a cable may have been unplugged
 _RETRY_PERIOD = 1.0  # [s]
 _POLL_PERIOD = 0.002  # [s] between two polls of a device: a blocking read could not be interrupted
 _NONBLOCK = "4"  # AVFMT_FLAG_NONBLOCK has no name among FFmpeg's options
@@ -53,17 +54,17 @@ class CapturedImage(NamedTuple):
     """One image of a camera, not decoded to pixels yet.
 
     Attributes:
-        taken: [s] since 1970, when it was taken, as exactly as the source can tell.
+        stamp: [s] since 1970, when it was taken, as exactly as the source can tell.
         jpeg: as it arrived; None if the camera sends another codec.
         frame: as decoded from another codec; None for a JPEG.
-        left_out: why each image just before it was not decoded: "late_image", or "bad_image" if it, or one that it
+        skipped_codes: why each image just before it was not decoded: "late_image", or "bad_image" if it, or one that it
             builds on, was damaged.
     """
 
-    taken: float
+    stamp: float
     jpeg: Optional[bytes] = None
     frame: Optional[av.VideoFrame] = None
-    left_out: Tuple[str, ...] = ()
+    skipped_codes: Tuple[str, ...] = ()
 
     def picture(self) -> AnyPicture:
         """Returns the image; a large one is decoded only as far as needed.
@@ -117,7 +118,7 @@ def is_file(address: str) -> bool:
     return not (is_device(address) or is_network(address))
 
 
-def printable(address: str) -> str:
+def without_password(address: str) -> str:
     """Returns an address without its password, which is before the host or in the query."""
     return re.sub(r"(password|pwd)=[^&]*", r"\1=***", re.sub(r"://[^/]*@", "://", address), flags=re.IGNORECASE)
 
@@ -157,8 +158,9 @@ class CameraSource:
         report: Callable[[Optional[CodedError]], None],
     ) -> None:
         self.address, self.params = address, params
+        self._shown_address = without_password(address)
         self._handle, self._report = handle, report
-        self._left_out: List[str] = []
+        self._skipped_codes: List[str] = []
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
@@ -184,24 +186,18 @@ class CameraSource:
             self._closed.wait(_RETRY_PERIOD)
 
     def _read(self) -> None:
-        """Reads until the stream ends.
-
-        Raises:
-            CodedError: why it ended.
-        """
+        """Reads until the stream ends. A CodedError then says why."""
         try:
             with self._open() as container:
-                told = False
-                for shot in self._shots(container):
-                    if not told:
+                for number, shot in enumerate(self._shots(container)):
+                    if number == 0:
                         self._report(None)
-                        told = True
                     if self._closed.is_set():
                         return
                     self._handle(shot)
         except (av.error.FFmpegError, OSError) as error:
             raise self._fault(error) from None
-        raise CodedError("camera_ended", source=printable(self.address))
+        raise CodedError("camera_ended", source=self._shown_address)
 
     def _open(self) -> Any:
         if is_device(self.address):
@@ -226,23 +222,26 @@ class CameraSource:
 
     def _shots(self, container: Any) -> Iterator[CapturedImage]:
         if not container.streams.video:
-            raise CodedError("camera_no_stream", source=printable(self.address))
+            raise CodedError("camera_no_stream", source=self._shown_address)
         stream = container.streams.video[0]
         # decoding in several threads would delay frames
-        stream.thread_type, stream.codec_context.thread_count = "SLICE", 1
+        stream.thread_type = "SLICE"
+        stream.codec_context.thread_count = 1
         packets = self._packets(container, stream)
         if stream.codec_context.name != "mjpeg":
             yield from self._decoded(packets)
             return
         for packet, offset in packets:
             if packet.size:
-                yield CapturedImage(self._taken(packet, offset), jpeg=bytes(packet))
+                yield CapturedImage(self._stamp(packet, offset), jpeg=bytes(packet))
 
     def _decoded(self, packets: Iterator[Tuple[Any, Optional[float]]]) -> Iterator[CapturedImage]:
         """Decodes images that build on each other."""
-        missing, newest, decoded = "", 0.0, time.monotonic()
+        missing = ""
+        newest = 0.0
+        decoded_at = time.monotonic()
         for packet, offset in packets:
-            at = self._taken(packet, offset)
+            at = self._stamp(packet, offset)
             late = not is_file(self.address) and time.time() - 1e-3 * self.params.delay_ms - at > _QUEUED
             # a keyframe twice a second is decoded however late: a network may have become slower for good
             if packet.is_keyframe and (not late or at - newest > _QUEUED):
@@ -254,24 +253,25 @@ class CameraSource:
             except av.error.InvalidDataError:
                 missing = "bad_image"
             if missing:
-                self._left_out.append(missing)
-                if missing == "bad_image" and time.monotonic() - decoded > _STALL_TIMEOUT:
+                self._skipped_codes.append(missing)
+                if missing == "bad_image" and time.monotonic() - decoded_at > _STALL_TIMEOUT:
                     # when it is opened again, it begins with a keyframe
-                    raise CodedError("camera_stalled", source=printable(self.address), seconds=f"{_STALL_TIMEOUT:g}")
+                    raise CodedError("camera_stalled", source=self._shown_address, seconds=f"{_STALL_TIMEOUT:g}")
                 continue
             newest = at
             for frame in frames:
-                yield CapturedImage(self._taken(frame, offset), frame=frame, left_out=tuple(self._left_out))
-                self._left_out.clear()
-            decoded = time.monotonic()
+                yield CapturedImage(self._stamp(frame, offset), frame=frame, skipped_codes=tuple(self._skipped_codes))
+                self._skipped_codes.clear()
+            decoded_at = time.monotonic()
 
-    def _taken(self, item: Any, offset: Optional[float]) -> float:
-        """Returns when a packet's or frame's image was taken [s]; the delay may change meanwhile."""
-        known = offset is not None and item.pts is not None
-        return (float(item.pts * item.time_base) + offset if known else time.time()) - 1e-3 * self.params.delay_ms
+    def _stamp(self, item: Any, offset: Optional[float]) -> float:
+        """Returns when a packet's or frame's image was taken [s]; the delay may change while the camera is read."""
+        is_known = offset is not None and item.pts is not None
+        stamp = float(item.pts * item.time_base) + offset if is_known else time.time()
+        return stamp - 1e-3 * self.params.delay_ms
 
     def _packets(self, container: Any, stream: Any) -> Iterator[Tuple[Any, Optional[float]]]:
-        """Yields each packet, and the offset from its time stamps to times since 1970 [s]; None: unusable stamps."""
+        """Yields each packet, and the offset from its time stamps to times since 1970 [s], or None if its stamps are unusable."""
         if is_device(self.address):
             return self._from_device(container, stream)
         return self._from_network(container, stream) if is_network(self.address) else self._from_file(container, stream)
@@ -284,7 +284,8 @@ class CameraSource:
                     if packet.size:
                         newest = time.monotonic()
                         stamp = float(packet.pts * packet.time_base) if packet.pts is not None else 0.0
-                        yield packet, 0.0 if abs(time.time() - stamp) < _CLOCK_LIMIT else None
+                        offset = 0.0 if abs(time.time() - stamp) < _CLOCK_LIMIT else None
+                        yield packet, offset
             except av.error.BlockingIOError:
                 if time.monotonic() - newest > _STALL_TIMEOUT:
                     raise CodedError("camera_stalled", source=self.address, seconds=f"{_STALL_TIMEOUT:g}") from None
@@ -292,14 +293,17 @@ class CameraSource:
 
     def _from_network(self, container: Any, stream: Any) -> Iterator[Tuple[Any, Optional[float]]]:
         # motion JPEG over HTTP has no time stamps: FFmpeg counts images
-        stamped, clock = self.address.startswith("rtsp"), _Clock()
+        is_stamped = self.address.startswith("rtsp")
+        clock = _Clock()
         for packet in container.demux(stream):
             now = time.time()
             if packet.size:
-                known = stamped and packet.dts is not None
-                yield packet, clock.offset(float(packet.dts * packet.time_base), now) if known else None
+                is_known = is_stamped and packet.dts is not None
+                offset = clock.offset(float(packet.dts * packet.time_base), now) if is_known else None
+                yield packet, offset
 
     def _from_file(self, container: Any, stream: Any) -> Iterator[Tuple[Any, Optional[float]]]:
+        """Yields packets when they are due, again and again; a file that is far behind continues from where it is."""
         began = time.time()
         while not self._closed.is_set():
             first, due = None, began
@@ -308,7 +312,8 @@ class CameraSource:
                     first = packet.dts if first is None else first
                     due = began + float((packet.dts - first) * packet.time_base)
                     behind = max(0.0, time.time() - due - _CATCH_UP)
-                    began, due = began + behind, due + behind
+                    began += behind
+                    due += behind
                     self._closed.wait(max(0.0, due - time.time()))
                 if first is not None:
                     yield packet, began - float(first * stream.time_base)
@@ -322,4 +327,4 @@ class CameraSource:
         told = (*type(error).__mro__, getattr(error, "errno", None))
         code = next((code for code, reasons in _REASONS.items() if set(reasons) & set(told)), "camera_fault")
         why = getattr(error, "strerror", "")
-        return CodedError(code, source=printable(self.address), seconds=f"{_STALL_TIMEOUT:g}", why=why)
+        return CodedError(code, source=self._shown_address, seconds=f"{_STALL_TIMEOUT:g}", why=why)

@@ -15,13 +15,13 @@ _SPACING = 8  # [px] between the pixels that are read: the share is that of surf
 SPOT_LEVEL = 245.0  # [grey levels] of a spot's core, at least
 _FLOOR_LEVEL = 90.0  # [grey levels] median of all pixels: a spot rises far above it, and shadows are not black
 _FLOOR_TOLERANCE = 10.0  # [grey levels]
-_MAX_WHITE_SHARE = 0.005  # of the image
+_MAX_WHITE_SHARE = 0.005  # share of the image
 _MIN_EXPOSURE, _MAX_EXPOSURE = 1, 2000  # [0.1 ms]; longer ones smear the spot and slow the camera down
 _MAX_TRIALS = 12
 
 
 def saturated_share(image: np.ndarray) -> float:
-    """Returns the share of an image's (H, W) or (H, W, C) values that are saturated; 0 for an empty one."""
+    """Returns the share of an image's (H, W) or (H, W, C) values that are saturated, or 0 for an empty one."""
     sample = image[::_SPACING, ::_SPACING]
     return float((sample >= _SATURATED).mean()) if sample.size else 0.0
 

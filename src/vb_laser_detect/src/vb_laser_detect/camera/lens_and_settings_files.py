@@ -18,19 +18,19 @@ _GROUP = "capture"
 
 
 def save_lens(path: Path, name: str, camera: CameraModel) -> None:
-    """Writes a lens; inverse of `load_lens`. Raises CodedError "cannot_write"."""
+    """Writes a lens, which `load_lens` reads. CodedError "cannot_write" is raised if that fails."""
 
     def matrix(values: np.ndarray) -> Dict[str, Any]:
         values = np.atleast_2d(values)
         return {"rows": values.shape[0], "cols": values.shape[1], "data": [float(value) for value in values.ravel()]}
 
-    model = "equidistant" if camera.fisheye else "plumb_bob" if camera.distortion.size <= 5 else "rational_polynomial"
+    pinhole_model = "plumb_bob" if camera.distortion.size <= 5 else "rational_polynomial"
     content = {
         "image_width": camera.width,
         "image_height": camera.height,
         "camera_name": name,
         "camera_matrix": matrix(camera.matrix),
-        "distortion_model": model,
+        "distortion_model": "equidistant" if camera.fisheye else pinhole_model,
         "distortion_coefficients": matrix(camera.distortion),
         "rectification_matrix": matrix(np.eye(3)),
         "projection_matrix": matrix(np.column_stack([camera.matrix, np.zeros(3)])),

@@ -50,7 +50,7 @@ def run_v4l2(device: str, *arguments: str) -> str:
     return done.stdout
 
 
-def plan(listing: str, params: CaptureParams) -> List[str]:
+def list_control_values(listing: str, params: CaptureParams) -> List[str]:
     """Returns NAME=VALUE for each control to set, in order: automatic modes are switched off before values are set.
 
     A setting of 0 means automatic: the control gets its default, as the value for it differs between cameras.
@@ -83,11 +83,7 @@ def plan(listing: str, params: CaptureParams) -> List[str]:
     return steps
 
 
-def apply(device: str, params: CaptureParams) -> None:
-    """Sets exposure and white balance of a device.
-
-    Raises:
-        CodedError: what `run_v4l2` and `plan` raise.
-    """
-    for step in plan(run_v4l2(device, "--list-ctrls"), params):
+def set_controls(device: str, params: CaptureParams) -> None:
+    """Sets exposure and white balance of a device. Errors are those of `run_v4l2` and `list_control_values`."""
+    for step in list_control_values(run_v4l2(device, "--list-ctrls"), params):
         run_v4l2(device, f"--set-ctrl={step}")

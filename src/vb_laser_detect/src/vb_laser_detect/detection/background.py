@@ -16,21 +16,22 @@ from vb_laser_detect.detection.stage_results import Box
 
 BLOCK = 8  # [px] edge of a block
 _BAND_BYTES = 240_000  # [bytes] of one pixel row of all blocks in a band: small enough for a core's cache
-# half of a block's rows are read, in half the time: a spot covers several rows, and two Bayer rows hold all colours
-_COLOR_ROWS, _MOSAIC_ROWS = (1, 3, 5, 7), (1, 2, 5, 6)
-# [grey levels] limits of `Background.bright`, in very dark and very bright rooms
+# half of a block's rows are read, in half the time, as a spot covers several rows
+_COLOR_ROWS = (1, 3, 5, 7)
+_MOSAIC_ROWS = (1, 2, 5, 6)  # in pairs, as two Bayer rows hold all colours
+# [grey levels] limits of `Background.bright_level`, in very dark and very bright rooms
 _DARKEST, _BRIGHTEST = 64.0, 191.0
 _BRIGHT = 99.0  # [%] of the background are darker than what counts as bright
 _NOISE_DEVIATIONS = 6.0  # how far a rise must exceed a block's own noise
 _PERIOD = 1.0  # [s] between two keyframes of a stationary camera; a block's noise is averaged over it
-_WEIGHT = 0.25  # of a new image in a stationary camera's keyframe: averaging reduces noise
+_WEIGHT = 0.25  # share of a new image in a stationary camera's keyframe: averaging reduces noise
 _ABSORPTION_TIME = 1.5  # [s] a change that lasts longer becomes background
 GHOST_TIME = _ABSORPTION_TIME + _PERIOD  # [s] after this time a removed object has left the background
 _KEYFRAME = 6  # [images] for which a moving camera's background is kept: people walk on
-_KEYFRAME_PART = 0.1  # of the image's width by which the image may have moved: floor new in view is not in the keyframe
+_KEYFRAME_PART = 0.1  # share of its width by which the image may have moved: floor new in view is not in the keyframe
 _MIN_FLICKER = 0.1  # under flickering lamps, the light of an image's rows differs by at least this share
-_MIN_CHANGE = 0.15  # of what is bright in the room; smaller differences become part of the background
-_MAX_CHANGE = 0.15  # of the image brighter, or twice as much darker: the light was switched
+_MIN_CHANGE = 0.15  # share of `bright_level`; smaller differences become part of the background
+_MAX_CHANGE = 0.15  # if this share of the image is brighter, or twice as much darker, the light was switched
 _SQUARE = np.ones((3, 3), np.uint8)
 
 
@@ -47,7 +48,7 @@ class Changes(NamedTuple):
     darker: np.ndarray
 
     @property
-    def everywhere(self) -> bool:
+    def is_global_change(self) -> bool:
         """Returns whether so much changed that the background no longer holds.
 
         A person close to the camera darkens much of the image too, and must not become its background.
@@ -59,7 +60,7 @@ class Changes(NamedTuple):
 class Background:
     """The background of one camera at full resolution, and each block's noise.
 
-    Blocks that changed are left out of a stationary camera's keyframe until the change has lasted 1.5 s; blocks that
+    Blocks that changed are left out of a stationary camera's keyframe until the change has lasted 1.5 s. Blocks that
     show a spot are left out of every keyframe.
 
     Args:
@@ -68,7 +69,7 @@ class Background:
     Attributes:
         image: the background itself, at the size searched.
         blocks: number of their rows and columns.
-        bright: [grey levels] of the brightest surfaces in it, see `SearchedImage`.
+        bright_level: [grey levels] of the brightest surfaces in it, see `SearchedImage`.
         motion: (3, 3) maps the background's pixels to those of the last image; None if the camera was stationary.
         reference: what the last image was compared with: the background as moved and lit in it.
     """
@@ -82,7 +83,8 @@ class Background:
 
     def _adopt(self, image: np.ndarray) -> None:
         """Makes an image the background."""
-        self.image, self._sample = image, sample_blocks(image)
+        self.image = image
+        self._sample = sample_blocks(image)
         self.motion: Optional[np.ndarray] = None
         self._brightest: Optional[np.ndarray] = None  # maxima of 3 x 3 pixels
         self._limit: Optional[np.ndarray] = None  # smallest rise that is clear, and exceeds the noise
@@ -91,17 +93,16 @@ class Background:
         # Bayer image see different colours
         cells = image if image.ndim == 3 else cv2.dilate(image, np.ones((2, 2), np.uint8), anchor=(0, 0))
         bright = float(np.percentile(max_channel(sample_blocks(cells)), _BRIGHT))
-        self.bright = min(max(bright, _DARKEST), _BRIGHTEST)
-        self._min_change = _MIN_CHANGE * self.bright
+        self.bright_level = min(max(bright, _DARKEST), _BRIGHTEST)
+        self._min_change = _MIN_CHANGE * self.bright_level
 
     def compare(self, image: np.ndarray, motion: Optional[np.ndarray]) -> Changes:
         """Compares an image with the background, which flickering lamps may light row by row.
 
+        While the camera moves, no block counts as darker, as a new keyframe soon includes the change.
+
         Args:
             motion: (3, 3) maps the background's pixels to the image's; None: the camera is stationary.
-
-        Returns:
-            What changed. While the camera moves no block counts as darker: a new keyframe soon includes the change.
         """
         self.motion = motion
         if motion is not None:
@@ -111,19 +112,21 @@ class Background:
             self.reference = _warp(self._brightest, motion, image.copy(), cv2.INTER_NEAREST)
             self._rise = block_maxima(image, self.reference)
             return Changes(self._rise, self._exceeds_noise(self._rise), np.zeros(self.blocks, bool))
-        self.reference, now = self.image, sample_blocks(image)
+        self.reference = self.image
+        now = sample_blocks(image)
         changes = self._changes(image, now, self._sample)
-        if changes.everywhere and self._relight_rows(now):
+        if changes.is_global_change and self._relight_rows(now):
             changes = self._changes(image, now, sample_blocks(self.reference))
         return changes
 
     def _changes(self, image: np.ndarray, sample: np.ndarray, sample_before: np.ndarray) -> Changes:
         """Compares an image with the reference; `sample` and `sample_before` are those of their blocks."""
-        self._rise, fall = block_maxima(image, self.reference), max_channel(cv2.subtract(sample_before, sample))
+        self._rise = block_maxima(image, self.reference)
+        fall = max_channel(cv2.subtract(sample_before, sample))
         return Changes(self._rise, self._exceeds_noise(self._rise), fall > self._min_change)
 
     def _relight_rows(self, now: np.ndarray) -> bool:
-        """Relights the reference row by row as the samples of an image's blocks; False if all rows have the same light.
+        """Relights the reference row by row as the samples of an image's blocks, or returns False if all rows have the same light.
 
         A rolling shutter exposes its rows one after the other, so that flickering lamps light them differently.
         """
@@ -152,7 +155,7 @@ class Background:
             self._deviation[:] = max(1.5, 1.5 * float(np.median(np.abs(rise - middle))))
             self._noise_known = True
         if self.motion is not None:
-            # a block's noise depends on the edges that it showed
+            # a block's noise depends on the edges that it showed: while the camera moves, the mean of all blocks counts
             return rise >= max(self._min_change, float((self._noise + _NOISE_DEVIATIONS * self._deviation).mean()))
         if self._limit is None:
             # in whole grey levels, like the rise: comparing bytes is four times faster
@@ -161,16 +164,14 @@ class Background:
         return cv2.compare(rise, self._limit, cv2.CMP_GE) > 0
 
     def update(self, image: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float) -> bool:
-        """Adds the image that was compared last.
+        """Adds the image that was compared last, and returns whether it became the keyframe.
 
         Args:
             changed, spots: (rows, columns) bool; blocks that changed, and blocks that show a spot.
             dt: [s] since the last image.
-
-        Returns:
-            Whether the image became the keyframe.
         """
-        self._age, self._images = self._age + dt, self._images + 1
+        self._age += dt
+        self._images += 1
         if self.motion is not None:
             return self._update_moving(image, spots)
         self._changed_s = cv2.copyTo(cv2.add(self._changed_s, dt), (changed & ~spots).view(np.uint8))
@@ -199,8 +200,8 @@ class Background:
             return False
         keyframe = image.copy()
         self._changed_s[:] = 0.0
-        # a block's noise depends on the edges that it showed
-        self._noise[:], self._deviation[:] = self._noise.mean(), self._deviation.mean()
+        self._noise[:] = self._noise.mean()
+        self._deviation[:] = self._deviation.mean()
         left, top, wide, high = cv2.boundingRect(spots.view(np.uint8))
         if wide:
             part = slice(BLOCK * top, BLOCK * (top + high)), slice(BLOCK * left, BLOCK * (left + wide))
@@ -215,11 +216,13 @@ class Background:
         self._noise_s += dt
         if self._noise_s < _PERIOD / 8:
             return
-        weight, mask = 1.0 - math.exp(-self._noise_s / _PERIOD), steady.view(np.uint8)
+        weight = 1.0 - math.exp(-self._noise_s / _PERIOD)
+        mask = steady.view(np.uint8)
         values = self._rise.astype(np.float32)
         cv2.accumulateWeighted(values, self._noise, weight, mask)
         cv2.accumulateWeighted(cv2.absdiff(values, self._noise), self._deviation, weight, mask)
-        self._noise_s, self._limit = 0.0, None
+        self._noise_s = 0.0
+        self._limit = None
 
 
 def match_lighting(background: np.ndarray, image: np.ndarray, max_width: float) -> np.ndarray:
@@ -258,23 +261,22 @@ def block_maxima(image: np.ndarray, background: np.ndarray) -> np.ndarray:
         (H // BLOCK, W // BLOCK) uint8.
     """
     high = BLOCK * max(1, _BAND_BYTES // image[0].nbytes)
-    bands = [
-        _band_maxima(image[top : top + high], background[top : top + high])
-        for top in range(0, image.shape[0] - BLOCK + 1, high)
-    ]
-    if image.shape[0] % BLOCK:  # as with half of 1080 rows: the rows left over belong to the last blocks
+    tops = range(0, image.shape[0] - BLOCK + 1, high)
+    bands = [_band_maxima(image[top : top + high], background[top : top + high]) for top in tops]
+    if image.shape[0] % BLOCK:  # half of 1080 rows, for example: the rows left over belong to the last blocks
         last = bands[-1][-1:]
         cv2.max(last, _band_maxima(image[-BLOCK:], background[-BLOCK:]), last)
     maxima = cv2.vconcat(bands)
-    if image.shape[1] % BLOCK:  # as with half of 2028 columns
+    if image.shape[1] % BLOCK:  # half of 2028 columns, for example
         strips = (np.ascontiguousarray(picture[:, -BLOCK:]) for picture in (image, background))
         maxima[:, -1:] = cv2.max(maxima[:, -1:], block_maxima(*strips))
     return maxima
 
 
 def _band_maxima(image: np.ndarray, background: np.ndarray) -> np.ndarray:
+    """Computes `block_maxima` of a band whose height is a multiple of BLOCK; columns left over are ignored."""
     high, columns = image.shape[0] // BLOCK, image.shape[1] // BLOCK
-    # first over rows, where memory is contiguous; then the small rest is transposed and reduced the same way
+    # rows are reduced first, where memory is contiguous; the small rest is then transposed and reduced the same way
     now, before = (picture[: high * BLOCK].reshape(high, -1) for picture in (image, background))
     length = now.shape[1] // BLOCK
     rows = _MOSAIC_ROWS if image.ndim == 2 else _COLOR_ROWS
@@ -299,7 +301,7 @@ def sample_blocks(image: np.ndarray) -> np.ndarray:
     return cv2.resize(image[: rows * BLOCK, : columns * BLOCK], (columns, rows), interpolation=cv2.INTER_NEAREST)
 
 
-def brightest(image: np.ndarray, box: Box) -> float:
+def max_in_box(image: np.ndarray, box: Box) -> float:
     """Returns the brightest sample [grey levels] of a box."""
     left, top, right, bottom = box
     # columns and channels side by side

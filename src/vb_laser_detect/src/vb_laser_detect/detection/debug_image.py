@@ -22,6 +22,7 @@ def draw_candidates(picture: Picture, candidates: Iterable[Spot]) -> np.ndarray:
         center = (int(round(candidate.u)), int(round(candidate.v)))
         radius = int(max(6, 0.5 * candidate.diameter + 4))
         cv2.circle(image, center, radius, color, line, cv2.LINE_AA)
-        text, place = candidate.rejection or f"{candidate.confidence:.2f}", (center[0] + radius + 3, center[1] + 4)
-        cv2.putText(image, text, place, cv2.FONT_HERSHEY_SIMPLEX, scale, color, 1, cv2.LINE_AA)
+        text = candidate.rejection or f"{candidate.confidence:.2f}"
+        corner = (center[0] + radius + 3, center[1] + 4)
+        cv2.putText(image, text, corner, cv2.FONT_HERSHEY_SIMPLEX, scale, color, 1, cv2.LINE_AA)
     return image

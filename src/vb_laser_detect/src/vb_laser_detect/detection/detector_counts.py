@@ -13,7 +13,7 @@ _WINDOW = 5.0  # [s]
 _SILENCE = 3.0  # [s] without an input that was there before, until it counts as missing
 # [s] until an input that was never there counts as missing: a lab's nodes start one by one, for up to a minute
 _POSES_START, _CAMERAS_START = 30.0, 60.0
-_FAULTS = {"no_camera_info": "camera_no_lens", "no_transform": "camera_no_pose"}  # by what an image lacks
+_FAULTS = {"no_camera_info": "camera_no_lens", "no_transform": "camera_no_pose"}  # notice for what an image lacks
 SLOW_RATE = 5.0  # [1/s] at which a stroke at 0.5 m/s leaves one spot per 10 cm; slower cameras work, but draw coarsely
 MAX_CLOCK_OFFSET = 0.1  # [s] a pointer moved at 0.5 m/s is 5 cm further on by then
 
@@ -27,19 +27,21 @@ class InputWatch:
 
     def __init__(self, now: float) -> None:
         self._complete = False  # whether any image so far lacked nothing
-        self._started, self._image_at = now, None
+        self._started = now
+        self._image_at: Optional[float] = None
         self._missing: Tuple[Optional[CodedError], float] = (None, now)  # what images lack, and since when [s]
 
     def record_image(self, now: float, missing: Optional[CodedError]) -> None:
-        """Records an image at a time [s], and what is missing to locate its spots; None for nothing."""
+        """Records an image at a time [s], and what is missing to locate its spots, or None."""
         self._image_at = now
-        missing_before, since = self._missing
+        missing_before, since_before = self._missing
         is_same = missing is not None and missing_before is not None and missing.code == missing_before.code
-        self._missing = missing, since if is_same else now
+        since = since_before if is_same else now
+        self._missing = missing, since
         self._complete |= missing is None
 
     def current_fault(self, now: float) -> Optional[CodedError]:
-        """Returns the fault at a time [s]: no images, or what they lack, with `why` in detail; or None."""
+        """Returns the fault at a time [s], or None: there are no images, or they lack something, with `why` in detail."""
         self._started = self._started or now
         if self._image_at is None:
             return CodedError("camera_silent") if now - self._started > _CAMERAS_START else None
@@ -77,18 +79,17 @@ class DetectorCounts:
         self._frames.append((now, now - stamp, search_s))
         self._sums.update(processed=1, spots=spots)
 
-    def quality(self, foreign_clock: bool) -> List[CodedError]:
-        """Returns what is wrong with the images of the last seconds.
+    def find_image_faults(self, foreign_clock: bool) -> List[CodedError]:
+        """Returns what is wrong with the images of the last seconds. `foreign_clock`: whether another node stamped them.
 
-        Args:
-            foreign_clock: whether their stamps come from another node. A busy computer delays some images, clocks
-                that differ shift all of them: the quickest one counts.
+        A busy computer delays some images, clocks that differ shift all of them: the quickest one counts.
         """
         frames = np.array(self._frames, dtype=float).reshape(-1, 3)
         span = float(frames[-1, 0] - frames[0, 0]) if len(frames) else 0.0
         if span < 0.5 * _WINDOW:
             return []
-        rate, faults = (len(frames) - 1) / span, []
+        faults = []
+        rate = (len(frames) - 1) / span
         if rate < SLOW_RATE:
             faults.append(CodedError("camera_slow", rate=f"{rate:.1f}"))
         age = min((frames[:, 1] - frames[:, 2]).tolist(), key=abs)

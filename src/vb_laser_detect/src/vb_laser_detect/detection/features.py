@@ -1,6 +1,6 @@
 """Measures features of an image's regions, and decides from them whether each region shows a laser spot.
 
-`measure_blob` cuts a blob out of the rise over the reference and measures what sets light apart: light is brightest in
+`measure_blob` cuts a blob out of the rise over the reference and measures what sets light apart. Light is brightest in
 its middle, ends within some pixels and darkens nothing. An additive logistic model weighs the features: each has a curve,
 linear between knots, whose value is added to the log-odds. Each curve is 0 for a typical spot. The feature with the most
 negative value is reported as the reason for a rejection. bench/detection/training.py fits the curves.
@@ -12,13 +12,14 @@ import json
 import math
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, reduce
+from itertools import compress
 from pathlib import Path
 from typing import Callable, Dict, List, NamedTuple, Optional, Tuple
 
 import cv2
 import numpy as np
 
-from vb_laser_detect.detection.background import BLOCK, blocks_around, brightest, max_channel, match_lighting
+from vb_laser_detect.detection.background import BLOCK, blocks_around, max_in_box, max_channel, match_lighting
 from vb_laser_detect.detection.stage_results import Box, Part, SearchedImage, Spot, shrink_box
 
 _EDGE = 0.35  # a blob consists of the pixels whose rise exceeds this share of the peak
@@ -27,10 +28,10 @@ _MAX_ELONGATION = 2.0  # largest length of a spot in largest diameters, as a fas
 _ONE_MOSAIC = 0.75
 _WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above this says nothing about colour
 _GRAY = 0.85  # a floor is grey if its weakest channel has at least this share of the strongest
-_MIN_BUSY = 0.02  # from this value of `busy` on, ghosts may be left
+_MIN_BUSY = 0.02  # ghosts may be left from this value of `busy` on
 FEATURES = ("elongation", "peak", "level", "edge", "fall", "diameter", "chroma_mosaic", "busy")
-# features that do not count against a spot seen where it was expected. They describe its surroundings or its colour, which
-# it has shown before; now other light, or the pixels of a mosaic on which it falls, may hide the colour
+# features that do not count against a spot seen where it was expected: they describe its surroundings, or its colour, which
+# it has shown before and which other light or a mosaic may hide now
 _WAIVED_IF_EXPECTED = ("fall", "busy", "chroma_mosaic")
 _SQUARE, _QUAD = np.ones((3, 3), np.uint8), np.ones((2, 2), np.uint8)
 _HALO = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
@@ -59,14 +60,11 @@ class Blob:
 def examine_regions(
     searched: SearchedImage, max_diameters: Dict[Box, float], classifier: SpotClassifier, min_probability: float
 ) -> List[Spot]:
-    """Measures and classifies all regions of an image.
+    """Returns a spot or a rejected candidate for each region of an image, in the regions' order.
 
     Args:
         max_diameters: [px] a spot's largest diameter in each box of each bright region; NaN where no floor is seen.
         min_probability: least probability of a spot, according to the classifier.
-
-    Returns:
-        A spot or a rejected candidate for each region, in the regions' order.
     """
     candidates = []
     for region in searched.regions:
@@ -77,7 +75,8 @@ def examine_regions(
             blob = measure_blob(searched, box, max_diameters[box], max_width)
             if blob.problem != "too_large":
                 break
-        probability, rejection = 0.0, blob.problem
+        probability = 0.0
+        rejection = blob.problem
         if not rejection:
             is_expected = region.expected is not None and region.expected.contains(blob.u, blob.v)
             probability, reason = classifier.classify(blob, is_expected)
@@ -93,16 +92,13 @@ def _unmeasured(box: Box, problem: str) -> Blob:
 
 
 def measure_blob(searched: SearchedImage, box: Box, max_diameter: float, max_width: float) -> Blob:
-    """Measures the brightest blob of an image whose peak is in a box.
+    """Measures the brightest blob of an image whose peak is in a box; see the blob's `problem`.
 
     In an image searched at half its size, a blob that is too large for a spot there is not measured at full size.
 
     Args:
         max_diameter: [px] a spot's largest diameter; NaN if no floor is seen there.
         max_width: [px] width above which light is a change of the room's light, and belongs to the background.
-
-    Returns:
-        The blob; see its `problem`.
     """
     if math.isnan(max_diameter):
         return _unmeasured(box, "off_floor")
@@ -113,9 +109,9 @@ def measure_blob(searched: SearchedImage, box: Box, max_diameter: float, max_wid
         cutout = _cut_out(picture.search_pixels, lambda part: searched.reference[part], small_box, *limits)
         if cutout.problem == "too_large":
             return _unmeasured(box, "too_large")
-    if brightest(picture.pixels, box) < searched.min_level:  # now that it is decoded whole
+    if max_in_box(picture.pixels, box) < searched.min_level:  # the whole picture is decoded only now
         return _unmeasured(box, "too_dark")
-    cutout = _cut_out(picture.pixels, searched.floor, box, max_diameter, max_width)
+    cutout = _cut_out(picture.pixels, searched.reference_part, box, max_diameter, max_width)
     if cutout.problem:
         return _unmeasured(box, cutout.problem)
     light = BlobLight(*cutout.images, picture.is_bayer)
@@ -153,7 +149,8 @@ def _cut_out(
         # even bounds keep each pixel's position in the Bayer pattern
         x0, y0 = max(0, left - margin) & ~1, max(0, top - margin) & ~1
         window = slice(y0, min(bottom + margin, image.shape[0])), slice(x0, min(right + margin, image.shape[1]))
-        now, floor = image[window], floor_of(window)
+        now = image[window]
+        floor = floor_of(window)
         if max_width < math.inf:
             floor = cv2.max(floor, match_lighting(floor, now, max_width))
         # the kernel [1 2 1] averages out noise and a Bayer image's mosaic
@@ -167,12 +164,9 @@ def _cut_out(
         # the window must include the blob's surroundings
         pad = int(math.ceil(0.6 * max(bw, bh))) + 4
         (window_height, window_width), (height, width) = now.shape[:2], image.shape[:2]
-        missing = max(
-            pad - bx if x0 > 0 else 0,
-            pad - (window_width - bx - bw) if x0 + window_width < width else 0,
-            pad - by if y0 > 0 else 0,
-            pad - (window_height - by - bh) if y0 + window_height < height else 0,
-        )
+        spaces = bx, by, window_width - bx - bw, window_height - by - bh
+        can_grow = x0 > 0, y0 > 0, x0 + window_width < width, y0 + window_height < height
+        missing = pad - min(compress(spaces, can_grow), default=pad)
         margin += missing
     sx, sy = max(0, bx - pad) & ~1, max(0, by - pad) & ~1
     part = slice(sy, by + bh + pad), slice(sx, bx + bw + pad)
@@ -189,12 +183,12 @@ def _features_of(light: BlobLight, u: float, v: float, diameter: float, searched
     """Computes the features that say how a blob's light differs from the floor and from other changes."""
     busy, may_be_ghost = _surroundings_of(u, v, diameter, searched)
     return {
-        "peak": math.log(max(cv2.minMaxLoc(light.rise, light.mask)[1], 1.0) / searched.bright),
-        "level": math.log(max(cv2.minMaxLoc(max_channel(light.now), light.mask)[1], 1.0) / searched.bright),
+        "peak": math.log(max(cv2.minMaxLoc(light.rise, light.mask)[1], 1.0) / searched.bright_level),
+        "level": math.log(max(cv2.minMaxLoc(max_channel(light.now), light.mask)[1], 1.0) / searched.bright_level),
         # a real spot on the edge of a white sheet could look like a ghost
         "edge": light.edge() if may_be_ghost else math.nan,
         # a light darkens no channel, paint does
-        "fall": max(0.0, float((light.floor_levels - light.levels).max())) / searched.bright,
+        "fall": max(0.0, float((light.floor_levels - light.levels).max())) / searched.bright_level,
         "diameter": math.log(diameter / searched.diagonal),
         # many webcams show a spot as white, mosaics show its colour: only there is a single blob's colour informative
         "chroma_mosaic": min(1.0, chroma(light.tint) / _ONE_MOSAIC) if searched.picture.is_bayer else math.nan,
@@ -208,7 +202,9 @@ def _surroundings_of(u: float, v: float, diameter: float, searched: SearchedImag
     A ghost is the trace of an object that moved away. There is none where the camera is stationary, little else changes,
     and nothing passed by recently.
     """
-    changed, ghosts, block = searched.changed, searched.ghost_s > 0.0, BLOCK * searched.picture.scale
+    changed = searched.changed
+    ghosts = searched.ghost_s > 0.0
+    block = BLOCK * searched.picture.scale
     reach = 1.25 * diameter + block
     own_blocks, blocks_nearby = (blocks_around(changed.shape, u, v, size, block) for size in (reach, 2.0 * reach))
     busy = math.sqrt((np.count_nonzero(changed) - np.count_nonzero(changed[own_blocks])) / changed.size)
@@ -246,11 +242,11 @@ class BlobLight:
 
     @cached_property
     def tint(self) -> Optional[np.ndarray]:
-        """Each channel's share (C,) of the light: 1 for the strongest, 1 for all if it is white; None in grey images.
+        """Each channel's share (C,) of the light: 1 for the strongest, or for all if it is white. None in grey images.
 
-        It is the rise over the floor, but no more coloured than the image looks: white paper on a brown floor rises most
+        It is the rise over the floor, but no more coloured than the image looks. White paper on a brown floor rises most
         in blue, and still looks white. Where the core is white because every channel is saturated, the light around it
-        shows the colour; that counts on a grey floor only, where white things rise evenly.
+        shows the colour. That counts on a grey floor only, where white things rise evenly.
         """
         level, mosaic, image = self.levels, self._mosaic, self.now
         if len(level) == 1:
@@ -282,7 +278,8 @@ def means_over(mask: np.ndarray, mosaic: bool, *images: np.ndarray) -> List[np.n
     The four positions in a Bayer pattern count as channels.
     """
     if not mosaic:
-        return [np.array(cv2.mean(image, mask)[: 3 if image.ndim == 3 else 1], np.float32) for image in images]
+        count = 3 if images[0].ndim == 3 else 1
+        return [np.array(cv2.mean(image, mask)[:count], np.float32) for image in images]
     masks = _positions_of(mask)
     if not all(map(cv2.countNonZero, masks)):
         masks = _positions_of(cv2.dilate(mask, _SQUARE))  # nine pixels hold all four positions
@@ -311,8 +308,10 @@ def _shape_of(blob: np.ndarray) -> Tuple[float, float]:
     moments = cv2.moments(blob, binaryImage=True)
     area = moments["m00"]
     # a pixel is a square with its own second moments: without them a single pixel would have no extent
-    xx, yy, xy = moments["mu20"] / area + 1 / 12.0, moments["mu02"] / area + 1 / 12.0, moments["mu11"] / area
-    half, mean = math.hypot((xx - yy) / 2.0, xy), (xx + yy) / 2.0
+    xx = moments["mu20"] / area + 1 / 12.0
+    yy = moments["mu02"] / area + 1 / 12.0
+    half = math.hypot((xx - yy) / 2.0, moments["mu11"] / area)
+    mean = (xx + yy) / 2.0
     return area, 0.5 * math.log((mean + half) / max(mean - half, 1e-3))
 
 
@@ -336,13 +335,9 @@ class SpotClassifier:
         self.curves, self.intercept = curves, intercept
 
     def classify(self, blob: Blob, expected: bool) -> Tuple[float, str]:
-        """Classifies a blob by its features. A feature that says nothing (NaN) adds nothing.
+        """Returns the probability that a blob is a spot, 0 ... 1, and the feature that speaks most against it.
 
-        Args:
-            expected: whether a tracked spot should be there.
-
-        Returns:
-            The probability that it is a spot, 0 ... 1, and the feature that speaks most against it.
+        A feature that says nothing (NaN) adds nothing. `expected`: whether a tracked spot should be there.
         """
         logit, smallest_part, reason = self.intercept, math.inf, ""
         for name, value in blob.features.items():

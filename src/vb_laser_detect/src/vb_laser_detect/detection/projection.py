@@ -18,7 +18,7 @@ from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
 from vb_laser_detect.detection.stage_results import FloorPoint, Spot
 
-# a depth image (h, w), and its camera if that is known; (None, None) where there is none near the image's time
+# a depth image (h, w) and its camera, if that is known; both are None if no depth image is near the image's time
 Depth = Tuple[Optional[np.ndarray], Optional[CameraModel]]
 
 # vb_msgs/LaserSpot's constants in lower case
@@ -32,7 +32,7 @@ _HEIGHT_PER_RANGE = 0.03  # [m/m] by which that limit grows with the distance, a
 _DEPTH_RADIUS = 2  # [px of the depth image] neighbourhood of the median: a spot's size at a metre
 _DEPTH_SHARE = 0.3  # least share of the neighbourhood with readings; below it the plane is used, and the point says so
 _MIN_DEPTH, _MAX_DEPTH = 0.3, 6.0  # [m] nearer and farther readings count as holes, for every camera of this kind
-_CORNER = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])  # [px] a pixel, the one beside it and the one below
+_CORNER = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])  # [px] a pixel and its neighbours to the right and below
 
 
 @dataclass(frozen=True)
@@ -62,12 +62,11 @@ class FloorProjection:
         self.params = params or ProjectionParams()
         self.floor = floor
 
-    def on_plane(self, camera: CameraModel, T_map_camera: np.ndarray, u: float, v: float) -> FloorPoint:
+    def project_to_plane(self, camera: CameraModel, T_map_camera: np.ndarray, u: float, v: float) -> FloorPoint:
         """Projects a pixel [px] to the floor plane.
 
         Raises:
-            CodedError: "outside_image", "no_floor_intersection", "grazing_view", "too_far",
-                "spot_outside_map".
+            CodedError: "outside_image", "no_floor_intersection", "grazing_view", "too_far", "spot_outside_map".
         """
         p = self.params
         if not (math.isfinite(u) and math.isfinite(v)) or not camera.contains(np.array([[u, v]]))[0]:
@@ -86,33 +85,31 @@ class FloorProjection:
         self._check_map(point)
         return FloorPoint(point, float(_scales(corner[None])[0]), GROUND_PLANE, distance)
 
-    def with_depth(
-        self,
-        camera: CameraModel,
-        T_map_camera: np.ndarray,
-        u: float,
-        v: float,
-        depth: Optional[np.ndarray],
-        depth_camera: Optional[CameraModel] = None,
+    def project_with_depth(
+        self, camera: CameraModel, T_map_camera: np.ndarray, u: float, v: float, depth: Depth
     ) -> FloorPoint:
         """Projects a colour pixel [px] to the point that the depth image shows there.
 
         Args:
-            depth: (h, w) float [m] or uint16 [mm], registered to the colour image and of any size; 0 and NaN are
-                holes. None, or too few readings round the pixel: the floor plane is used, and `source` says so.
-            depth_camera: model of the depth image. None: the colour image's model, scaled to the depth image's size.
+            depth: image (h, w) float [m] or uint16 [mm], registered to the colour image and of any size; 0 and NaN are
+                holes. None, or too few readings round the pixel: the floor plane is used, and `source` says so. Without
+                a camera, the depth image has the colour image's model, scaled to its size.
 
         Raises:
-            CodedError: as `on_plane`, and "not_on_floor" for a point above or below the floor.
+            CodedError: as `project_to_plane`, and "not_on_floor" for a point above or below the floor.
         """
-        plane, origin, ratio = self.on_plane(camera, T_map_camera, u, v), T_map_camera[:3, 3], None
-        if depth is not None and depth.ndim == 2 and depth.size:
-            model = depth_camera or camera.scaled_to(depth.shape[1], depth.shape[0])
+        plane = self.project_to_plane(camera, T_map_camera, u, v)
+        readings, depth_camera = depth
+        ratio = None
+        if readings is not None and readings.ndim == 2 and readings.size:
+            model = depth_camera or camera.scaled_to(readings.shape[1], readings.shape[0])
             pixel = model.project(camera.pixels_to_rays(np.array([[u, v]])))[0]
-            ratio = depth_over_plane(depth, pixel, model, T_map_camera, self.params.floor_height)
+            ratio = depth_over_plane(readings, pixel, model, T_map_camera, self.params.floor_height)
         if ratio is None:
             return FloorPoint(plane.position, plane.meters_per_pixel, GROUND_PLANE_FALLBACK, plane.range)
-        point, distance = origin + ratio * (plane.position - origin), ratio * plane.range
+        origin = T_map_camera[:3, 3]
+        point = origin + ratio * (plane.position - origin)
+        distance = ratio * plane.range
         height_error = float(point[2] - plane.position[2])
         if abs(height_error) > _MAX_HEIGHT + _HEIGHT_PER_RANGE * distance:
             raise CodedError("not_on_floor", f"the spot lies {height_error:+.2f} m off the floor")
@@ -130,7 +127,7 @@ class FloorProjection:
 def depth_over_plane(
     depth: np.ndarray, pixel: np.ndarray, camera: CameraModel, T_map_camera: np.ndarray, height: float
 ) -> Optional[float]:
-    """Returns the depth at a pixel as a multiple of the floor plane's depth there; None if there are too few readings.
+    """Returns the depth at a pixel as a multiple of the floor plane's depth there, or None if there are too few readings.
 
     Each reading nearby is divided by what the plane would show at its pixel, so that neither the floor's slant nor the
     side on which readings are missing shifts their median.
@@ -139,7 +136,8 @@ def depth_over_plane(
         return None
     left, top = np.maximum(np.round(pixel).astype(int) - _DEPTH_RADIUS, 0)
     right, bottom = np.round(pixel).astype(int) + _DEPTH_RADIUS + 1
-    part = np.nan_to_num(depth[top:bottom, left:right].astype(float)) / (1000.0 if depth.dtype.kind in "ui" else 1.0)
+    units_per_meter = 1000.0 if depth.dtype.kind in "ui" else 1.0
+    part = np.nan_to_num(depth[top:bottom, left:right].astype(float)) / units_per_meter
     rows, columns = np.nonzero((part >= _MIN_DEPTH) & (part <= _MAX_DEPTH))
     floor = project_to_floor(camera, T_map_camera, np.column_stack([columns + left, rows + top]), height)
     ratios = part[rows, columns] / ((floor - T_map_camera[:3, 3]) @ T_map_camera[:3, 2])
@@ -150,12 +148,7 @@ def depth_over_plane(
 # ------------------------------------------------------------------ one image
 @dataclass(frozen=True)
 class RobotCylinder:
-    """An upright cylinder on the floor.
-
-    Attributes:
-        x, y: [m] position of the axis, map frame.
-        radius, height: [m]
-    """
+    """An upright cylinder on the floor, in metres, whose axis is at (x, y) in the map frame."""
 
     x: float
     y: float
@@ -163,15 +156,11 @@ class RobotCylinder:
     height: float
 
     def occludes(self, origin: np.ndarray, floor: np.ndarray) -> bool:
-        """Returns whether a ray passes through the cylinder.
-
-        Args:
-            origin: (3,) [m] position of the camera, above the floor.
-            floor: (3,) [m] point where the ray meets the floor.
-        """
+        """Returns whether a ray from the camera `origin` (3,) [m] to a point `floor` (3,) [m] passes through it."""
         # seen from above: the distance from the axis to the part of the ray that is not higher than the cylinder
         share = min(1.0, self.height / (origin[2] - floor[2]))
-        ray, axis = share * (origin - floor)[:2], np.array([self.x, self.y]) - floor[:2]
+        ray = share * (origin - floor)[:2]
+        axis = np.array([self.x, self.y]) - floor[:2]
         nearest = min(1.0, max(0.0, float(axis @ ray) / max(float(ray @ ray), 1e-12)))
         return float(np.hypot(*(axis - nearest * ray))) <= self.radius
 
@@ -207,7 +196,7 @@ class ImageGeometry:
         self._robots: Optional[Sequence[RobotCylinder]] = () if lookups is None else None  # None: to be looked up
 
     def meters_per_pixel(self, pixels: np.ndarray) -> np.ndarray:
-        """Returns the floor length (N,) [m/px] of pixels (N, 2); NaN where no floor is seen, or with a `pose_error`."""
+        """Returns the floor length (N,) [m/px] of pixels (N, 2). It is NaN where no floor is seen, or with a `pose_error`."""
         if self._pose is None:
             try:
                 self._pose = self._lookups.pose_at(self._frame_id, self._stamp)
@@ -225,12 +214,12 @@ class ImageGeometry:
         located = []
         for spot in spots:
             try:
-                located.append(spot if spot.rejection else replace(spot, floor_point=self.point(spot.u, spot.v)))
+                located.append(spot if spot.rejection else replace(spot, floor_point=self.floor_point(spot.u, spot.v)))
             except CodedError as error:
                 located.append(replace(spot, rejection=error.code))
         return located
 
-    def point(self, u: float, v: float) -> FloorPoint:
+    def floor_point(self, u: float, v: float) -> FloorPoint:
         """Projects a pixel to the floor.
 
         Raises:
@@ -238,9 +227,9 @@ class ImageGeometry:
         """
         depth = None if self._lookups is None else self._lookups.depth_at(self._frame_id, self._stamp)
         if depth is None:
-            point = self._floor_projection.on_plane(self._camera, self._pose, u, v)
+            point = self._floor_projection.project_to_plane(self._camera, self._pose, u, v)
         else:
-            point = self._floor_projection.with_depth(self._camera, self._pose, u, v, *depth)
+            point = self._floor_projection.project_with_depth(self._camera, self._pose, u, v, depth)
         if self._robots is None:
             self._robots = self._lookups.robot_cylinders(self._stamp)
         if any(robot.occludes(self._pose[:3, 3], point.position) for robot in self._robots):

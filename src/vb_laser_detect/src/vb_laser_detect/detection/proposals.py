@@ -2,7 +2,7 @@
 
 Each image is compared with a keyframe, which never includes a spot. A stationary camera's keyframe
 averages one image a second, except where something has just changed. A moving camera's keyframe is replaced every few
-images; `ImageRegistration` estimates a single motion from it to each image, so that nothing is resampled twice and no
+images. `ImageRegistration` estimates a single motion from it to each image, so that nothing is resampled twice and no
 error accumulates. As that motion may be off by a pixel, light within a pixel of light in the keyframe counts as old.
 
 The first image of a scene is its background. A light in it may be a lamp; only if it moves is it a spot. When a lamp is
@@ -18,10 +18,11 @@ import cv2
 import numpy as np
 
 from vb_core.image_format import AnyPicture
-from vb_laser_detect.detection.background import BLOCK, GHOST_TIME, Background, blocks_around, brightest, match_lighting
+from vb_laser_detect.detection.background import BLOCK, GHOST_TIME, Background
+from vb_laser_detect.detection.background import blocks_around, match_lighting, max_in_box
 from vb_laser_detect.detection.stage_results import Box, ExpectedSpot, ChangedRegion, SearchedImage, Spot, shrink_box
 
-# lowest level of a spot, as a share of what is bright in the room; only 3 of 464 known spots are darker, in darkened clips
+# lowest level of a spot, as a share of `bright_level`: only 3 of 464 known spots are darker, all in darkened clips
 _MIN_LEVEL = 0.86
 _HALF_LEVEL = 0.8  # a spot of few pixels keeps at least this share of its level in the halved image
 _UNSEEN = 1.0  # [s] time between two images in which a hand could take something away
@@ -33,19 +34,15 @@ _MIN_CORNERS = 12  # corners needed to estimate a motion
 _AGREE_PX = 0.7  # [px of the small image] corners that are farther off do not agree
 _MIN_AGREEING = 0.35  # least share of corners that must agree
 _MIN_MOTION_PX = 0.35  # [px] if no part of the image has moved this far, the camera is stationary
-_FLOW = dict(
-    winSize=(11, 11),
-    maxLevel=2,
-    criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 0.02),
-    flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-)
+_FLOW_END = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 0.02)
+_FLOW = dict(winSize=(11, 11), maxLevel=2, criteria=_FLOW_END, flags=cv2.OPTFLOW_USE_INITIAL_FLOW)
 
 
 class ImageRegistration:
     """Estimates one camera's motion since a keyframe: shift, rotation and scale, which suffice over a few images.
 
-    Corners of the keyframe are tracked into each image (sparse optical flow), and enough of them agree on one motion;
-    those on people and the laser spot, which move by themselves, do not agree and are left out (RANSAC).
+    Corners of the keyframe are tracked into each image (sparse optical flow), and enough of them agree on one motion.
+    Those on people and the laser spot, which move on their own, do not agree and are left out (RANSAC).
 
     Attributes:
         motion: (3, 3) from the keyframe's pixels to the last image's; None if the camera has not moved. While it cannot
@@ -57,12 +54,9 @@ class ImageRegistration:
         self.motion: Optional[np.ndarray] = None
 
     def follow(self, image: np.ndarray) -> Optional[np.ndarray]:
-        """Estimates the motion (3, 3) from the last image's pixels to this one's; None if it is not known.
+        """Estimates the motion (3, 3) from the last image's pixels to this one's, or None if it is not known.
 
-        The first image becomes the keyframe.
-
-        Args:
-            image: (H, W) or (H, W, 3) uint8.
+        The first image, (H, W) or (H, W, 3) uint8, becomes the keyframe.
         """
         gray, scale = image, 1.0
         while gray.shape[1] >= 2 * _WIDTH:
@@ -72,7 +66,8 @@ class ImageRegistration:
         self._latest = gray if gray.ndim == 2 else cv2.cvtColor(gray, cv2.COLOR_BGR2GRAY)
         if self._keyframe is None:
             self.set_keyframe()
-        motion, motion_before = self._track_corners(), self.motion
+        motion_before = self.motion
+        motion = self._track_corners()
         if motion is None:
             return None
         shrink = np.array([[scale, 0, 0.5 * scale - 0.5], [0, scale, 0.5 * scale - 0.5], [0, 0, 1.0]])
@@ -81,7 +76,8 @@ class ImageRegistration:
         height, width = image.shape[:2]
         corners = np.array([[(0, 0), (width, 0), (0, height), (width, height)]], float)
         is_still = np.abs(cv2.perspectiveTransform(corners, motion) - corners).max() < _MIN_MOTION_PX
-        motion, self.motion = (np.eye(3), None) if is_still else (motion, motion)
+        self.motion = None if is_still else motion
+        motion = np.eye(3) if is_still else motion
         return motion if motion_before is None else motion @ cv2.invert(motion_before)[1]
 
     def set_keyframe(self) -> None:
@@ -91,10 +87,11 @@ class ImageRegistration:
         half = cv2.resize(self._latest, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         corners = cv2.goodFeaturesToTrack(half, _MAX_CORNERS, 0.01, 4)
         self._corners = np.zeros((0, 1, 2), np.float32) if corners is None else 2.0 * corners + np.float32(0.5)
-        self.motion, self._small_motion = None, np.eye(3)  # the same in pixels of the small images
+        self.motion = None
+        self._small_motion = np.eye(3)  # `motion` in pixels of the small images
 
     def _track_corners(self) -> Optional[np.ndarray]:
-        """Finds the motion since the keyframe on which the most corners agree; None if too few do."""
+        """Finds the motion since the keyframe on which the most corners agree, or None if too few do."""
         if len(self._corners) < _MIN_CORNERS:
             return None
         guess = cv2.perspectiveTransform(self._corners, self._small_motion)
@@ -118,29 +115,27 @@ class RegionProposer:
         self._background: Optional[Background] = None
 
     def propose(self, picture: AnyPicture, expected: Sequence[ExpectedSpot]) -> SearchedImage:
-        """Compares a picture with the background.
-
-        Args:
-            expected: spots expected if the camera has not moved.
-        """
-        image, motion, shift = picture.search_pixels, None, None
+        """Compares a picture with the background. The spots are `expected` there if the camera has not moved."""
+        image = picture.search_pixels
+        motion = shift = None
         if self._registration is not None:
-            motion, shift = self._registration.follow(image), self._registration.motion
+            motion = self._registration.follow(image)
+            shift = self._registration.motion
         if motion is not None:
             expected = [spot.moved(motion) for spot in expected]
         changes = None if self._background is None else self._background.compare(image, shift)
-        if changes is None or changes.everywhere:
+        if changes is None or changes.is_global_change:
             self._start(picture, expected)
             changes = self._background.compare(image, None)
-        background, min_level = self._background, _MIN_LEVEL * self._background.bright
-        # the brightest first: a spot is white on any floor, but its rise depends on the floor, and a person beside it
-        # rises more on a bright one
-        boxes = sorted(find_regions(changes.rise, changes.brighter), key=lambda box: -brightest(image, box))
+        background = self._background
+        min_level = _MIN_LEVEL * background.bright_level
+        # the brightest first: a spot is white on any floor, but on a bright floor a person next to it rises more
+        boxes = sorted(find_regions(changes.rise, changes.brighter), key=lambda box: -max_in_box(image, box))
         regions = [_region(picture, box, min_level, expected) for box in boxes[:_MAX_REGIONS]]
         return SearchedImage(
             picture,
             diagonal=math.hypot(*picture.size),
-            bright=background.bright,
+            bright_level=background.bright_level,
             min_level=min_level,
             regions=regions,
             reference=background.reference,
@@ -152,7 +147,8 @@ class RegionProposer:
 
     def _start(self, picture: AnyPicture, expected: Sequence[ExpectedSpot]) -> None:
         """Begins a new background. Where a spot is expected, the old background is used, relit."""
-        keyframe, scene = picture.search_pixels.copy(), self._background
+        keyframe = picture.search_pixels.copy()
+        scene = self._background
         for spot in expected:
             reach = spot.reach + spot.max_width
             sides = blocks_around(scene.blocks, *spot.position, reach, BLOCK * picture.scale)
@@ -166,12 +162,9 @@ class RegionProposer:
             self._registration.set_keyframe()
 
     def update_background(self, searched: SearchedImage, spots: Sequence[Spot], elapsed: float) -> None:
-        """Adds an image to the background, except where it shows these spots.
-
-        Args:
-            elapsed: [s] since the last image.
-        """
-        spot_blocks, block = np.zeros_like(searched.changed), BLOCK * searched.picture.scale
+        """Adds an image to the background, `elapsed` [s] after the last one, except where it shows these spots."""
+        spot_blocks = np.zeros_like(searched.changed)
+        block = BLOCK * searched.picture.scale
         for spot in spots:
             spot_blocks[blocks_around(spot_blocks.shape, spot.u, spot.v, 1.25 * spot.diameter + block, block)] = True
         # nothing is known of what happened between images far apart
@@ -193,17 +186,16 @@ def _region(picture: AnyPicture, box: Box, min_level: float, expected: Sequence[
         bottom = height
     box = left, top, right, bottom
     if picture.is_fully_decoded:
-        level = brightest(picture.pixels, box)
+        level = max_in_box(picture.pixels, box)
     else:  # the highest level that is possible
-        level = brightest(picture.search_pixels, shrink_box(box, picture.scale)) / _HALF_LEVEL
+        level = max_in_box(picture.search_pixels, shrink_box(box, picture.scale)) / _HALF_LEVEL
     return ChangedRegion(box, level >= min_level, next((spot for spot in expected if spot.overlaps(box)), None))
 
 
 def find_regions(maxima: np.ndarray, hot: np.ndarray) -> List[Box]:
     """Finds the boxes [px] of connected hot blocks, those with the highest peaks first.
 
-    A large region is cut down to the parts above 60 % of its peak: a spot beside a person must not be lost in the
-    person's region.
+    A large region is cut down to the parts above 60 % of its peak, so that no spot is lost in a person's region.
     """
     # few blocks are hot, and they are close together: only their surroundings are processed
     x, y, wide, high = cv2.boundingRect(hot.view(np.uint8))

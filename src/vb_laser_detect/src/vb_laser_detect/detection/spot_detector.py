@@ -1,6 +1,6 @@
 """Finds laser spots in a camera's images, one call per frame.
 
-Use it for any stationary or moving camera, with or without ROS: make one `SpotDetector` per camera and give it every
+Use it for any stationary or moving camera, with or without ROS. Make one `SpotDetector` per camera and give it every
 frame, including those without a spot, which show it what the floor looks like.
 
 `SpotDetector.detect` is the list of all stages, each a file in `detection`; `stage_results` is what they hand on.
@@ -38,9 +38,9 @@ from vb_laser_detect.detection.features import SpotClassifier
 from vb_laser_detect.detection.projection import ImageGeometry
 from vb_laser_detect.detection.proposals import RegionProposer
 from vb_laser_detect.detection.spot_tracker import SpotTracker
-from vb_laser_detect.detection.stage_results import Box, Detection, SearchedImage, Spot
+from vb_laser_detect.detection.stage_results import Box, DetectionResult, SearchedImage, Spot
 
-__all__ = ["Detection", "DetectorParams", "Spot", "SpotDetector"]
+__all__ = ["DetectionResult", "DetectorParams", "Spot", "SpotDetector"]
 
 _BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
 _MAX_DIAGONAL_SHARE = 0.09  # a spot's largest diameter if no pose is known, as a share of the image's diagonal
@@ -101,7 +101,7 @@ class SpotDetector:
 
     def detect(
         self, image: Union[np.ndarray, AnyPicture], stamp: float, geometry: Optional[ImageGeometry] = None
-    ) -> Detection:
+    ) -> DetectionResult:
         """Searches one image.
 
         Args:
@@ -117,7 +117,7 @@ class SpotDetector:
         picture = _checked(image)
         behind = -math.inf if self._stamp is None else self._stamp - stamp
         if 0.0 < behind <= _MAX_LATENESS:
-            return Detection(is_late=True)
+            return DetectionResult(is_late=True)
         picture = self._prepare(picture)
         shape = picture.scale, *picture.search_pixels.shape
         if behind > _MAX_LATENESS or self._shape not in (None, shape):
@@ -152,7 +152,7 @@ class SpotDetector:
         return picture
 
     def _max_diameters(self, searched: SearchedImage, geometry: Optional[ImageGeometry]) -> Dict[Box, float]:
-        """Returns a spot's largest allowed diameter [px] in each box that may contain one; NaN where no floor is seen.
+        """Returns a spot's largest allowed diameter [px] in each box that may contain one, or NaN where no floor is seen.
 
         Only if there is such a box does the geometry look up a moving camera's pose.
         """

@@ -5,7 +5,7 @@ never span fewer than a few images, so that a camera of two images a second work
 stays published until it is lost, or until it rests while another track moves.
 
 A light that stays in one place is a lamp, even if it blinks. So the time for which each place was lit is counted
-independently of tracks: counting goes on while the light blinks, is crossed by another one, or is lost and found again.
+independently of tracks. Counting goes on while the light blinks, is crossed by another one, or is lost and found again.
 A stroke lights each of its places only for a moment, and they are soon forgotten.
 """
 
@@ -22,7 +22,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from vb_laser_detect.detection.features import chroma
-from vb_laser_detect.detection.stage_results import Detection, ExpectedSpot, SearchedImage, Spot
+from vb_laser_detect.detection.stage_results import DetectionResult, ExpectedSpot, SearchedImage, Spot
 
 _SLACK_PX = 12.0  # [px] by which noise alone may move a spot between two images
 _BLINK = 1.5  # [s] a light that is absent for no longer than this counts as having stayed in its place
@@ -34,7 +34,7 @@ _GAP_TIME, _GAP_PERIODS = 0.35, 3.5
 _RECALL_TIME = 1.0  # [s] sightings older than this are not published when their track is confirmed
 _PERIODS = 15  # [images] over which the period is averaged
 _VIVID = 0.4  # mean chroma of a laser's light on a floor; webcams show less, but other bright things even less
-# the same on a nearly white floor; white glints in Bayer images have less, as a mean over half a second
+# mean chroma on a nearly white floor; that of white glints in Bayer images is lower over half a second
 _PALE = 0.25
 # [s] colourless light must last for longer to be confirmed: a glint on a shoe, a watch or a cup lasts for less than a
 # step, half a second. Nothing is lost, as the track's earlier spots are then published too
@@ -59,10 +59,10 @@ class Track:
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(2))
     hits: int = 0
     diameter: float = 0.0
-    confirmed: bool = False
-    published: bool = False
+    is_confirmed: bool = False
+    is_published: bool = False
     lit_s: float = 0.0
-    light: Optional[np.ndarray] = None  # the sum of its spots' tints
+    tint_sum: Optional[np.ndarray] = None  # of all its spots
     unpublished: List[Spot] = field(default_factory=list)
 
 
@@ -84,28 +84,24 @@ class SpotTracker:
         self._lit_places = np.zeros((0, 4))  # each place: u, v [px], lit for [s], last lit at [s]
 
     def predict(self, stamp: float) -> List[ExpectedSpot]:
-        """Predicts where confirmed spots should be in the next image. Must be called before `update`.
-
-        Args:
-            stamp: [s] time of that image, later than the last one's.
-        """
+        """Predicts where confirmed spots should be at a later image's stamp [s]. Must be called before `update`."""
         if self._stamp is not None:
             self._periods.append(stamp - self._stamp)
-            # a mean, as some images arrive in bursts, without the longest interval, which may be a pause
+            # some images arrive in bursts, hence a mean; the longest interval may be a pause
             typical_periods = sorted(self._periods)[:-1] or self._periods
             self.period = sum(typical_periods) / len(typical_periods)
         self._stamp = stamp
         gap = max(_GAP_TIME, _GAP_PERIODS * self.period)
         self._tracks = [track for track in self._tracks if stamp - track.stamp <= gap]
         self._lit_places = self._lit_places[self._lit_places[:, 3] + _BLINK + _MEMORY * self._lit_places[:, 2] >= stamp]
-        return [self._expect(track) for track in self._tracks if track.confirmed]
+        return [self._expect(track) for track in self._tracks if track.is_confirmed]
 
     def _expect(self, track: Track) -> ExpectedSpot:
         elapsed = self._since(track)
         reach = _SLACK_PX + 0.5 * elapsed * math.hypot(*track.velocity)
         return ExpectedSpot(track.pixel.tolist(), (track.velocity * elapsed).tolist(), reach, 2.0 * track.diameter)
 
-    def update(self, candidates: Sequence[Spot], searched: SearchedImage) -> Detection:
+    def update(self, candidates: Sequence[Spot], searched: SearchedImage) -> DetectionResult:
         """Adds the candidates of the image for which `predict` was called, except rejected ones."""
         self._diagonal, self._mosaic = searched.diagonal, searched.picture.is_bayer
         if searched.motion is not None:
@@ -120,14 +116,15 @@ class SpotTracker:
         for track, (spot, lit_s) in zip(tracks, followed):
             self._add_sighting(track, spot, lit_s)
         self._choose_published_track(tracks)
-        published, judged = [], [candidate for candidate in candidates if candidate.rejection] + lamps
+        published = []
+        judged = [candidate for candidate in candidates if candidate.rejection] + lamps
         for track, (spot, _) in zip(tracks, followed):
-            reason = "" if track.published else "lower_confidence" if track.confirmed else "unconfirmed"
-            judged.append(replace(spot, track=track.number, rejection=reason))
-            if track.published:
+            reason = "lower_confidence" if track.is_confirmed else "unconfirmed"
+            judged.append(replace(spot, track=track.number, rejection="" if track.is_published else reason))
+            if track.is_published:
                 published += [*track.unpublished, judged[-1]]
                 track.unpublished = []
-        return Detection(published, judged, published_lamps)
+        return DetectionResult(published, judged, published_lamps)
 
     def _record_light(self, spot: Spot) -> float:
         """Records light at a spot's place, and returns the time [s] for which that place has been lit."""
@@ -148,7 +145,7 @@ class SpotTracker:
             is_lamp = any(math.hypot(track.pixel[0] - lamp.u, track.pixel[1] - lamp.v) <= _SLACK_PX for lamp in lamps)
             if is_lamp and track.lit_s > _STEP_TIME:
                 self._tracks.remove(track)
-                published += track.published
+                published += track.is_published
         return published
 
     def _since(self, track: Track) -> float:
@@ -184,18 +181,18 @@ class SpotTracker:
         track.hits += 1
         track.diameter, track.lit_s = spot.diameter, lit_s
         if spot.tint is not None:
-            track.light = spot.tint if track.light is None else track.light + spot.tint
-        if track.hits >= self.confirm_frames and not track.confirmed:
-            track.confirmed = self._is_colored(track)
+            track.tint_sum = spot.tint if track.tint_sum is None else track.tint_sum + spot.tint
+        if track.hits >= self.confirm_frames and not track.is_confirmed:
+            track.is_confirmed = self._is_colored(track)
         oldest = self._stamp - max(_RECALL_TIME, (self.confirm_frames + 1) * self.period)
         track.unpublished = [earlier for earlier in track.unpublished if earlier.stamp >= oldest]
-        if not track.confirmed:
+        if not track.is_confirmed:
             track.unpublished.append(replace(spot, track=track.number))
 
     def _is_colored(self, track: Track) -> bool:
         """Returns whether a track has shown a laser's colour, or has lasted for so long that it needs none."""
         # a white glint on one pixel of a Bayer pattern looks coloured; its mean over several images does not
-        mean_chroma = 0.0 if track.light is None else chroma(track.light)
+        mean_chroma = 0.0 if track.tint_sum is None else chroma(track.tint_sum)
         lasting = _PALE if self._mosaic else 0.0
         min_chroma = lasting if self._stamp - track.created >= _STEP_TIME else _VIVID
         return self.confirm_frames <= 1 or mean_chroma >= min_chroma
@@ -207,12 +204,13 @@ class SpotTracker:
         """
         if self.confirm_frames <= 1:
             for track in self._tracks:
-                track.published = False
-        confirmed = [track for track in tracks if track.confirmed]
-        published = [track for track in self._tracks if track.published]
+                track.is_published = False
+        confirmed = [track for track in tracks if track.is_confirmed]
+        published = [track for track in self._tracks if track.is_published]
         # tracks that were elsewhere for most of their time
         moving = [track for track in confirmed if track.lit_s < 0.5 * (self._stamp - track.created)]
         if moving and published and all(track.lit_s > _STEP_TIME for track in published):
-            published[0].published, published = False, []
+            published[0].is_published = False
+            published = []
         if confirmed and not published:
-            (moving or confirmed)[0].published = True
+            (moving or confirmed)[0].is_published = True

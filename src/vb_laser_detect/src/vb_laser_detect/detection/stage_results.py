@@ -1,7 +1,7 @@
-"""Types passed between the stages of the detection, in the order in which they are made: `ExpectedSpot` by the tracker,
-`SearchedImage` by the proposer, `Spot` by the stages that measure and locate, `Detection` by the tracker.
+"""Types passed between the stages of the detection, in the order in which they are made.
 
-Positions and regions are in the image's own pixels, even if it is searched at half its size.
+The tracker makes `ExpectedSpot` and, in the end, `DetectionResult`. Positions and regions are in the image's own pixels,
+even if it is searched at half its size.
 """
 
 from __future__ import annotations
@@ -55,9 +55,11 @@ class ExpectedSpot(NamedTuple):
 
     def clip(self, box: Box) -> Box:
         """Returns the part of a box that is within reach. If no part is, left >= right or top >= bottom."""
-        (left, top, right, bottom), (u, v), reach = box, self.position, self.reach
-        left, top = max(left, int(u - reach)), max(top, int(v - reach))
-        return left, top, min(right, int(u + reach) + 1), min(bottom, int(v + reach) + 1)
+        left, top, right, bottom = box
+        u, v = self.position
+        left = max(left, int(u - self.reach))
+        top = max(top, int(v - self.reach))
+        return left, top, min(right, int(u + self.reach) + 1), min(bottom, int(v + self.reach) + 1)
 
     def overlaps(self, box: Box) -> bool:
         """Returns whether a part of a box is within reach."""
@@ -78,7 +80,7 @@ class ChangedRegion(NamedTuple):
     expected: Optional[ExpectedSpot]
 
     def boxes(self) -> List[Box]:
-        """Returns the boxes to search: the whole region, then the part where a spot is expected; none in a dark region."""
+        """Returns the boxes to search: the whole region, then the part where a spot is expected. A dark region has none."""
         boxes = [self.box] if self.expected is None else [self.box, self.expected.clip(self.box)]
         return boxes if self.may_contain_spot else []
 
@@ -88,7 +90,7 @@ class SearchedImage(NamedTuple):
 
     Attributes:
         diagonal: [px] diagonal of the picture.
-        bright: [grey levels] level of the room's bright surfaces at the current exposure; spots are judged relative to it.
+        bright_level: [grey levels] of the room's bright surfaces at the current exposure; spots are judged relative to it.
         min_level: [grey levels] lowest level of a spot's brightest sample.
         regions: regions to examine, the brightest first.
         reference: what the searched pixels would show without anything new.
@@ -100,7 +102,7 @@ class SearchedImage(NamedTuple):
 
     picture: AnyPicture
     diagonal: float
-    bright: float
+    bright_level: float
     min_level: float
     regions: Sequence[ChangedRegion]
     reference: np.ndarray
@@ -109,7 +111,7 @@ class SearchedImage(NamedTuple):
     changed: np.ndarray
     ghost_s: np.ndarray
 
-    def floor(self, part: Part) -> np.ndarray:
+    def reference_part(self, part: Part) -> np.ndarray:
         """Returns what a part of the picture's pixels would show without anything new; it begins at even pixels."""
         scale = self.picture.scale
         if scale == 1:
@@ -162,18 +164,18 @@ class Spot:
     floor_point: Optional[FloorPoint] = field(default=None, compare=False)
 
 
-class Detection(NamedTuple):
+class DetectionResult(NamedTuple):
     """The result of one image.
 
     Attributes:
         spots: confirmed spots, oldest first: at most one of the image itself and, when a stroke begins, those of earlier
             images, with their own stamps and positions.
         candidates: everything examined in the image; each one's `rejection` says why it is no spot, or is not published.
-        lamps: number of published tracks that turned out to be lamps.
+        lamp_count: number of published tracks that turned out to be lamps.
         is_late: whether the image was left out because it came after a later one.
     """
 
     spots: Sequence[Spot] = ()
     candidates: Sequence[Spot] = ()
-    lamps: int = 0
+    lamp_count: int = 0
     is_late: bool = False

@@ -10,7 +10,7 @@ import time
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Deque, Dict, List, Optional, Tuple
+from typing import Any, Deque, Dict, Iterable, List, Tuple
 
 import cv2
 import dynamic_reconfigure.client
@@ -23,12 +23,12 @@ from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.image_format import AnyPicture
 from vb_core.ros.images import camera_from_info
-from vb_laser_detect.calibration.lens import BoardParams, BoardView, LensCalibration, find_board
+from vb_laser_detect.calibration.lens import BoardParams, LensCalibration, find_board
 from vb_laser_detect.calibration.live_picture import LivePicture
 from vb_laser_detect.camera.lens_and_settings_files import save_lens, set_capture
 from vb_laser_detect.camera.delay import brightness, measure_delay
 from vb_laser_detect.camera.exposure import SPOT_LEVEL, Brightness, find_exposure, measure_brightness
-from vb_laser_detect.camera.camera_source import printable
+from vb_laser_detect.camera.camera_source import without_password
 from vb_laser_detect.detection.spot_detector import DetectorParams
 from vb_laser_detect.spot_detector_node_params import image_topic
 from vb_laser_detect.ros.camera_feed import ReceivedImage, lens_path, subscribe_images
@@ -36,7 +36,7 @@ from vb_laser_detect.ros.camera_geometry import is_rectified, require_size, sibl
 
 _TIMEOUT = 15.0  # [s] to wait for the next image, camera_info or the detector's answer
 _POLL_PERIOD = 0.005  # [s]
-_SETTLING_TIME = 0.5  # [s] until a new exposure time shows in the images
+_SETTLING_TIME = 0.5  # [s] after which a new exposure time shows in the images
 _BLINKS = 40  # the window is switched so often
 _MIN_BLINK, _MAX_BLINK = 0.25, 0.65  # [s] between two switches
 _SPOT_TIMEOUT = 30.0  # [s]
@@ -96,11 +96,12 @@ class RunningCamera:
             CodedError: "no_images"; "camera_no_lens" if images arrive without camera_info; "bad_camera_info" if the lens
                 is not calibrated; "unsupported_camera"; "no_camera_info" if camera_info is for images of another size.
         """
-        info, size = sibling_topic(self._image, "camera_info"), self.next_image()[1].size
+        topic = sibling_topic(self._image, "camera_info")
+        size = self.next_image()[1].size
         try:
-            message = rospy.wait_for_message(info, CameraInfo, _TIMEOUT)
+            message = rospy.wait_for_message(topic, CameraInfo, _TIMEOUT)
         except rospy.ROSException:
-            raise CodedError("camera_no_lens", camera=self._camera, why=f"nothing arrives on {info}") from None
+            raise CodedError("camera_no_lens", camera=self._camera, why=f"nothing arrives on {topic}") from None
         return require_size(camera_from_info(message, is_rectified(self._image)), size)
 
     def change_settings(self, **values: Any) -> None:
@@ -117,7 +118,7 @@ class RunningCamera:
         client.close()
         refused = [name for name, value in values.items() if accepted[name] != value]
         if refused:
-            raise CodedError("control_refused", source=printable(self.params["source"]), why=", ".join(refused))
+            raise CodedError("control_refused", source=without_password(self.params["source"]), why=", ".join(refused))
 
     def write_settings(self, **values: Any) -> None:
         """Writes capture settings into the camera's settings file, or prints them if there is none."""
@@ -139,14 +140,16 @@ def calibrate_lens(arguments: argparse.Namespace) -> int:
     print(f"The live picture: {picture.address}    Ctrl-C ends without writing.")
     while not rospy.is_shutdown():
         image = camera.next_image()[1].bgr()
-        view, problem = None, ""
+        pixels = ()
+        problem = ""
         try:
             view = find_board(board, image)
+            pixels = view.pixels
             if calibration.add(view):
                 print(f"  {calibration.describe()}", flush=True)
         except CodedError as error:
             problem = error.message
-        _draw_progress(image, calibration, view, problem)
+        _draw_progress(image, calibration, pixels, problem)
         picture.show(image)
         try:
             lens, rms = calibration.solve()
@@ -160,10 +163,10 @@ def calibrate_lens(arguments: argparse.Namespace) -> int:
     return 1
 
 
-def _draw_progress(image: np.ndarray, calibration: LensCalibration, view: Optional[BoardView], problem: str) -> None:
-    """Draws the corners of the board into the image, the cells that are not covered yet, and two lines of text."""
+def _draw_progress(image: np.ndarray, calibration: LensCalibration, pixels: Iterable, problem: str) -> None:
+    """Draws the board's corners at `pixels`, the cells that are not covered yet, and two lines of text into an image."""
     height, width = image.shape[:2]
-    for u, v in () if view is None else view.pixels:
+    for u, v in pixels:
         cv2.circle(image, (round(u), round(v)), max(4, width // 240), (0, 220, 0), -1)
     for cell in np.argwhere(~calibration.covered):
         corners = ((corner * (width, height) // calibration.covered.shape).tolist() for corner in (cell, cell + 1))
@@ -175,9 +178,8 @@ def _draw_progress(image: np.ndarray, calibration: LensCalibration, view: Option
 def measure_camera_delay(arguments: argparse.Namespace) -> int:
     """Makes this terminal's window blink, and measures how late the camera's images show that."""
     camera = RunningCamera(arguments.camera)
-    print(
-        "Let the camera see this window, as large as it can be and in a dim room. It blinks for 20 s; do not move anything."
-    )
+    request = "Let the camera see this window, as large as it can be and in a dim room."
+    print(f"{request} It blinks for 20 s; do not move anything.")
     time.sleep(3.0)
     camera.next_image()
     blinking_ended = threading.Event()
@@ -215,7 +217,7 @@ def _blink() -> List[float]:
             sys.stdout.flush()
             switch_times.append(rospy.Time.now().to_sec())
             time.sleep(random.uniform(_MIN_BLINK, _MAX_BLINK))
-        time.sleep(3.0)  # for images that arrive late
+        time.sleep(3.0)  # some images arrive late
     finally:
         sys.stdout.write("\x1b[0m\x1b[2J\x1b[H")
         sys.stdout.flush()
@@ -240,7 +242,7 @@ def set_exposure(arguments: argparse.Namespace) -> int:
         except CodedError as error:
             print(f"! the white balance stays automatic: {error.message}")
         camera.write_settings(**values)
-    except BaseException:  # also Ctrl-C: the running lab keeps the settings it had
+    except BaseException:  # after Ctrl-C, too, the running lab keeps the settings it had
         camera.change_settings(**old_values)
         raise
     print(f"Point the laser at the floor ({_SPOT_TIMEOUT:.0f} s) ...", flush=True)

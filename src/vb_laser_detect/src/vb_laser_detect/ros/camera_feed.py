@@ -19,13 +19,13 @@ from vb_core.ros.images import camera_from_info, decode, info_from_camera, messa
 from vb_core.ros.node import Mailbox
 from vb_laser_detect.camera import v4l2_controls
 from vb_laser_detect.camera.lens_and_settings_files import load_lens, save_lens
-from vb_laser_detect.camera.camera_source import CameraSource, CapturedImage, is_device, is_file, printable
+from vb_laser_detect.camera.camera_source import CameraSource, CapturedImage, is_device, is_file, without_password
 from vb_laser_detect.ros.camera_geometry import require_size, sibling_topic
 from vb_laser_detect.ros.detector_diagnostics import DetectorDiagnostics
 from vb_laser_detect.camera.v4l2_controls import CaptureParams
 from vb_laser_detect.spot_detector_node_params import SpotDetectorNodeParams
 
-FOLDER = "~/.ros/virtual_borders"
+SETTINGS_FOLDER = "~/.ros/virtual_borders"
 
 
 class ReceivedImage(NamedTuple):
@@ -44,8 +44,8 @@ class ReceivedImage(NamedTuple):
 
 
 def lens_path(settings: str, camera: str) -> Path:
-    """Returns lenses/CAMERA.yaml in the lab's folder, whose detectors/CAMERA.yaml is `settings`; without settings, in FOLDER."""
-    lab = Path(settings).expanduser().resolve().parent.parent if settings else Path(FOLDER).expanduser()
+    """Returns lenses/CAMERA.yaml beside the folder of detectors/CAMERA.yaml, which is `settings`, or else in SETTINGS_FOLDER."""
+    lab = Path(settings).expanduser().resolve().parent.parent if settings else Path(SETTINGS_FOLDER).expanduser()
     return lab / "lenses" / f"{camera}.yaml"
 
 
@@ -113,7 +113,7 @@ class CameraFeed:
         rospy.Service(sibling_topic(image, "set_camera_info"), SetCameraInfo, self.lens.write)
         self._settings_lock = threading.Lock()
         self._source = CameraSource(params.source, params.capture, self._on_shot, self._on_source_state)
-        self._source.start()  # its thread may call back at once
+        self._source.start()  # the thread may call back at once
 
     def close(self) -> None:
         """Releases the camera."""
@@ -123,13 +123,13 @@ class CameraFeed:
         """Changes delay, exposure and white balance of the running camera.
 
         Raises:
-            CodedError: as `v4l2_controls.apply`; only what the camera has accepted is then changed.
+            CodedError: as `v4l2_controls.set_controls`; only what the camera has accepted is then changed.
         """
         with self._settings_lock:
             if is_device(self._source.address):
-                v4l2_controls.apply(self._source.address, params)
+                v4l2_controls.set_controls(self._source.address, params)
             elif params.exposure or params.white_balance:
-                raise CodedError("control_refused", source=printable(self._source.address), why="$only_devices")
+                raise CodedError("control_refused", source=without_password(self._source.address), why="$only_devices")
             self._source.params = params
         self._report.clear_refused_setting()
 
@@ -150,10 +150,10 @@ class CameraFeed:
             self._info.publish(info_from_camera(model, image.stamp, image.frame_id))
 
     def _on_shot(self, shot: CapturedImage) -> None:
-        for code in shot.left_out:
+        for code in shot.skipped_codes:
             self._report.count_dropped(code)
         # the camera's clock does not follow simulated time
-        stamp = rospy.Time.now() - rospy.Duration.from_sec(time.time() - shot.taken)
+        stamp = rospy.Time.now() - rospy.Duration.from_sec(time.time() - shot.stamp)
         self._mailbox.put(ReceivedImage(stamp, self._frame, shot.picture, shot))
         if is_file(self._source.address):
             self._mailbox.wait_until_taken()
@@ -161,7 +161,7 @@ class CameraFeed:
     def _on_source_state(self, error: Optional[CodedError]) -> None:
         is_silent = error is not None
         if not is_silent:
-            rospy.loginfo("%s: reads %s", self._camera, printable(self._source.address))
+            rospy.loginfo("%s: reads %s", self._camera, without_password(self._source.address))
             try:
                 self.set_params(self._source.params)  # a camera just opened has its own exposure and white balance
             except CodedError as refusal:
@@ -170,14 +170,11 @@ class CameraFeed:
 
 
 def subscribe_images(image: str, transport: str, frame: str, put: Callable[[ReceivedImage], Any]) -> str:
-    """Subscribes to a driver's images: <image> (sensor_msgs/Image) or <image>/compressed (sensor_msgs/CompressedImage).
+    """Subscribes to <image> (sensor_msgs/Image) or <image>/compressed (sensor_msgs/CompressedImage), and returns the topic.
 
     Args:
         transport: "compressed" or "raw".
         frame: replaces the images' own frame_id, unless it is empty.
-
-    Returns:
-        The topic.
     """
     reader = PixelReader()
 

@@ -41,7 +41,7 @@ def is_rectified(topic: str) -> bool:
 
 
 def require_size(camera: CameraModel, size: Tuple[int, int]) -> CameraModel:
-    """Returns the model if it is for images of this width and height; raises CodedError "no_camera_info" otherwise."""
+    """Returns the model if it is for images of this width and height. Otherwise CodedError "no_camera_info" is raised."""
     if (camera.width, camera.height) != size:
         expected = f"{camera.width} x {camera.height}"
         raise CodedError("no_camera_info", f"camera_info is for images of {expected}, not of {size[0]} x {size[1]}")
@@ -78,7 +78,7 @@ class InfoTopic:
         return require_size(camera, size)
 
     def _on_info(self, message: CameraInfo) -> None:
-        # its stamp always differs, and must stay: this process's other subscribers get the same message
+        # the stamp always differs, and must stay: this process's other subscribers get the same message
         fields = [getattr(message, name) for name in message.__slots__ if name != "header"]
         if fields == self._last_fields:
             return
@@ -104,12 +104,11 @@ class DepthTopic:
         rospy.Subscriber(topic, Image, self._images.append, queue_size=1, buff_size=2**22)
 
     def nearest(self, stamp: rospy.Time, color_frame: str) -> Depth:
-        """Returns the depth image (h, w) nearest to a time, and its camera's model; None for what is missing.
+        """Returns the depth image (h, w) nearest to a time, and its camera's model, or None for what is missing.
 
-        Args:
-            color_frame: frame of the colour image; a depth image with another frame is not registered to it.
+        A depth image with another frame than the colour image is not registered to it.
         """
-        # copied first: images arrive meanwhile
+        # a copy, because images arrive in the meantime
         nearest = min(list(self._images), key=lambda image: abs((image.header.stamp - stamp).to_sec()), default=None)
         if nearest is None or abs((nearest.header.stamp - stamp).to_sec()) > _MAX_DEPTH_AGE:
             return None, None
@@ -178,7 +177,7 @@ class CameraGeometry:
         self._cached_for = ("", (0, 0))  # frame and size at the last lookup
         self._cached_at = -math.inf  # [s] when that was
 
-    def geometry_of(self, frame_id: str, stamp: rospy.Time, size: Tuple[int, int]) -> ImageGeometry:
+    def geometry_at(self, frame_id: str, stamp: rospy.Time, size: Tuple[int, int]) -> ImageGeometry:
         """Returns an image's geometry. A moving camera's pose at the image's time is looked up only if needed.
 
         Args:
@@ -190,7 +189,7 @@ class CameraGeometry:
         """
         now = time.monotonic()
         if self._cached_for != (frame_id, size) or now - self._cached_at >= _LOOKUP_PERIOD:
-            self._cached_at = -math.inf  # until lens and pose are known, retry with every image
+            self._cached_at = -math.inf  # every image tries again until lens and pose are known
             self._report.check_frame(frame_id)
             self._camera = self._info.model_for(size)
             self._report.focal = float(self._camera.matrix[0, 0])
@@ -200,11 +199,11 @@ class CameraGeometry:
         return ImageGeometry(self._camera, self._floor_projection, stationary_pose, self, frame_id, stamp)
 
     def pose_at(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:
-        """Returns a moving camera's pose (4, 4); raises CodedError "no_transform", "bad_transform" if it is unknown."""
+        """Returns a moving camera's pose (4, 4). CodedError "no_transform", "bad_transform" is raised if it is unknown."""
         return self._transforms.lookup(names.MAP_FRAME, frame_id, stamp, _TF_TIMEOUT)
 
     def depth_at(self, frame_id: str, stamp: rospy.Time) -> Optional[Depth]:
-        """Returns the depth near a time, see `DepthTopic.nearest`; None without a depth topic."""
+        """Returns the depth near a time, see `DepthTopic.nearest`, or None without a depth topic."""
         return None if self._depth is None else self._depth.nearest(stamp, frame_id)
 
     def _newest_pose(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:

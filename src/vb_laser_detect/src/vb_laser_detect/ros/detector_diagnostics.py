@@ -56,10 +56,11 @@ class DetectorDiagnostics:
         self.focal = 0.0
         self._others: Dict[str, Tuple[str, float]] = {}  # frame of each other stationary camera, and when it arrived
         self._color = True  # whether the images show colours
-        self._saturated_share = 0.0  # of an image, measured once a second
-        self._measured_at = float("-inf")  # [s] when that was
+        self._saturated_share = 0.0
+        self._measured_at = float("-inf")  # [s] when that was; it is measured once a second
         self._lock = threading.Lock()
-        self._counts, self._watch = DetectorCounts(), InputWatch(rospy.get_time())
+        self._counts = DetectorCounts()
+        self._watch = InputWatch(rospy.get_time())
         self._faults: Dict[str, _Fault] = {}  # by code
         self._source_fault: Optional[Notice] = None  # an ERROR if it keeps images from coming
         self._publisher = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=5)
@@ -85,14 +86,12 @@ class DetectorDiagnostics:
             self._faults[error.code] = _Fault(self._notice(error, severe), rospy.Time.now(), False)
 
     def set_source_fault(self, error: Optional[CodedError], is_silent: bool) -> None:
-        """Reports what is wrong with a camera that the detector reads directly, until it is called again.
-
-        Args:
-            is_silent: whether the camera sends no images because of that.
-        """
+        """Reports, until the next call, what is wrong with a camera read directly, and whether it is silent because of it."""
         with self._lock:
-            self._counts.count_rejections(*([] if error is None else [error.code]))
-            self._source_fault = None if error is None else self._notice(error, is_silent)
+            self._source_fault = None
+            if error is not None:
+                self._counts.count_rejections(error.code)
+                self._source_fault = self._notice(error, is_silent)
         self._publish_notices()
 
     def clear_refused_setting(self) -> None:
@@ -126,7 +125,9 @@ class DetectorDiagnostics:
             self._measured_at = now
         with self._lock:
             self._watch.record_image(now, missing)
-            self._counts.count_rejections(*rejected, *([] if missing is None else [missing.code]))
+            self._counts.count_rejections(*rejected)
+            if missing is not None:
+                self._counts.count_rejections(missing.code)
             self._counts.count_image(now, stamp.to_sec(), search_s, spots)
 
     def record_detector(self, message: DetectorStatus) -> None:
@@ -171,19 +172,21 @@ class DetectorDiagnostics:
             if missing is not None and self._mobile and missing.code == "camera_no_pose":
                 missing = CodedError("camera_robot_lost", **missing.values)
             usable = missing is None and not self._is_silent
-            for error in self._quality_faults() if usable else ():
+            quality_faults = self._quality_faults() if usable else []
+            for error in quality_faults:
                 self._faults[error.code] = _Fault(self._notice(error, error.code == "camera_clock"), now, True)
             notices = [] if missing is None else [self._notice(missing, True)]
             for fault in self._faults.values():
                 is_recent = abs((now - fault.last_occurred).to_sec()) < _FAULT_LIFETIME
                 if is_recent and (usable or not fault.concerns_image_quality):
                     notices.append(fault.notice)
-            notices += [] if self._source_fault is None else [self._source_fault]
+            if self._source_fault is not None:
+                notices.append(self._source_fault)
         self._notices.set(notices)
 
     def _quality_faults(self) -> List[CodedError]:
         """Returns the faults of usable images. A value that hovers around its limit is reported continuously."""
-        faults = self._counts.quality(not self._own_source)
+        faults = self._counts.find_image_faults(not self._own_source)
         if self._saturated_share > TOO_BRIGHT:
             faults.append(CodedError("camera_too_bright", percent=f"{100 * self._saturated_share:.0f}"))
         if self._mobile and not self._color:
@@ -191,6 +194,7 @@ class DetectorDiagnostics:
         return faults
 
     def _publish(self) -> None:
+        """Publishes the notices and the status."""
         self._publish_notices()
         now = rospy.Time.now()
         with self._lock:

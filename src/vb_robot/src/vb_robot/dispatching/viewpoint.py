@@ -117,7 +117,7 @@ class RobotCameraView:
         corners = np.array([[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]])
         tangents = np.linalg.norm(camera.pixels_to_rays(corners)[:, :2], axis=1)
         # far outside the image the distortion polynomials may map points back into it
-        self._widest = 1.05 * float(min(camera.limit, tangents.max()))
+        self._widest = 1.05 * float(min(camera.max_ray_tangent, tangents.max()))
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
         """Projects floor points (N, 2) [m], base frame, to pixels (N, 2) [px], or NaN far outside the image."""

@@ -12,7 +12,7 @@ from typing import Optional
 
 import numpy as np
 
-from vb_core.geometry import Pose, along_arc, base_to_map, map_to_base, transform_points, wrap_angle
+from vb_core.geometry import Pose, arc_coordinates, base_to_map, map_to_base, transform_points, wrap_angle
 from vb_core.grid_map import GridMap, crop
 from vb_core.robot_profile import Limits
 
@@ -98,7 +98,7 @@ class Scan:
         curvature = w / v
         width = radius + clearance.sides
         checked_curvature = curvature if abs(curvature) <= 1.0 / MIN_ARC_RADIUS else 0.0
-        along, across = along_arc(self.points * [np.sign(v), 1.0], checked_curvature)
+        along, across = arc_coordinates(self.points * [np.sign(v), 1.0], checked_curvature)
         in_the_way = (np.abs(across) < width) & (along > 0.0)
         if not in_the_way.any():
             return math.inf

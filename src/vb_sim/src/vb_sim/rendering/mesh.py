@@ -103,7 +103,7 @@ class RayGrid:
 
     def __init__(self, camera: CameraModel) -> None:
         self.camera = camera
-        self.distorted = camera.distorted
+        self.distorted = camera.is_distorted
         if self.distorted:
             self.x, self.y = self._distorted_rays(camera)
         else:

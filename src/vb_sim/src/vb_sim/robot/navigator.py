@@ -135,7 +135,7 @@ class PathFollower:
     def _free_distance(self, obstacles: np.ndarray, curvature: float) -> float:
         """Returns the distance [m] that the robot may drive along the arc before an obstacle; inf without one."""
         half_width = self._radius + _OBSTACLE_MARGIN
-        along, across = geometry.along_arc(obstacles, curvature)
+        along, across = geometry.arc_coordinates(obstacles, curvature)
         ahead = (along > 0.0) & (along < _BRAKING_RANGE) & (np.abs(across) < half_width)
         # where a disc of that radius first touches a point
         touched = along[ahead] - np.sqrt(np.maximum(half_width**2 - across[ahead] ** 2, 0.0))

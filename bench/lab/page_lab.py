@@ -17,7 +17,7 @@ import rospy
 
 from bench.harness import TOP
 from vb_core import names
-from vb_core.child_processes import Child, free_port
+from vb_core.child_processes import ChildProcess, free_port
 from vb_evaluation.navigation_check.plan_observer import wait_until
 
 LAUNCH = """<launch>
@@ -53,7 +53,7 @@ def start(stack: ExitStack, network: bool = False) -> Tuple[int, Path]:
     launch.write_text(LAUNCH.format(top=TOP, state=folder, port=port, address=address))
     if network:
         subprocess.run(CERTIFICATE.split(), cwd=str(folder), check=True, stderr=subprocess.DEVNULL)
-    stack.callback(Child(["roslaunch", "-p", str(master), str(launch)], folder / "out.txt").stop)
+    stack.callback(ChildProcess(["roslaunch", "-p", str(master), str(launch)], folder / "out.txt").stop)
     wait(rosgraph.is_master_online, "the master")
     rospy.init_node("bench_page", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
     wait(lambda: socket.socket().connect_ex(("127.0.0.1", port)) == 0, "the page")

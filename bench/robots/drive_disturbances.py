@@ -44,10 +44,10 @@ def drive_nose(lab, number, seed) -> dict:
 
     def act():
         x, y, yaw = lab.pose()
-        ahead, half = lab.radius + gap, 0.3
+        half = 0.3
         along = half * np.array([math.cos(yaw), math.sin(yaw)])
         across = half * np.array([-math.sin(yaw), math.cos(yaw)])
-        middle = np.array([x, y]) + (ahead + half) / half * along
+        middle = np.array([x, y]) + (lab.radius + gap + half) / half * along
         corners = [middle - along - across, middle + along - across, middle + along + across, middle - along + across]
         call_time = rospy.get_time()
         try:
@@ -55,7 +55,8 @@ def drive_nose(lab, number, seed) -> dict:
         except CodedError as error:
             result["error"] = error.code
             return
-        result["at"], result["after_s"], end = (x, y), round(rospy.get_time() - call_time, 2), rospy.get_time() + 3.0
+        result.update(at=(x, y), after_s=round(rospy.get_time() - call_time, 2))
+        end = rospy.get_time() + 3.0
         wait_until(lambda: rospy.get_time() > end, 60.0)
 
     driven, row = surprise(lab, rng, act, slowly=True)
