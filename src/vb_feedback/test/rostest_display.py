@@ -276,12 +276,12 @@ class DisplayTest(unittest.TestCase):
         log, _ = node.process.communicate()
         self.assertIn("not in the frame map", log)
         self.assertIn("order of the markers", log)
-        footprint = projector_calibration.load(file).footprint()
+        footprint = projector_calibration.read_calibration(file).footprint()
         np.testing.assert_allclose(footprint[0], floor_of(0, 0), atol=1e-3)
 
     def test_the_projector_shows_borders_drawing_and_preview(self):
         file, clicks = Path(self.folder.name) / "projector.yaml", [floor_of(*place) for place in markers(*SIZE)]
-        projector_calibration.save(projector_calibration.calibrate(*SIZE, clicks), file)
+        projector_calibration.write_calibration(projector_calibration.calibrate(*SIZE, clicks), file)
         node = Process("vb_feedback", "floor_projector", f"_calibration:={file}", "_max_rate:=20.0")
         self.addCleanup(node.stop)
         self.publish_state()

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from refusals import refused
 from vb_feedback.display import colors, scene
 from vb_feedback.display.layout import Box, fit_texts, fit_view, place_labels, place_words, text_box
-from vb_feedback.display.layout import is_drawn, text_width, transliterate, wrap
+from vb_feedback.display.layout import is_drawable, text_width, transliterate, wrap
 from vb_feedback.display.restriction_overlay import CLEAR, PREVIEW, STRIPE, draw_restrictions
 from vb_feedback.display.rviz_config import overlay_fonts
 from vb_feedback.display.scene import PLATE, TEXT
@@ -103,7 +103,7 @@ def test_words_stand_beside_each_other_centred():
 
 @pytest.mark.parametrize("name", ["Küche – Café", "Łódź", "Кухня", "12 m² „ab“…"])
 def test_letters_that_the_font_has_stay_as_they_are(name):
-    assert transliterate(name) == name and all(map(is_drawn, name))
+    assert transliterate(name) == name and all(map(is_drawable, name))
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_other_letters_become_those_that_people_recognise(name, shown):
 @given(st.text(max_size=30))
 def test_any_name_is_shown_in_letters_that_can_be_drawn(name):
     shown = transliterate(name)
-    assert all(map(is_drawn, shown))
+    assert all(map(is_drawable, shown))
     assert transliterate(shown) == shown and text_width(shown, 1.0) >= 0.0
 
 
@@ -173,7 +173,7 @@ LAYOUT = fit_view(Box(0, 0, 8, 5), 16 / 9)
 def border(**changes):
     values = dict(name="Carpet", points=((1, 1), (3, 1), (3, 2), (1, 2)), closed=True, seed=(2, 1.5), area_m2=2.0)
     values.update(changes)
-    return scene.Border(**values)
+    return scene.DisplayedBorder(**values)
 
 
 def test_borders_differ_by_kind():
@@ -197,9 +197,8 @@ def test_a_border_that_waits_for_a_person_is_shown_before_and_after():
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     assert 1.5 < lengths.sum() < 2.5  # dashes cover about half of the outline
     assert len(after.points) == 8
-    assert not {"borders/before", "borders/after"} & {
-        shape.namespace for shape in scene.border_shapes(LAYOUT, [border()])
-    }
+    namespaces = {shape.namespace for shape in scene.border_shapes(LAYOUT, [border()])}
+    assert not {"borders/before", "borders/after"} & namespaces
 
 
 LONG_NAMES = ("Carpet in front of the fireplace and behind the sofa where the dog sleeps at night", "X" * 200, "")
@@ -220,11 +219,11 @@ def test_labels_stay_on_the_map_and_do_not_overlap(stored):
 
 
 def test_segments_join_at_corners():
-    pairs = np.array(scene.segments([(0, 0), (2, 0), (2, 0), (2, 1)], True, 0.2)).reshape(-1, 2, 2)
+    pairs = np.array(scene.line_segments([(0, 0), (2, 0), (2, 0), (2, 1)], True, 0.2)).reshape(-1, 2, 2)
     assert len(pairs) == 3
     np.testing.assert_allclose(pairs[0], [(-0.1, 0), (2.1, 0)])
     np.testing.assert_allclose(pairs[1], [(2, -0.1), (2, 1.1)])
-    assert scene.segments([(1, 1)], True, 0.2) == () and scene.segments([], False, 0.2) == ()
+    assert scene.line_segments([(1, 1)], True, 0.2) == () and scene.line_segments([], False, 0.2) == ()
 
 
 def test_spots_fade_and_go():
@@ -376,5 +375,4 @@ def test_a_refusal_stands_out_for_every_eye():
     plate = [shape for shape in refusal if shape.kind == PLATE][0]
     answer = [shape for shape in refusal if shape.namespace == "words/answer"]
     assert plate.colors == (colors.YELLOW,) and all(shape.colors == (colors.BLACK,) for shape in answer)
-    box = text_boxes([plate])[0]
-    assert all(contains(box, text) for text in text_boxes(answer))
+    assert all(contains(text_boxes([plate])[0], text) for text in text_boxes(answer))

@@ -16,9 +16,9 @@ from vb_core.grid_map import GridMap
 from vb_core.ros import node
 from vb_feedback.projector import floor_image
 from vb_feedback.projector.floor_image import FloorContent, FloorImage
-from vb_feedback.projector.projector_calibration import calibrate, load, markers, save
+from vb_feedback.projector.projector_calibration import calibrate, markers, read_calibration, write_calibration
 from vb_feedback.projector.projector_window import ProjectorWindow
-from vb_feedback.display.scene import Border, Drawing
+from vb_feedback.display.scene import DisplayedBorder, Drawing
 
 SIZE = (640, 400)
 
@@ -53,9 +53,10 @@ def test_a_pinhole_projector_is_found_again(pitch, yaw, height, x, mirrored):
 
 def test_a_calibration_is_read_as_it_was_written(tmp_path):
     path, written = tmp_path / "new" / "projector.yaml", calibrate(*SIZE, marker_positions())
-    save(written, path)
-    read = load(path)
-    assert (read.width, read.height) == SIZE and np.array_equal(read.matrix, written.matrix)
+    write_calibration(written, path)
+    read = read_calibration(path)
+    assert (read.width, read.height) == SIZE
+    assert np.array_equal(read.matrix, written.matrix)
 
 
 GOOD = [(0.0, 2.0), (3.0, 2.0), (3.0, 0.0), (0.0, 0.0)]
@@ -96,9 +97,9 @@ def test_files_that_are_no_calibration_are_refused(tmp_path, text):
     path = tmp_path / "projector.yaml"
     path.write_text(text)
     with refused("bad_calibration"):
-        load(path)
+        read_calibration(path)
     with refused("no_calibration"):
-        load(tmp_path / "none.yaml")
+        read_calibration(tmp_path / "none.yaml")
 
 
 # ----------------------------------------------------------------- the picture
@@ -117,15 +118,15 @@ def at(picture, x, y):
 
 
 def test_things_lie_where_the_calibration_says():
-    hard = rendered(Border("b", SQUARE, True, (4, 2.1)))
+    hard = rendered(DisplayedBorder("b", SQUARE, True, (4, 2.1)))
     assert hard.shape == (400, 640, 3) and hard.dtype == np.uint8
     assert all(at(hard, x, y).max() > 150 for x, y in SQUARE + ((4.0, 1.9), (3.7, 2.1)))
     assert at(hard, 4.0, 2.1).max() == 0 and at(hard, 4.5, 2.1).max() == 0
-    soft = rendered(Border("b", SQUARE, True, (4, 2.1), occupancy=0.2))
+    soft = rendered(DisplayedBorder("b", SQUARE, True, (4, 2.1), occupancy=0.2))
     assert 0 < at(soft, 4.0, 1.9).max() < at(hard, 4.0, 1.9).max()
-    assert not rendered(Border("b", SQUARE, True, (4, 2.1), enabled=False)).any()
+    assert not rendered(DisplayedBorder("b", SQUARE, True, (4, 2.1), enabled=False)).any()
     assert not rendered().any()
-    dim = rendered(Border("b", SQUARE, True, (4, 2.1)), brightness=0.3)
+    dim = rendered(DisplayedBorder("b", SQUARE, True, (4, 2.1)), brightness=0.3)
     assert dim.max() == pytest.approx(0.3 * hard.max(), abs=3)
 
 
@@ -137,7 +138,7 @@ def test_the_drawing_keeps_off_the_spot_and_borders_do_not():
     assert at(whole, 4.3, 2.1).max() > 150
     assert at(part, 4.3, 2.1).max() == 0 and at(part, 3.6, 2.1).max() > 150
     assert at(whole, 3.6, 1.8).max() == 0 and at(whole, 3.75, 1.8).max() > 150  # the seed is a ring
-    border = Border("b", ((3.4, 2.1), (4.4, 2.1)), False, (4, 2.3))
+    border = DisplayedBorder("b", ((3.4, 2.1), (4.4, 2.1)), False, (4, 2.3))
     assert at(floor.render(FloorContent("border", (border,), drawing, spot=(4.4, 2.1))), 4.3, 2.1).max() > 150
 
 
@@ -159,7 +160,7 @@ def test_nothing_looks_like_a_laser_spot():
     """Each connected region of light is longer than the largest spot that a detector accepts."""
     drawing = Drawing(chain=SQUARE, seed=(4.0, 2.1))
     for content in (
-        FloorContent("border", (Border("b", SQUARE, True, (4, 2.1)),), drawing),
+        FloorContent("border", (DisplayedBorder("b", SQUARE, True, (4, 2.1)),), drawing),
         FloorContent("seed", (), drawing),
     ):
         shown = FloorImage(CALIBRATION).render(content)

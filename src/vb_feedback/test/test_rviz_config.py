@@ -7,7 +7,7 @@ import yaml
 
 from refusals import refused
 from vb_feedback.display.layout import Box, fit_view
-from vb_feedback.display.rviz_config import screen_size, write_fitted
+from vb_feedback.display.rviz_config import screen_size, write_fitted_config
 
 CONFIG = Path(__file__).resolve().parents[3] / "rviz" / "smart_display.rviz"
 LAB = Box(0, 0, 8, 5)
@@ -18,7 +18,7 @@ LAB = Box(0, 0, 8, 5)
 @pytest.mark.parametrize("extent", [LAB, Box(-20, -10, 30, 12), Box(1, 1, 2, 9)])
 def test_every_part_of_the_display_fills_its_place_on_the_screen(extent, aspect, screen, tmp_path):
     path = tmp_path / "new" / "fitted.rviz"
-    write_fitted(str(CONFIG), path, extent, *screen, aspect)
+    write_fitted_config(str(CONFIG), path, extent, *screen, aspect)
     config = yaml.safe_load(path.read_text())
     view = config["Visualization Manager"]["Views"]["Current"]
     layout = fit_view(extent, aspect or screen[0] / screen[1])
@@ -47,6 +47,6 @@ def test_other_files_are_refused(text, tmp_path):
     source = tmp_path / "other.rviz"
     source.write_text(text)
     with refused("bad_config"):
-        write_fitted(str(source), tmp_path / "fitted.rviz", LAB, 1920, 1080)
+        write_fitted_config(str(source), tmp_path / "fitted.rviz", LAB, 1920, 1080)
     with refused("bad_config"):
-        write_fitted(str(tmp_path / "none.rviz"), tmp_path / "fitted.rviz", LAB, 1920, 1080)
+        write_fitted_config(str(tmp_path / "none.rviz"), tmp_path / "fitted.rviz", LAB, 1920, 1080)

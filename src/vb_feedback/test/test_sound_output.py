@@ -10,20 +10,20 @@ from vb_testing import write_program
 from vb_core.errors import CodedError
 from vb_core.sounds import PITCHES, SOUNDS
 from vb_core.vocabulary import STATES
-from vb_feedback.sound.sound_output import RATE, play, synthesize
+from vb_feedback.sound.sound_output import SAMPLE_RATE, play, synthesize
 
 
 def pitch(pcm):
     """Returns the frequency [Hz] of the strongest spectral line."""
     spectrum = np.abs(np.fft.rfft(pcm * np.hanning(len(pcm)), 1 << 17))
-    return np.argmax(spectrum) * RATE / (1 << 17)
+    return np.argmax(spectrum) * SAMPLE_RATE / (1 << 17)
 
 
 @pytest.mark.parametrize("name", SOUNDS)
 def test_each_note_has_the_pitch_that_it_says(name):
     pcm, start = synthesize(name).astype(float), 0
     for note in SOUNDS[name].notes:
-        part = pcm[start : start + int(round(note.seconds * RATE))]
+        part = pcm[start : start + int(round(note.seconds * SAMPLE_RATE))]
         start += len(part)
         if note.pitch:
             # a short note has a broad spectral line
@@ -46,7 +46,7 @@ def test_sounds_are_told_apart():
 @pytest.mark.parametrize("name", SOUNDS)
 def test_nothing_clicks_or_is_cut_off(name):
     pcm = synthesize(name).astype(int)
-    assert 0 < len(pcm) < RATE and np.abs(pcm).max() < 32767 * 0.7
+    assert 0 < len(pcm) < SAMPLE_RATE and np.abs(pcm).max() < 32767 * 0.7
     assert abs(pcm[0]) < 300 and abs(pcm[-1]) < 300
 
 

@@ -19,7 +19,7 @@ class System:
         self.script, self.robot, self.covered = script, robot, covered
         self.follows, self.dispatch_after = follows, dispatch_after
         self.refusals = list(refuse_saves)
-        self.percept = Perception(now=100.0, robot=robot)
+        self.perception = Perception(now=100.0, robot=robot)
         self.border, self.seed, self.commands, self.actions, self.robots = [], [], [], [], []
         self.sources = set()
         self._arrives = self._answer_at = None
@@ -34,65 +34,66 @@ class System:
         return 0.45 < distance < 3.0 and abs(bearing) < math.radians(29.0)
 
     def run(self, limit, dt=DT):
-        while self.percept.now < 100.0 + limit:
-            action = self.script.step(Perception(**vars(self.percept)))
+        while self.perception.now < 100.0 + limit:
+            action = self.script.step(Perception(**vars(self.perception)))
             self.actions.append(action)
             self.robots.append(self.robot)
             if action.outcome:
                 return action.outcome
-            self.percept.now += dt
+            self.perception.now += dt
             self._see(action)
             self._command(action)
             self._drive(action, dt)
         return "time is up"
 
     def _see(self, action):
-        state = self.percept.state
+        state = self.perception.state
         if action.laser is None or state == "default":
             return
-        by_robot, covered = self.robot_sees(action.laser), self.covered(np.array(action.laser))
+        by_robot = self.robot_sees(action.laser)
+        covered = self.covered(np.array(action.laser))
         if covered and not self.follows and self._arrives is None:
-            self._arrives = self.percept.now + self.dispatch_after
+            self._arrives = self.perception.now + self.dispatch_after
         if by_robot:
-            self.percept.last_seen_by_robot = self.percept.now
+            self.perception.last_seen_by_robot = self.perception.now
         if covered or by_robot:
-            self.percept.last_seen = self.percept.now
+            self.perception.last_seen = self.perception.now
             if state == "border":
                 self.border.append(action.laser)
             if state == "seed":
                 self.seed.append(action.laser)
-                self.percept.has_seed = len(self.seed) >= 10
+                self.perception.has_seed = len(self.seed) >= 10
 
     def _command(self, action):
         if action.command:
             self.commands.append(action.command)
             self.sources.add(action.source)
-            self._answer_at = (self.percept.now + 0.1, action)
-        if self._answer_at and self.percept.now >= self._answer_at[0]:
+            self._answer_at = (self.perception.now + 0.1, action)
+        if self._answer_at and self.perception.now >= self._answer_at[0]:
             action, self._answer_at = self._answer_at[1], None
             answer = CommandReply(True, "ok", "")
             if action.command == "save":
                 code = self.refusals.pop(0) if self.refusals else ""
                 answer = CommandReply(not code, code or "ok", code)
                 if not code:
-                    self.percept.state = "default"
+                    self.perception.state = "default"
             elif action.command == "cancel":
-                self.percept.state = "default"
-                self.border, self.seed, self.percept.has_seed = [], [], False
+                self.perception.state = "default"
+                self.border, self.seed, self.perception.has_seed = [], [], False
             else:
-                self.percept.state = COMMANDS[action.command]
-            self.percept.answer, self.percept.answered = answer, action.number
+                self.perception.state = COMMANDS[action.command]
+            self.perception.answer, self.perception.answered = answer, action.number
 
     def _drive(self, action, dt):
-        if self._arrives is not None and self.percept.now >= self._arrives and action.laser is not None:
+        if self._arrives is not None and self.perception.now >= self._arrives and action.laser is not None:
             # placed where it sees the spot, in place of driving there
             spot = np.array(action.laser)
             if not self.robot_sees(spot):
                 self.robot = (spot[0], spot[1] - 1.0, math.pi / 2)
-                self._arrives = self.percept.now + self.dispatch_after
+                self._arrives = self.perception.now + self.dispatch_after
         elif self.follows and action.laser is not None and self.robot_sees(action.laser):
             distance, bearing = self.from_robot(action.laser)
             speed = float(np.clip(0.8 * (distance - (1.0 if distance > 0.8 else 0.8)), -0.1, 0.2))
             speed *= max(0.0, 1.0 - abs(bearing) / 0.44)
             self.robot = advance(self.robot, speed * dt, float(np.clip(1.8 * bearing, -0.8, 0.8)) * dt)
-        self.percept.robot = self.robot
+        self.perception.robot = self.robot

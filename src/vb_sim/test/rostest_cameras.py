@@ -80,9 +80,8 @@ class CamerasTest(unittest.TestCase):
             image = self.images[key].wait(is_lit, f"the spot in {key}")
             mount = self.transforms.lookup(parent, image.header.frame_id, rospy.Time(0), 10.0)
             camera = camera_from_info(self.infos[key].message)
-            u, v = camera.project(
-                geometry.transform_points(geometry.invert_transform(inverse @ mount), np.array([[*SPOT, 0.0]]))
-            )[0]
+            to_camera = geometry.invert_transform(inverse @ mount)
+            u, v = camera.project(geometry.transform_points(to_camera, np.array([[*SPOT, 0.0]])))[0]
             bright = array_from_image(image).astype(float)
             bright = bright if bright.ndim == 2 else bright.max(axis=2)
             rows, columns = np.nonzero(bright > 240)

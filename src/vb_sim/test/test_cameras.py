@@ -14,7 +14,7 @@ from vb_sim.cameras.camera_calibration import calibrated_pose
 from vb_sim.rendering.ceiling_view import CeilingView
 from vb_sim.rendering.floor_texture import render_floor
 from vb_sim.cameras.frame_clock import FrameSchedule, SmoothClock
-from vb_sim.lab_history import History, Snapshot
+from vb_sim.lab_history import LabHistory, Snapshot
 from vb_sim.rendering.mesh import DepthBuffer, RayGrid, world_mesh
 from vb_sim.model_params import CameraNoise, Models, Optics, RobotCamera
 from vb_sim.rendering.robot_view import RobotView
@@ -57,9 +57,8 @@ def robot(lab, models=QUIET):
 
 
 def expected_pixel(model, T_map_optical, x, y):
-    return model.project(geometry.transform_points(geometry.invert_transform(T_map_optical), np.array([[x, y, 0.0]])))[
-        0
-    ]
+    in_camera = geometry.transform_points(geometry.invert_transform(T_map_optical), np.array([[x, y, 0.0]]))
+    return model.project(in_camera)[0]
 
 
 def added_light(view, scene):
@@ -113,8 +112,7 @@ def test_a_fast_spot_is_smeared_over_the_exposure(lab):
     still = view.spot(Snapshot(1.0, laser=(2.0, 1.5)))
     fast = view.spot(Snapshot(1.0, laser=(2.0, 1.5), laser_velocity=(2.0, 0.0)))
     spread = [np.ptp(np.nonzero((spot.light > 100).any(axis=0))[0]) for spot in (still, fast)]
-    smear = 2.0 * 0.01 * view.model.focal_px / view.pose[2, 3]
-    assert spread[1] - spread[0] == pytest.approx(smear, abs=2.0)
+    assert spread[1] - spread[0] == pytest.approx(2.0 * 0.01 * view.model.focal_px / view.pose[2, 3], abs=2.0)
     assert fast.light.sum() == pytest.approx(still.light.sum(), rel=0.02)
 
 
@@ -223,9 +221,8 @@ def test_the_nearer_box_hides_the_other_whatever_the_order():
         view = RobotView(world.robots[0], RADII, render_floor(world, 3, 0.01), world_mesh(world), QUIET, 5)
         pictures.append(view.frame(scene))
     np.testing.assert_array_equal(*pictures)
-    in_camera = geometry.transform_points(
-        geometry.invert_transform(view.camera_pose(scene)), np.array([[1.85, 1.0, 0.25]])
-    )
+    to_camera = geometry.invert_transform(view.camera_pose(scene))
+    in_camera = geometry.transform_points(to_camera, np.array([[1.85, 1.0, 0.25]]))
     u, v = np.round(view.model.project(in_camera)[0]).astype(int)
     assert pictures[0][v, u, 0] > 80 and pictures[0][v, u, 2] < 20
 
@@ -241,7 +238,7 @@ def test_a_thing_of_which_one_pixel_is_in_the_image_is_drawn():
 
 # ------------------------------------------------------------------ time
 def test_history_interpolates_and_forgets():
-    history = History()
+    history = LabHistory()
     assert history.at(5.0).person is None
     for step in range(10):
         t = 5.0 + 0.02 * step

@@ -104,7 +104,7 @@ def test_odometry_drifts_but_the_map_correction_makes_up_for_it():
     robot = body(seed=3)
     drive(robot, 0.4, 0.5, 20.0)
     composed = robot.map_to_odom() @ geometry.transform_from_pose2d(*robot.odometry)
-    assert np.allclose(composed, geometry.transform_from_pose2d(*robot.estimate()), atol=1e-9)
+    assert np.allclose(composed, geometry.transform_from_pose2d(*robot.estimated_pose()), atol=1e-9)
     assert math.dist(robot.odometry[:2], robot.pose[:2]) > 0.002
 
 
@@ -115,7 +115,7 @@ def test_localisation_error_has_its_sigma_and_varies_slowly():
         robot, now, of_one = body(localization=model, seed=seed), 0.0, []
         for _ in range(60):
             _, now = drive(robot, 0.2, 0.3, 0.1, now)
-            x, y, turn = np.subtract(robot.estimate(), robot.pose)
+            x, y, turn = np.subtract(robot.estimated_pose(), robot.pose)
             of_one.append((x, y, geometry.wrap_angle(turn)))
         errors += of_one
         steps += list(np.diff(of_one, axis=0))
@@ -127,10 +127,10 @@ def test_localisation_error_has_its_sigma_and_varies_slowly():
 
 def test_a_standing_robot_is_not_relocalised_by_itself():
     robot = body(seed=1)
-    estimate = robot.estimate()
+    estimate = robot.estimated_pose()
     for step in range(100):
         robot.step(DT, step * DT)
-    assert robot.estimate() == estimate
+    assert robot.estimated_pose() == estimate
 
 
 # ------------------------------------------------------------ scanner
@@ -142,10 +142,9 @@ def test_beams_agree_with_fine_sampling():
     data[28:33, 38:43] = FREE
     grid = GridMap(data, 0.05, (-1.0, 2.0, 0.0))
     origin, angles = (-1.0 + 2.01, 2.0 + 1.51), np.linspace(-math.pi, math.pi, 200)
-    ranges = DistanceField(grid).cast(origin, angles, 10.0)
+    ranges = DistanceField(grid).cast_rays(origin, angles, 10.0)
     samples = np.arange(0.0, 6.0, 0.002)
-    directions = np.column_stack([np.cos(angles), np.sin(angles)])
-    points = origin + samples[:, None] * directions[:, None]
+    points = origin + samples[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])[:, None]
     blocked = sample(grid, grid.data, points.reshape(-1, 2), UNKNOWN).reshape(points.shape[:2]) != FREE
     expected = samples[blocked.argmax(axis=1)]
     # a beam may just graze a cell's corner

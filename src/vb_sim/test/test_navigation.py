@@ -16,7 +16,7 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap
 from vb_sim.robot.path_planner import COST_FACTOR, INFLATION, INSCRIBED, LETHAL, NEUTRAL_COST, NO_INFORMATION, Costmap
 from vb_sim.robot.path_planner import Planner
-from vb_sim.robot.navigator import GOAL_ANGLE, GOAL_DISTANCE, MAX_TURN_RATE, Follower
+from vb_sim.robot.navigator import GOAL_ANGLE, GOAL_DISTANCE, MAX_TURN_RATE, PathFollower
 from vb_sim.robot.robot_body import advance
 
 RADIUS = 0.18
@@ -57,8 +57,7 @@ def test_inflation_is_that_of_costmap_2d():
 
 @pytest.mark.parametrize("value, cost", [(0, 0), (75, 190), (100, LETHAL), (UNKNOWN, NO_INFORMATION)])
 def test_map_values_cost_what_costmap_2ds_static_layer_says(value, cost):
-    grid = GridMap(np.full((3, 3), value, np.int8), 0.05)
-    assert (Costmap(grid, RADIUS).costs == cost).all()
+    assert (Costmap(GridMap(np.full((3, 3), value, np.int8), 0.05), RADIUS).costs == cost).all()
 
 
 # ------------------------------------------------------------ planner
@@ -114,8 +113,7 @@ def test_no_path_touches_a_blocked_cell(seed):
     cells = costmap.grid.world_to_cell(fine)
     # it never enters an obstacle, and the inscribed zone by less than a cell, where a line cuts its corner
     assert (costmap.costs[cells[:, 0], cells[:, 1]] != LETHAL).all()
-    blocked = ~costmap.traversable()
-    inside = distance_transform_edt(blocked)[cells[:, 0], cells[:, 1]]
+    inside = distance_transform_edt(~costmap.traversable())[cells[:, 0], cells[:, 1]]
     assert inside.max() <= 1.5
 
 
@@ -162,7 +160,7 @@ STRAIGHT = np.column_stack([np.linspace(0.0, 3.0, 61), np.zeros(61)])
 
 
 def follow(path, goal, pose, obstacles=lambda pose: np.zeros((0, 2)), limit=60.0, dt=0.1):
-    follower, poses, motions = Follower(), [pose], []
+    follower, poses, motions = PathFollower(), [pose], []
     follower.set_goal(goal)
     follower.set_path(path)
     for _ in range(int(limit / dt)):
@@ -184,8 +182,7 @@ def test_goal_is_reached_from_any_heading(yaw):
     assert abs(geometry.wrap_angle(poses[-1, 2] - 1.0)) < GOAL_ANGLE
     assert max(abs(motion.speed) for motion in motions) <= 0.5
     assert max(abs(motion.turn_rate) for motion in motions) <= MAX_TURN_RATE + 1e-9
-    distances = np.linalg.norm(poses[:, None, :2] - path[None], axis=2).min(axis=1)
-    assert distances.max() < 0.15
+    assert np.linalg.norm(poses[:, None, :2] - path[None], axis=2).min(axis=1).max() < 0.15
 
 
 def test_it_stops_before_an_obstacle_and_says_so():

@@ -85,7 +85,7 @@ def test_a_robot_that_stays_behind_stops_nobody_whose_spot_is_seen():
     sim = system("corner", "robot_only", covered=NOWHERE)
     drive = sim._drive
     # it follows while it is led, but not during drawing
-    sim._drive = lambda action, dt: None if sim.percept.state == "border" else drive(action, dt)
+    sim._drive = lambda action, dt: None if sim.perception.state == "border" else drive(action, dt)
     assert sim.run(280.0) == "saved"
     check_drawing("corner", sim)
 
@@ -93,7 +93,7 @@ def test_a_robot_that_stays_behind_stops_nobody_whose_spot_is_seen():
 def test_a_person_gives_up_where_no_camera_sees_the_spot():
     sim = system("room", covered=NOWHERE, dispatch_after=1e9, model=ParticipantModel(time_limit=40.0))
     assert sim.run(60.0) == "gave_up"
-    assert sim.commands[-1] == "cancel" and sim.percept.state == "default"
+    assert sim.commands[-1] == "cancel" and sim.perception.state == "default"
     assert sim.actions[-1].laser is None
 
 
@@ -102,7 +102,7 @@ def test_a_person_gives_up_where_no_camera_sees_the_spot():
 )
 def test_a_person_mends_what_a_refusal_names_and_saves_again(refusal, retry):
     sim = system("room", refuse_saves=[refusal])
-    sim.percept.state = "border"  # a state that somebody else left
+    sim.perception.state = "border"  # a state that somebody else left
     assert sim.run(120.0) == "saved"
     assert sim.commands == ["cancel", *DRAWN, *retry]
 
@@ -228,7 +228,7 @@ def test_wrong_words_are_noticed_on_the_display(method):
     models = [ParticipantModel(wrong_word=share, tries=6) for share in (0.0, 0.9)]
     right, wrong = (system("room", method, seed=3, model=model) for model in models)
     assert right.run(200.0) == "saved" and wrong.run(290.0) in ("saved", "gave_up")
-    assert len(wrong.commands) > len(right.commands) and wrong.percept.now > right.percept.now
+    assert len(wrong.commands) > len(right.commands) and wrong.perception.now > right.perception.now
 
 
 # ------------------------------------------------------------ thinking

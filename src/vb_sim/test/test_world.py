@@ -10,7 +10,7 @@ import yaml
 from refusals import refused
 from vb_core.errors import ParameterError
 from vb_core.robot_profile import RobotProfile
-from vb_sim.model_params import MODELS, BodyProportions, Models, load_models
+from vb_sim.model_params import MODELS_FILE, BodyProportions, Models, load_models
 from vb_sim.rendering.bodies import hand_position, person_pieces, piece_outlines, robot_pieces
 from vb_sim.world import load_world
 
@@ -56,6 +56,6 @@ def test_the_drawn_hand_is_where_the_beam_begins(height, breadth):
 
 def test_the_file_has_every_figure_of_the_code():
     assert load_models() == Models()
-    written = yaml.safe_load(MODELS.read_text())
+    written = yaml.safe_load(MODELS_FILE.read_text())
     for section in fields(Models):
         assert set(written[section.name]) == {entry.name for entry in fields(section.default)}

@@ -22,7 +22,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from vb_feedback.display import display_messages, restriction_overlay, scene
 from vb_feedback.display.display_messages import marker_from_shape
-from vb_feedback.display.display_inputs import InputListener, Inputs
+from vb_feedback.display.display_inputs import InputListener, DisplayInputs
 from vb_feedback.display.layout import Box, Layout, fit_view
 from vb_feedback.display.text_panel import PanelContent, text_panel_shapes
 from vb_msgs.msg import BorderProgress, VirtualBorder
@@ -31,7 +31,7 @@ _REFRESH_PERIOD = 2.0  # [s]
 _PERIOD = 0.04  # [s] between redraws: no spot waits longer than one camera frame
 _STRIPE_WIDTH = 0.10  # [m] width of the stripes over restricted areas: visible from 3 m, finer than a doorway
 
-RESTRICTED = "/virtual_borders/display/restricted"
+RESTRICTED_TOPIC = "/virtual_borders/display/restricted"
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class DisplayMarkersNode:
         self._notices = NoticeListener(self._wake.set)
         self._robots = CapabilitiesListener(self._wake.set)
 
-        self._restricted = rospy.Publisher(RESTRICTED, NumpyOccupancyGrid, queue_size=1, latch=True)
+        self._restricted = rospy.Publisher(RESTRICTED_TOPIC, NumpyOccupancyGrid, queue_size=1, latch=True)
         listener = rospy.SubscribeListener()
         listener.peer_subscribe = self._on_subscriber
         self._markers = rospy.Publisher(names.MARKERS, MarkerArray, listener, queue_size=20)
@@ -140,8 +140,7 @@ class DisplayMarkersNode:
             self._show_restricted(physical, restricted, inputs.region)
         if self._markers.get_num_connections() == 0 and not newcomers:
             return False
-        now = rospy.get_time()
-        shapes = self._compose(inputs, grid is not None, now)
+        shapes = self._compose(inputs, grid is not None, rospy.get_time())
         changed, removed = scene.find_changes(self._shown, shapes)
         self._shown = {shape.key: shape for shape in shapes}
         message = MarkerArray([Marker(ns=namespace, id=number, action=Marker.DELETE) for namespace, number in removed])
@@ -156,7 +155,8 @@ class DisplayMarkersNode:
         return any(shape.lifetime for shape in shapes)
 
     def _show_restricted(self, physical: GridMap, map_with_borders: GridMap, region: Optional[GridMap]) -> None:
-        previous, self._overlay_inputs = self._overlay_inputs, (physical, map_with_borders, region)
+        previous = self._overlay_inputs
+        self._overlay_inputs = (physical, map_with_borders, region)
         if all(old is new for old, new in zip(previous, self._overlay_inputs)):
             return
         if not physical.same_geometry(map_with_borders):
@@ -167,7 +167,7 @@ class DisplayMarkersNode:
         cells = restriction_overlay.draw_restrictions(physical.data, map_with_borders.data, stripe, planned)
         self._restricted.publish(message_from_grid(map_with_borders.with_data(cells), rospy.Time.now()))
 
-    def _compose(self, inputs: Inputs, has_map: bool, now: float) -> List[scene.Shape]:
+    def _compose(self, inputs: DisplayInputs, has_map: bool, now: float) -> List[scene.Shape]:
         layout = self._layout
         shapes = list(self._part("text", text_panel_shapes, layout, self._panel_content(inputs, has_map)))
         shapes += self._part("borders", self._border_shapes, layout, inputs.borders)
@@ -184,7 +184,7 @@ class DisplayMarkersNode:
             self._cached_parts[name] = (inputs, build_shapes(*inputs))
         return self._cached_parts[name][1]
 
-    def _panel_content(self, inputs: Inputs, has_map: bool) -> PanelContent:
+    def _panel_content(self, inputs: DisplayInputs, has_map: bool) -> PanelContent:
         language = self._params.language
         cameras = inputs.progress.cameras_seeing_spot if inputs.progress is not None else ()
         notices = display_messages.select_notices(self._notices.current(), language)

@@ -22,7 +22,7 @@ from vb_feedback.projector import projector_calibration
 from vb_feedback.display.display_messages import border_from_message, drawing_from_progress
 from vb_feedback.display.display_inputs import InputListener
 from vb_feedback.projector.floor_image import FloorContent, FloorImage, draw_calibration_image
-from vb_feedback.projector.projector_calibration import MARKERS, ProjectorCalibration
+from vb_feedback.projector.projector_calibration import MARKER_COUNT, ProjectorCalibration
 from vb_feedback.projector.projector_window import ProjectorWindow
 from vb_feedback.display.scene import Drawing, TrailPoint
 
@@ -107,7 +107,7 @@ class FloorProjectorNode:
     def _ask_for_click(self) -> None:
         number = len(self._clicked)
         self._project(draw_calibration_image(self._params.width, self._params.height, number))
-        marker = f"marker {number + 1} of {MARKERS}"
+        marker = f"marker {number + 1} of {MARKER_COUNT}"
         rospy.loginfo("floor_projector: click in RViz ('Publish Point') where %s shines brightly on the floor", marker)
 
     def _on_click(self, message: PointStamped) -> None:
@@ -119,7 +119,7 @@ class FloorProjectorNode:
             rospy.logwarn("floor_projector: that click is not in the frame map, click again")
             return
         self._clicked.append(point)
-        if len(self._clicked) == MARKERS:
+        if len(self._clicked) == MARKER_COUNT:
             try:
                 self._calibrate()
                 return
@@ -131,7 +131,7 @@ class FloorProjectorNode:
     def _calibrate(self) -> None:
         calibration = projector_calibration.calibrate(self._params.width, self._params.height, self._clicked)
         path = self._params.path
-        projector_calibration.save(calibration, path)
+        projector_calibration.write_calibration(calibration, path)
         rospy.loginfo("floor_projector: wrote %s; draw a border to see whether it fits", path)
         self._floor_image = FloorImage(calibration, self._params.brightness)
         self._wake.set()
@@ -183,7 +183,7 @@ def build() -> FloorProjectorNode:
     params = parameters.read(ProjectorParams)
     if not params.calibration:
         raise ParameterError("~calibration", "must name the projector's file; one that is not there yet will be made")
-    calibration = projector_calibration.load(params.path) if params.path.exists() else None
+    calibration = projector_calibration.read_calibration(params.path) if params.path.exists() else None
     size = (calibration.width, calibration.height) if calibration is not None else (params.width, params.height)
     window = ProjectorWindow(params.window_x, params.window_y, *size, node.start_thread) if params.window else None
     return FloorProjectorNode(params, calibration, window)

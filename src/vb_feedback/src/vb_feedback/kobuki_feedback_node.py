@@ -40,7 +40,8 @@ class KobukiFeedbackNode:
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=5)
 
     def _on_state(self, message: InteractionState) -> None:
-        led_colors = (state_by_name(message.name).led, "RED" if message.stopped else "BLACK")
+        stop_color = "RED" if message.stopped else "BLACK"
+        led_colors = (state_by_name(message.name).led, stop_color)
         if led_colors != self._led_colors:
             self._led_colors = led_colors
             for led, color in zip(self._leds, led_colors):

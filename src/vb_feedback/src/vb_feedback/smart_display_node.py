@@ -23,7 +23,7 @@ from vb_core.ros import parameters
 from vb_core.ros.messages import NumpyOccupancyGrid, grid_from_message
 
 from vb_feedback.display.layout import Box
-from vb_feedback.display.rviz_config import overlay_fonts, screen_size, write_fitted
+from vb_feedback.display.rviz_config import overlay_fonts, screen_size, write_fitted_config
 
 _ASPECT = "/display_markers/screen_aspect"
 _DEFAULT_SIZE = (1920, 1080)
@@ -85,7 +85,7 @@ def _write_fitted_config(params: SmartDisplayParams) -> str:
     extent = Box.around(grid_from_message(rospy.wait_for_message(names.PHYSICAL_MAP, NumpyOccupancyGrid)).corners())
     # one file per node, rewritten at each start; RViz reads it after it has replaced this process
     path = os.path.join(rospkg.get_ros_home(), f"{rospy.get_name().strip('/').replace('/', '_')}.rviz")
-    write_fitted(params.config, Path(path), extent, *params.size(), aspect=rospy.get_param(_ASPECT, None))
+    write_fitted_config(params.config, Path(path), extent, *params.size(), aspect=rospy.get_param(_ASPECT, None))
     return path
 
 
@@ -119,4 +119,5 @@ def main() -> None:
     name = rospy.get_name().strip("/").replace("/", "_")
     rospy.signal_shutdown("RViz takes over")
     _install_fonts(name)
-    os.execvp("rviz", ["rviz", *(["--fullscreen"] if params.full_screen else []), "-d", path, *arguments])
+    screen_options = ["--fullscreen"] if params.full_screen else []
+    os.execvp("rviz", ["rviz", *screen_options, "-d", path, *arguments])

@@ -36,11 +36,10 @@ class CeilingCamerasParams(Parameters):
     cameras: list = param([])
 
 
-def ceiling_camera(camera: CeilingCamera, view: CeilingView, optics: Optics, seed: int) -> SimulatedCamera:
+def make_ceiling_camera(camera: CeilingCamera, view: CeilingView, optics: Optics, seed: int) -> SimulatedCamera:
     """Creates a ceiling camera with its topics."""
     frame = f"{camera.name}_optical_frame"
-    pose = calibrated_pose(camera, optics, seed)
-    mount = message_from_transform(pose, names.MAP_FRAME, frame, rospy.Time.now())
+    mount = message_from_transform(calibrated_pose(camera, optics, seed), names.MAP_FRAME, frame, rospy.Time.now())
     images = ImageStream(f"/{camera.name}", frame, view.model, view.encoding, view.frame)
     return SimulatedCamera(camera.name, camera.rate, view, [images], mount)
 
@@ -54,5 +53,5 @@ def build() -> CameraNode:
         rospy.logwarn("world '%s' has no ceiling cameras", world.name)
     floor, mesh, radii = render_floor(world, seed), world_mesh(world), world.robot_radii()
     views = [CeilingView(camera, radii, floor, mesh, models, seed) for camera in cameras]
-    simulated = [ceiling_camera(camera, view, models.optics, seed) for camera, view in zip(cameras, views)]
+    simulated = [make_ceiling_camera(camera, view, models.optics, seed) for camera, view in zip(cameras, views)]
     return CameraNode(simulated, models.optics.latency_ms)

@@ -50,7 +50,7 @@ def snapshot_from_message(message: Any) -> Snapshot:
     )
 
 
-class History:
+class LabHistory:
     """The newest snapshots. Different threads may add and read them."""
 
     def __init__(self) -> None:

@@ -30,12 +30,12 @@ from vb_sim.simulated_lab import SimulatedLab, Lockstep
 
 MIN_PACE, MAX_PACE = 0.1, 20.0  # simulated seconds per real second
 RATE = 50.0  # [1/s] steps of simulated time; an integral multiple of the cameras' 25 frames/s
-# steps between two messages: odom and tf at 25 Hz, one per camera frame; scans at 10 Hz, as from small scanners;
-# amcl_pose at 2 Hz, about AMCL's rate while driving
-POSE_STEPS, SCAN_STEPS, AMCL_STEPS = 2, 5, 25
+POSE_STEPS = 2  # steps between two odom and tf messages: 25 Hz, one per camera frame
+SCAN_STEPS = 5  # steps between two scans: 10 Hz, as from small scanners
+AMCL_STEPS = 25  # steps between two amcl_pose: 2 Hz, about AMCL's rate while driving
 TRANSFORM_TOLERANCE = 0.1  # [s] how far ahead map -> odom is stamped, as by AMCL's default
 PARTICIPANT_SILENCE = 0.5  # [s] of silence after which the participant is assumed to stand still with the laser off
-# steps in which navigation, driver and AMCL each publish once: 0.1 s, the period of move_base's controller and of scans
+# steps in which navigation, driver and AMCL each publish once; 0.1 s is the period of move_base's controller
 CONTROL_STEPS = 5
 
 
@@ -131,7 +131,8 @@ class LabSimulatorNode:
 
     def _on_participant(self, message: ParticipantState) -> None:
         with self._lock:
-            self._participant, self._participant_time = message, self._lab.now
+            self._participant = message
+            self._participant_time = self._lab.now
             person = message.person
             self._lab.person = (person.x, person.y, person.theta) if message.person_present else None
 
@@ -151,8 +152,7 @@ class LabSimulatorNode:
                 if self._lockstep is not None and self._count % CONTROL_STEPS == 0:
                     self._lockstep.wait()
                 period, now = self._step_ns * 1e-9 / self._pace, time.monotonic()
-                # after a late step the next one comes sooner. At most one step of delay is made up for, because cameras
-                # and controllers would miss a burst of steps.
+                # makes up for at most one late step, because cameras and controllers would miss a burst of steps
                 due = max(due + period, now - period)
                 time.sleep(max(due - now, 0.0))
         except rospy.ROSException:
@@ -212,7 +212,7 @@ class LabSimulatorNode:
         model = self._lab.models.localisation
         for body, connection in zip(self._lab.robots, self._robots):
             with self._lock:
-                estimate = body.estimate()
+                estimate = body.estimated_pose()
             message = PoseWithCovarianceStamped(header=Header(0, now, names.MAP_FRAME))
             message.pose.pose = messages.message_from_pose2d(*estimate)
             sigmas = [model.position_sigma, model.position_sigma, 0.0, 0.0, 0.0, model.yaw_sigma]

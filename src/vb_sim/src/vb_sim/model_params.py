@@ -17,7 +17,7 @@ import yaml
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 
-MODELS = Path(rospkg.RosPack().get_path("vb_sim")) / "config" / "models.yaml"
+MODELS_FILE = Path(rospkg.RosPack().get_path("vb_sim")) / "config" / "models.yaml"
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ def load_models() -> Models:
         CodedError: "no_models" or "bad_models"; see `read_document`.
         ParameterError: names the wrong key and its section.
     """
-    return Models.from_mapping(read_document(MODELS, "models"))
+    return Models.from_mapping(read_document(MODELS_FILE, "models"))
 
 
 def read_document(path: Path, kind: str) -> Any:

@@ -105,8 +105,7 @@ class NavigationNode:
         with_margin = messages.grid_from_message(keep_out) if keep_out is not None else grid
         if with_margin.same_geometry(grid):
             grid = grid.with_data(np.maximum(grid.data, with_margin.data))  # as static_layer with use_maximum
-        costmap = self._navigator.set_map(grid)
-        occupancy = grid.with_data(costmap.occupancy())
+        occupancy = grid.with_data(self._navigator.set_map(grid).occupancy())
         self._global.publish(messages.message_from_grid(occupancy, rospy.Time.now()))
 
     # ------------------------------------------------------------ scan and pose

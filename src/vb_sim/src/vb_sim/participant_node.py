@@ -100,7 +100,7 @@ class ParticipantNode:
             elif message.source not in self._sources_asking_to_hold:
                 # a notice is repeated each second, but a person notices it when it appears
                 self._sources_asking_to_hold.add(message.source)
-                self._percept.hold_requested = self._percept.now
+                self._percept.hold_requested_at = self._percept.now
 
     def _on_state(self, message: InteractionState) -> None:
         with self._lock:
@@ -113,12 +113,12 @@ class ParticipantNode:
         with self._lock:
             if not self._sees_state:
                 return
-            percept = self._percept
-            percept.now = now.to_sec()
+            perception = self._percept
+            perception.now = now.to_sec()
             if lab.robot_poses:
                 pose = lab.robot_poses[0]
-                percept.robot = (pose.x, pose.y, pose.theta)
-            snapshot = replace(percept)
+                perception.robot = (pose.x, pose.y, pose.theta)
+            snapshot = replace(perception)
         was_finished = bool(self._script.outcome)
         action = self._script.step(snapshot)
         with self._lock:

@@ -49,7 +49,7 @@ class DistanceField:
         high = d[r + 1, c] * (1 - fc) + d[r + 1, c + 1] * fc
         return float(low * (1 - fr) + high * fr)
 
-    def cast(self, origin: Tuple[float, float], angles: np.ndarray, range_max: float) -> np.ndarray:
+    def cast_rays(self, origin: Tuple[float, float], angles: np.ndarray, range_max: float) -> np.ndarray:
         """Returns the ranges (N,) [m] of beams from `origin` [m] at `angles` (N,) [rad] in the map; inf without a hit.
 
         Uses sphere tracing: each beam advances by the distance that is known to be free. It may cross a hundred cells
@@ -68,7 +68,8 @@ class DistanceField:
             steps = self._steps[rows * self._columns + (start_x + ranges * direction_x).astype(np.int32)]
             free = steps > 0.0  # a step of 0 marks an obstacle
             result[beams[~free]] = ranges[~free]
-            beams, ranges = beams[free], ranges[free] + steps[free]
+            beams = beams[free]
+            ranges = ranges[free] + steps[free]
             direction_x, direction_y = direction_x[free], direction_y[free]
         result[result > range_max] = np.inf
         return result
@@ -119,7 +120,7 @@ class SimulatedLab:
         model = self.models.scan
         angles = -math.pi + 2.0 * math.pi / model.beams * np.arange(model.beams)
         x, y, yaw = self.robots[index].pose
-        ranges = self.field.cast((x, y), angles + yaw, model.range_max)
+        ranges = self.field.cast_rays((x, y), angles + yaw, model.range_max)
         discs = [(body.pose[:2], robot.radius) for body, robot in zip(self.robots, self.world.robots)]
         del discs[index]  # a robot does not see itself
         if self.person is not None:

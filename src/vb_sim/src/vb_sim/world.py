@@ -193,7 +193,7 @@ class Robot(Parameters):
 
 
 @dataclass(frozen=True)
-class DetourCheck(Parameters):
+class DetourQuery(Parameters):
     """Start and goal of a path through the region, which show whether the border takes effect."""
 
     start: Tuple[float, float, float] = param((0.0, 0.0, 0.0), "m, m, deg")
@@ -223,7 +223,7 @@ class Scenario(Parameters):
     region: np.ndarray = param(None, "m")
     stand: np.ndarray = param(None, "m")
     guide: np.ndarray = param(None, "m")
-    proof: DetourCheck = param(DetourCheck())
+    proof: DetourQuery = param(DetourQuery())
 
     def __post_init__(self) -> None:
         super().__post_init__()

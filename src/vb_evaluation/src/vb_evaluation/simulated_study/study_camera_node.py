@@ -13,7 +13,7 @@ from vb_laser_detect.camera.exposure import TOO_BRIGHT, saturated_share
 from vb_sim.cameras.camera_node import CameraNode, SimulatedCamera
 from vb_sim.rendering.ceiling_view import CeilingView
 from vb_sim.rendering.robot_view import RobotView
-from vb_sim.ceiling_cameras_node import ceiling_camera
+from vb_sim.ceiling_cameras_node import make_ceiling_camera
 from vb_sim.lab_history import Snapshot
 from vb_sim.model_params import Models
 from vb_sim.robot_camera_node import robot_camera
@@ -114,7 +114,7 @@ class StudyCeilingCameras(StudyCameras):
             view = cache.view(CeilingView, camera)
             view.set_noise_generator(frame_generator(seed, camera.name, 0.0))
             self.too_bright |= saturated_share(view.frame(Snapshot(0.0))) > TOO_BRIGHT
-            simulated.append(ceiling_camera(camera, view, optics, seed))
+            simulated.append(make_ceiling_camera(camera, view, optics, seed))
         super().__init__(simulated, optics.latency_ms, seed, idle_every)
 
     def _is_relevant(self, camera: SimulatedCamera, snapshot: Snapshot) -> bool:

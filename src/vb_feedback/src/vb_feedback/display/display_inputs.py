@@ -21,7 +21,7 @@ _MAX_SPOTS = 60  # of all cameras together: 1.5 s at 25 frames/s of one to two c
 
 
 @dataclass(frozen=True)
-class Inputs:
+class DisplayInputs:
     """The newest messages, with progress and preview only if they belong to the current interaction.
 
     Attributes:
@@ -46,7 +46,7 @@ class InputListener:
     def __init__(self, on_change: Callable[[], None]) -> None:
         self._on_change = on_change
         self._lock = threading.Lock()
-        self._newest = Inputs()
+        self._newest = DisplayInputs()
         self._spots: Deque[TrailPoint] = collections.deque(maxlen=_MAX_SPOTS)
         rospy.Subscriber(names.STATE, InteractionState, self._store, "state", queue_size=5)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, "progress", queue_size=1)
@@ -54,7 +54,7 @@ class InputListener:
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50, tcp_nodelay=True)
 
-    def current(self) -> Inputs:
+    def current(self) -> DisplayInputs:
         """Returns the current inputs, without those of an interaction that has ended."""
         with self._lock:
             newest, spots = self._newest, tuple(self._spots)

@@ -96,9 +96,9 @@ def drawing_from_progress(progress: BorderProgress) -> scene.Drawing:
     )
 
 
-def border_from_message(border: VirtualBorder, language: str = sentences.ENGLISH) -> scene.Border:
+def border_from_message(border: VirtualBorder, language: str = sentences.ENGLISH) -> scene.DisplayedBorder:
     """Converts a border message to plain values."""
-    return scene.Border(
+    return scene.DisplayedBorder(
         name=sentences.border_name(border.name, language) or border.id,
         points=scene.as_pairs(array_from_points(border.points)),
         closed=border.kind == VirtualBorder.POLYGON,

@@ -17,14 +17,15 @@ from PIL import ImageFont
 
 from vb_core.errors import CodedError
 
-PANEL = 0.5  # width of the panel, as a share of the view's height
-STRIP = 0.23  # height of the strip, as a share of the view's height
-MARGIN = 0.015  # free margin around the map, as a share of the view's height
+PANEL_WIDTH = 0.5  # width of the panel, as a share of the view's height
+STRIP_HEIGHT = 0.23  # height of the strip, as a share of the view's height
+MAP_MARGIN = 0.015  # free margin around the map, as a share of the view's height
 MAX_PANEL_WIDTH = 0.38  # share of the view's width, for screens hardly wider than they are high
-LINE = 1.2  # line spacing, in letter heights
-_USUAL_GAP, _MIN_GAP = 0.1, 1e-6  # gaps between labels, in heights of the moved one: usual, and where space is scarce
-# Latin with all accents, Greek and Cyrillic, dashes, quotation marks and the ellipsis, the euro sign
-DRAWN_RANGES = ((32, 126), (161, 591), (880, 1279), (8208, 8230), (8364, 8364))
+LINE_SPACING = 1.2  # line spacing, in letter heights
+_USUAL_GAP = 0.1  # usual gap between labels, in heights of the moved one
+_MIN_GAP = 1e-6  # the same where space is scarce
+# Latin with all accents, Greek and Cyrillic, punctuation from dashes to the ellipsis, and the euro sign
+DRAWABLE_RANGES = ((32, 126), (161, 591), (880, 1279), (8208, 8230), (8364, 8364))
 
 
 @dataclass(frozen=True)
@@ -92,9 +93,9 @@ def fit_view(extent: Box, aspect: float) -> Layout:
     Raises:
         CodedError: "bad_layout" for an empty map, or an aspect not in 0.5 .. 5.
     """
-    panel = min(PANEL / aspect, MAX_PANEL_WIDTH)
-    map_width = (1.0 - panel) * aspect - 2.0 * MARGIN  # room for the map, in heights of the view
-    map_height = 1.0 - STRIP - 2.0 * MARGIN
+    panel = min(PANEL_WIDTH / aspect, MAX_PANEL_WIDTH)
+    map_width = (1.0 - panel) * aspect - 2.0 * MAP_MARGIN  # room for the map, in heights of the view
+    map_height = 1.0 - STRIP_HEIGHT - 2.0 * MAP_MARGIN
     if extent.width <= 0 or extent.height <= 0:
         raise CodedError("bad_layout", f"the map's extent is {extent.width} m x {extent.height} m")
     if not 0.5 <= aspect <= 5.0:
@@ -103,10 +104,10 @@ def fit_view(extent: Box, aspect: float) -> Layout:
     width = aspect * height
     x, y = extent.center
     x0 = x - (1.0 - panel) * width / 2.0
-    y1 = y + (1.0 - STRIP) * height / 2.0
+    y1 = y + (1.0 - STRIP_HEIGHT) * height / 2.0
     view = Box(x0, y1 - height, x0 + width, y1)
     left = x0 + (1.0 - panel) * width
-    bottom = view.y0 + STRIP * height
+    bottom = view.y0 + STRIP_HEIGHT * height
     return Layout(view, extent, Box(left, bottom, view.x1, view.y1), Box(view.x0, view.y0, view.x1, bottom))
 
 
@@ -118,15 +119,15 @@ _SPACE = 0.31  # [font sizes] width of a space; RViz's own is too wide, see `pla
 _FONT_SHARE = 0.84
 
 
-def is_drawn(character: str) -> bool:
+def is_drawable(character: str) -> bool:
     """Returns whether RViz with the fonts of `rviz_config.overlay_fonts` can draw a character."""
-    return any(first <= ord(character) <= last for first, last in DRAWN_RANGES)
+    return any(first <= ord(character) <= last for first, last in DRAWABLE_RANGES)
 
 
 def transliterate(text: str) -> str:
     """Converts a text to characters that RViz can draw: other characters are transliterated (anyascii)."""
     composed = unicodedata.normalize("NFC", text)
-    drawable = "".join(letter if is_drawn(letter) else _transliterate(letter) for letter in composed)
+    drawable = "".join(letter if is_drawable(letter) else _transliterate(letter) for letter in composed)
     return " ".join(drawable.split())
 
 
@@ -165,7 +166,7 @@ def place_words(text: str, x: float, y: float, size: float) -> List[Tuple[str, f
     placed = []
     for number, line in enumerate(lines):
         left = x - text_width(line, size) / 2.0
-        baseline = y + ((len(lines) - 1) / 2.0 - number) * LINE * size
+        baseline = y + ((len(lines) - 1) / 2.0 - number) * LINE_SPACING * size
         words = line.split(" ")
         for index, word in enumerate(words):
             offset = text_width(" ".join(words[:index] + [""]), size) if index else 0.0
@@ -176,8 +177,7 @@ def place_words(text: str, x: float, y: float, size: float) -> List[Tuple[str, f
 
 def text_box(text: str, x: float, y: float, size: float) -> Box:
     """Returns the box of a text centred at (x, y) [m]. Newlines separate lines."""
-    lines = text.count("\n") + 1
-    return Box.centered(x, y, text_width(text, size), text_height(lines, size))
+    return Box.centered(x, y, text_width(text, size), text_height(text.count("\n") + 1, size))
 
 
 def wrap(text: str, size: float, width: float) -> List[str]:
@@ -207,7 +207,7 @@ def fit_texts(texts: Sequence[str], sizes: Sequence[float], width: float, height
         wrapped = [wrap(text, size, width) for text in texts]
         if text_height(sum(map(len, wrapped)), size) <= height:
             return ["\n".join(lines) for lines in wrapped], size
-    max_lines = max(len(texts), int((height / size - 1.0) / LINE) + 1)
+    max_lines = max(len(texts), int((height / size - 1.0) / LINE_SPACING) + 1)
     line_counts = [len(lines) for lines in wrapped]
     while sum(line_counts) > max_lines:
         line_counts[line_counts.index(max(line_counts))] -= 1
@@ -216,7 +216,7 @@ def fit_texts(texts: Sequence[str], sizes: Sequence[float], width: float, height
 
 def text_height(lines: int, size: float) -> float:
     """Returns the height [m] of lines of text in letters of `size` [m]."""
-    return (1.0 + LINE * (lines - 1)) * size
+    return (1.0 + LINE_SPACING * (lines - 1)) * size
 
 
 def _truncate(lines: List[str], count: int, size: float, width: float) -> str:

@@ -12,10 +12,10 @@ import yaml
 
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
-from vb_feedback.display.layout import DRAWN_RANGES, Box, fit_view
+from vb_feedback.display.layout import DRAWABLE_RANGES, Box, fit_view
 
 
-def write_fitted(
+def write_fitted_config(
     source: str, target: Path, extent: Box, width: int, height: int, aspect: Optional[float] = None
 ) -> None:
     """Copies an RViz config, with its view from above changed to show the whole display on a screen.
@@ -63,7 +63,7 @@ def overlay_fonts(rviz: Path, folder: Path) -> Path:
 
     RViz draws text in Liberation Sans, but requests only the font's characters up to 166 (OGRE's default), and does not
     draw a text that contains any other character. The font itself has Latin, Greek and Cyrillic. So RViz is started
-    with a folder of links to everything in its package except the font definitions, which request all of DRAWN_RANGES.
+    with a folder of links to everything in its package except the font definitions, which request all of DRAWABLE_RANGES.
 
     Args:
         rviz: the package's own folder.
@@ -73,10 +73,9 @@ def overlay_fonts(rviz: Path, folder: Path) -> Path:
     ignore = shutil.ignore_patterns("*.fontdef")
     shutil.copytree(str(rviz.resolve()), str(folder / "rviz"), copy_function=os.symlink, ignore=ignore)
     fonts = Path("ogre_media") / "fonts"
-    code_points = " ".join(f"{first}-{last}" for first, last in DRAWN_RANGES)
+    code_points = " ".join(f"{first}-{last}" for first, last in DRAWABLE_RANGES)
     for path in (rviz / fonts).glob("*.fontdef"):
-        lines = path.read_text(encoding="utf-8").splitlines()
-        kept = [line for line in lines if "code_points" not in line]
+        kept = [line for line in path.read_text(encoding="utf-8").splitlines() if "code_points" not in line]
         end = max(number for number, line in enumerate(kept) if line.strip() == "}")
         kept.insert(end, f"  code_points {code_points}")
         (folder / "rviz" / fonts / path.name).write_text("\n".join(kept) + "\n", encoding="utf-8")

@@ -22,7 +22,7 @@ PLATE = "plate"
 TEXT = "text"
 Key = Tuple[str, int]  # a shape's namespace and number
 
-# [m] heights in the scene, where higher shapes hide lower ones: labels are below outlines, names below the drawing
+# [m] heights in the scene, from the lowest to the highest; higher shapes hide lower ones
 _LEVELS = tuple(0.06 * step for step in range(1, 11))
 Z_LABEL, Z_BORDER, Z_NAME, Z_POINTS, Z_CHAIN, Z_SEED, Z_ROBOT, Z_SPOT, Z_PLATE, Z_TEXT = _LEVELS
 
@@ -73,12 +73,12 @@ def as_pairs(points: np.ndarray) -> Tuple[Tuple[float, float], ...]:
     return tuple(map(tuple, points.reshape(-1, 2).tolist()))
 
 
-def segments(points: Sequence[Sequence[float]], closed: bool, width: float) -> Tuple[Tuple[float, float], ...]:
+def line_segments(points: Sequence[Sequence[float]], closed: bool, width: float) -> Tuple[Tuple[float, float], ...]:
     """Splits a chain into segments, each extended by half a line's width so that corners are filled.
 
     RViz's own line strips taper at sharp corners.
 
-    >>> segments([(0, 0), (2, 0)], closed=False, width=0.5)
+    >>> line_segments([(0, 0), (2, 0)], closed=False, width=0.5)
     ((-0.25, 0.0), (2.25, 0.0))
     """
     chain = np.asarray(points, dtype=float).reshape(-1, 2)
@@ -90,7 +90,7 @@ def segments(points: Sequence[Sequence[float]], closed: bool, width: float) -> T
     return as_pairs(np.hstack([chain[:-1] - extensions, chain[1:] + extensions])[lengths[:, 0] > 1e-6])
 
 
-def dashes(outline: Sequence[Sequence[float]], width: float) -> Tuple[Tuple[float, float], ...]:
+def dash_outline(outline: Sequence[Sequence[float]], width: float) -> Tuple[Tuple[float, float], ...]:
     """Splits a closed outline into dashes, pairs of points. Dashes and gaps are about four line widths long."""
     points = np.asarray(outline, dtype=float).reshape(-1, 2)
     if len(points) < 2:
@@ -114,7 +114,7 @@ def text_shapes(
 
 # ----------------------------------------------------------------- borders
 @dataclass(frozen=True)
-class Border:
+class DisplayedBorder:
     """A stored border. While it is unconfirmed, `before` and `after` outline the floor that it closed off, and will."""
 
     name: str
@@ -128,7 +128,7 @@ class Border:
     after: Tuple[Tuple[float, float], ...] = ()
 
 
-def border_shapes(layout: Layout, borders: Sequence[Border], disabled_word: str = "off") -> List[Shape]:
+def border_shapes(layout: Layout, borders: Sequence[DisplayedBorder], disabled_word: str = "off") -> List[Shape]:
     """Draws each border's outline and a label with name and area, or with `disabled_word` if it is disabled."""
     size = 0.055 * layout.unit
     texts = [_label(border, layout, size, disabled_word) for border in borders]
@@ -144,7 +144,7 @@ def border_shapes(layout: Layout, borders: Sequence[Border], disabled_word: str 
     return shapes
 
 
-def _label(border: Border, layout: Layout, size: float, disabled_word: str) -> str:
+def _label(border: DisplayedBorder, layout: Layout, size: float, disabled_word: str) -> str:
     # a name wider than 0.45 of the map is wrapped onto two lines, and cut at the end of the second
     (text,), _ = fit_texts([transliterate(border.name) or "?"], (size,), 0.45 * layout.map.width, 2.4 * size)
     if not border.enabled:
@@ -152,13 +152,13 @@ def _label(border: Border, layout: Layout, size: float, disabled_word: str) -> s
     return f"{text}\n{border.area_m2:.2f} m\u00b2" if border.area_m2 > 0 else text
 
 
-def _outline_shapes(border: Border, number: int, width: float) -> List[Shape]:
+def _outline_shapes(border: DisplayedBorder, number: int, width: float) -> List[Shape]:
     """Draws a border, and if it is unconfirmed the floor that it closed off, dashed, and the floor that it will."""
     tint = border_color(border)
     outlines = (
-        ("outline", segments(border.points, border.closed, width), Z_BORDER, tint),
-        ("before", dashes(border.before, width), Z_BORDER - 0.02, colors.GRAY),
-        ("after", segments(border.after, True, width), Z_BORDER - 0.01, tint),
+        ("outline", line_segments(border.points, border.closed, width), Z_BORDER, tint),
+        ("before", dash_outline(border.before, width), Z_BORDER - 0.02, colors.GRAY),
+        ("after", line_segments(border.after, True, width), Z_BORDER - 0.01, tint),
     )
     return [
         Shape(f"borders/{name}", number, LINES, points, z, (width,), (color,))
@@ -167,7 +167,7 @@ def _outline_shapes(border: Border, number: int, width: float) -> List[Shape]:
     ]
 
 
-def border_color(border: Border) -> Color:
+def border_color(border: DisplayedBorder) -> Color:
     """Returns dark red, lighter for softer borders, or grey for a disabled one."""
     if not border.enabled:
         return colors.GRAY
@@ -198,13 +198,13 @@ def drawing_shapes(layout: Layout, drawing: Drawing) -> List[Shape]:
         # a dark rim keeps the line visible on white floor, on stripes and on walls
         for name, height, share, tint in (("rim", 0.0, 0.014, colors.BLACK), ("chain", 0.02, 0.009, colors.ORANGE)):
             width = share * unit
-            line = segments(drawing.chain, drawing.closed, width)
+            line = line_segments(drawing.chain, drawing.closed, width)
             shapes.append(Shape(f"drawing/{name}", 0, LINES, line, Z_CHAIN + height, (width,), (tint,)))
     if drawing.seed is not None:
         rings = ((0.052, colors.BLACK), (0.044, colors.SKY_BLUE), (0.020, colors.BLACK))
         for number, (share, tint) in enumerate(rings):
-            z, size = Z_SEED + 0.015 * number, (share * unit,)
-            shapes.append(Shape("drawing/seed", number, DISC, (drawing.seed,), z, size, (tint,)))
+            z = Z_SEED + 0.015 * number
+            shapes.append(Shape("drawing/seed", number, DISC, (drawing.seed,), z, (share * unit,), (tint,)))
     return shapes
 
 
@@ -245,17 +245,16 @@ def spot_shapes(layout: Layout, spots: Sequence[TrailPoint], now: float) -> List
             (f"spots/{camera}", 1, DISC, points[-1:], 0.028, (tint,)),
         )
         for level, (name, number, kind, positions, share, tints) in enumerate(parts):
-            z, size = Z_SPOT + 0.015 * level, (share * layout.unit,)
-            shapes.append(Shape(name, number, kind, positions, z, size, tints, lifetime=_LIFETIME))
+            z = Z_SPOT + 0.015 * level
+            shapes.append(Shape(name, number, kind, positions, z, (share * layout.unit,), tints, lifetime=_LIFETIME))
     return shapes
 
 
-# ----------------------------------------------------------------- robot
 def robot_shapes(base_frame: str, number: int, radius: float) -> List[Shape]:
     """Draws a robot's footprint of radius [m] and its heading in its own frame, so that RViz moves them with tf."""
     arrow_points = np.array([[0.7, 0.0], [-0.4, 0.5], [-0.15, 0.0], [-0.4, -0.5]]) * radius
     width = 0.14 * radius
-    arrow = segments(arrow_points, True, width)
+    arrow = line_segments(arrow_points, True, width)
     center = ((0.0, 0.0),)
     parts = (
         ("rim", DISC, center, 0.0, 2.0 * radius, colors.BLACK),

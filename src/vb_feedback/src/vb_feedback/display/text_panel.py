@@ -10,7 +10,7 @@ from vb_core.sentences import words_of_name
 from vb_core.vocabulary import DEFAULT, STATES
 from vb_feedback.display import colors
 from vb_feedback.display.colors import Color
-from vb_feedback.display.layout import LINE, Layout, fit_texts, text_height, text_width, transliterate
+from vb_feedback.display.layout import LINE_SPACING, Layout, fit_texts, text_height, text_width, transliterate
 from vb_feedback.display.scene import PLATE, Z_PLATE, Shape, text_shapes
 
 # letter heights in RViz's measure, as shares of the screen's height; docs/explanation/display.md gives minutes of arc
@@ -110,12 +110,12 @@ def _strip_shapes(layout: Layout, content: PanelContent) -> List[Shape]:
     for number, (text, notice) in enumerate(zip(texts, notices)):
         lines = text.count("\n") + 1
         center = top - text_height(lines, size) / 2.0
-        top -= LINE * lines * size
+        top -= LINE_SPACING * lines * size
         name = "words/answer" if number == 0 else f"words/notice/{number}"
         tint = colors.WHITE if number == 0 else colors.SKY_BLUE
         if notice.warning:
             tint = colors.BLACK  # on a bright plate, so that people without colour vision recognise a warning too
-            plate = (text_width(text, size) + 0.04 * unit, text_height(lines, size) + (LINE - 1.0) * size)
+            plate = (text_width(text, size) + 0.04 * unit, text_height(lines, size) + (LINE_SPACING - 1.0) * size)
             shapes.append(Shape(f"{name}/plate", 0, PLATE, ((x, center),), Z_PLATE, plate, (colors.YELLOW,)))
         shapes += text_shapes(name, text, x, center, size, (tint,))
     return shapes

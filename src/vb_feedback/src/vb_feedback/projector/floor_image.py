@@ -18,7 +18,7 @@ from vb_core.vocabulary import DEFAULT
 from vb_feedback.display import colors
 from vb_feedback.display.colors import Color
 from vb_feedback.projector.projector_calibration import ProjectorCalibration, markers
-from vb_feedback.display.scene import Border, Drawing
+from vb_feedback.display.scene import DisplayedBorder, Drawing
 
 # [m] edge of a canvas pixel; the canvas is then warped into the projector's image
 _RESOLUTION = 0.005
@@ -39,7 +39,7 @@ class FloorContent:
     """
 
     state: str = DEFAULT.name
-    borders: Tuple[Border, ...] = ()
+    borders: Tuple[DisplayedBorder, ...] = ()
     drawing: Drawing = Drawing()
     spot: Optional[Tuple[float, float]] = None
     region: Optional[GridMap] = field(default=None, compare=False)

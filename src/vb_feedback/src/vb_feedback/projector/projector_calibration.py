@@ -14,9 +14,8 @@ import yaml
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 
-# the markers' distance from the image's edges, as a share of its sides: near the corners, for the best accuracy
-_INSET = 0.12
-MARKERS = 4
+_INSET = 0.12  # the markers' distance from the image's edges, as a share of its sides; small, for the best accuracy
+MARKER_COUNT = 4
 # [m] a click nearer than this to the line through its neighbours is a mistake, since markers are decimetres apart
 _MIN_DISTANCE = 0.10
 
@@ -53,8 +52,7 @@ class ProjectorCalibration:
 
     def footprint(self) -> np.ndarray:
         """Returns the image's corners on the floor, (4, 2) [m]: upper left, upper right, lower right, lower left."""
-        corners = _corners(self.width, self.height)[:, None]
-        return cv2.perspectiveTransform(corners, np.linalg.inv(self.matrix))[:, 0]
+        return cv2.perspectiveTransform(_corners(self.width, self.height)[:, None], np.linalg.inv(self.matrix))[:, 0]
 
 
 def markers(width: int, height: int) -> np.ndarray:
@@ -89,8 +87,8 @@ def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> 
     return ProjectorCalibration(width, height, matrix / np.abs(matrix).max())
 
 
-def save(calibration: ProjectorCalibration, path: Path) -> None:
-    """Writes a calibration's YAML file. Inverse of `load`.
+def write_calibration(calibration: ProjectorCalibration, path: Path) -> None:
+    """Writes a calibration's YAML file. Inverse of `read_calibration`.
 
     Raises:
         CodedError: "cannot_write".
@@ -100,7 +98,7 @@ def save(calibration: ProjectorCalibration, path: Path) -> None:
     write_atomically(path, (head + yaml.safe_dump(values, sort_keys=False)).encode("utf-8"))
 
 
-def load(path: Path) -> ProjectorCalibration:
+def read_calibration(path: Path) -> ProjectorCalibration:
     """Reads a calibration's YAML file.
 
     Raises:

@@ -8,7 +8,7 @@ from vb_core.sounds import ERROR, QUESTION, STOPPED, SUCCESS, TICK
 from vb_core.vocabulary import DEFAULT, QUESTIONS, state_by_name
 from vb_msgs.msg import InteractionState
 
-TICK_PERIOD = 0.5  # [s] minimum between ticks; one per spot, at 25 spots a second, would sound like a buzz
+TICK_PERIOD = 0.5  # [s] minimum between ticks; 25 ticks a second, one for each spot, would sound like a buzz
 
 
 class SoundEvents:

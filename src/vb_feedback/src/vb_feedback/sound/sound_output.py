@@ -11,7 +11,7 @@ from vb_core.sounds import PITCHES, SOUNDS, Note
 
 # [s] beyond a sound's length, after which the device counts as stuck
 _TIMEOUT = 3.0
-RATE = 48000  # [1/s] sampling rate; native to sound cards
+SAMPLE_RATE = 48000  # [1/s] sampling rate; native to sound cards
 # peak of the loudest note, as a share of full scale, which leaves headroom for other programs' sounds
 _PEAK = 0.6
 # [s] fade-in and fade-out of a note; with shorter ones, it clicks
@@ -21,7 +21,7 @@ _PARTIALS = (1.0, 0.3, 0.12)
 
 
 def synthesize(name: str, volume: float = 1.0) -> np.ndarray:
-    """Synthesises one of vb_core.sounds as (N,) int16 at `RATE`, mono.
+    """Synthesises one of vb_core.sounds as (N,) int16 at `SAMPLE_RATE`, mono.
 
     Args:
         volume: 0 .. 1.
@@ -32,7 +32,7 @@ def synthesize(name: str, volume: float = 1.0) -> np.ndarray:
 
 def _synthesize_note(note: Note) -> np.ndarray:
     """Synthesises a tone, (N,) float64, -1 .. 1."""
-    time = np.arange(int(round(note.seconds * RATE))) / RATE
+    time = np.arange(int(round(note.seconds * SAMPLE_RATE))) / SAMPLE_RATE
     if not note.pitch:
         return np.zeros(len(time))
     phase = PITCHES[note.pitch] * time
@@ -44,7 +44,7 @@ def _synthesize_note(note: Note) -> np.ndarray:
 
 
 def play(pcm: np.ndarray, device: str, program: str = "aplay") -> None:
-    """Plays samples (N,) int16 at `RATE` with ALSA's aplay, the counterpart of arecord, which voice recognition uses.
+    """Plays samples (N,) int16 at `SAMPLE_RATE` with ALSA's aplay, the counterpart of arecord, which voice recognition uses.
 
     Waits until they have been played.
 
@@ -57,11 +57,11 @@ def play(pcm: np.ndarray, device: str, program: str = "aplay") -> None:
     """
     try:
         result = subprocess.run(
-            [program, "-q", "-D", device, "-t", "raw", "-f", "S16_LE", "-r", str(RATE), "-c", "1"],
+            [program, "-q", "-D", device, "-t", "raw", "-f", "S16_LE", "-r", str(SAMPLE_RATE), "-c", "1"],
             input=pcm.astype("<i2").tobytes(),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
-            timeout=len(pcm) / RATE + _TIMEOUT,
+            timeout=len(pcm) / SAMPLE_RATE + _TIMEOUT,
         )
     except OSError as error:
         raise CodedError("no_audio", f"'{program}' cannot be run: {error.strerror}") from None

@@ -21,7 +21,7 @@ from vb_core.ros.images import info_from_camera, message_from_image
 from vb_msgs.msg import LabState
 from vb_sim.rendering.camera_view import View
 from vb_sim.cameras.frame_clock import FrameSchedule, SmoothClock
-from vb_sim.lab_history import History, Snapshot, snapshot_from_message
+from vb_sim.lab_history import LabHistory, Snapshot, snapshot_from_message
 
 _REPORT_PERIOD = 60.0  # [s]
 
@@ -85,7 +85,7 @@ class CameraNode:
 
     def __init__(self, cameras: Sequence[SimulatedCamera], latency_ms: float) -> None:
         self._cameras = cameras
-        self._history = History()
+        self._history = LabHistory()
         self._schedule = FrameSchedule([camera.rate for camera in cameras], latency_ms * 1e-3)
         self._clock = SmoothClock(rospy.get_time, time.monotonic)
         self._broadcaster = tf2_ros.StaticTransformBroadcaster()

@@ -57,9 +57,9 @@ def start_launch(
     config = read_launch(str(path), _as_words(arguments))
     for key, parameter in config.params.items():
         value = parameter.value
-        graph.parameters.set_param(
-            key, value.replace(_STATE, arguments.get("state", "")) if isinstance(value, str) else value
-        )
+        if isinstance(value, str):
+            value = value.replace(_STATE, arguments.get("state", ""))
+        graph.parameters.set_param(key, value)
     for launched in config.nodes:
         if launched.type not in without:
             node = Node(f"{launched.namespace}{launched.name}", dict(launched.remap_args))
@@ -79,6 +79,5 @@ def _script_path(package: str, kind: str) -> Path:
 def _script(package: str, kind: str) -> Callable[[], Any]:
     path = _script_path(package, kind)
     code = compile(path.read_text(encoding="utf-8"), str(path), "exec")
-    # not runpy: it replaces this process's own __main__ by the script until the node ends, and a process that
-    # multiprocessing starts meanwhile would start the node once more
+    # runpy would replace this process's __main__, so that a process of multiprocessing would start the node again
     return lambda: exec(code, {"__name__": "__main__", "__file__": str(path)})

@@ -201,7 +201,6 @@ class _Rospy:
     def on_shutdown(self, _closer: Any) -> None:
         """Does nothing: a run that is over leaves nothing to close."""
 
-    # ------------------------------------------------------------- logging
     def log(self, level: int, text: Any, *values: Any, **_: Any) -> None:
         if not self._scheduler.closed:
             LOG.log(level, text, *values)

@@ -20,8 +20,7 @@ import greenlet
 
 _LIBRARIES = ("tf2_ros", "actionlib", "dynamic_reconfigure")
 _REAL = {"threading": real_threading, "time": real_time, "queue": real_queue}
-# [ns] the shortest wait. A thread that waits for what rounding left of its last wait (2e-13 s) would otherwise do so
-# for ever: simulated time advances only when all wait.
+# [ns] the shortest wait; a thread that waits for a rest of 2e-13 s would otherwise do so forever, as time stands still
 MIN_TIMEOUT_NS = 1000
 
 
@@ -52,7 +51,7 @@ class Scheduler:
         self.closed = False
         self._hub = greenlet.getcurrent()
         self._ready: Deque[Tuple[Task, int]] = deque()
-        # (time [ns], sequence number, task, number of its wait that ends), or (time, sequence number, None, function)
+        # (time [ns], sequence number, task, number of its wait that ends); without a task, the last one is a function
         self._due: List[Tuple[int, int, Optional[Task], Any]] = []
         self._count = 0
         self._tasks: List[Task] = []

@@ -17,10 +17,10 @@ from typing import Callable, List, Optional, Tuple
 import numpy as np
 
 from vb_core.geometry import bounding_diagonal, base_to_map
-from vb_sim.model_params import MODELS, ParticipantModel
+from vb_sim.model_params import MODELS_FILE, ParticipantModel
 
 IsFloor = Callable[[np.ndarray], np.ndarray]
-RESOURCE = MODELS.with_name("strokes.json")
+STROKES_FILE = MODELS_FILE.with_name("strokes.json")
 SINES = 24  # number of sines in a tremor
 BIN = 0.02  # [m] of arc length with one speed; a pause lasts for one bin
 MAX_OVERSHOOT = 0.45  # [share of the side] of overshoots and gaps, so that no side vanishes
@@ -78,7 +78,7 @@ class Style:
 @lru_cache(maxsize=1)
 def load_styles() -> Tuple[Style, ...]:
     """Reads the styles of all people in strokes.json. People who drew no closed figure get another person's gap."""
-    people = json.loads(RESOURCE.read_text(encoding="utf-8"))["people"]
+    people = json.loads(STROKES_FILE.read_text(encoding="utf-8"))["people"]
     gaps = [person["gap"] for person in people if person["gap"] is not None]
     return tuple(
         Style(
@@ -121,8 +121,7 @@ class Stroke:
         else:
             chain = _move_ends_to_floor(aimed, is_floor) if is_floor is not None else aimed
         self.points, times = self._draw(chain, style, scale)
-        steps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
-        self._arc = np.concatenate([[0.0], np.cumsum(steps)])
+        self._arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.points, axis=0), axis=1))])
         bins = np.linspace(0.0, self._arc[-1], max(int(self._arc[-1] / BIN), 1) + 1)
         self._bin = bins[1]
         self._pace = self._bin / np.maximum(np.diff(np.interp(bins, self._arc, times)), 1e-6)

@@ -77,7 +77,7 @@ class RobotOnlyScript(ParticipantScript):
         """Leads the robot to the beginning of the border, and gives the command to draw."""
         person = self.person
         person.doing = "walks"
-        while person.percept.robot is None:
+        while person.perception.robot is None:
             yield
         # the buttons are on the robot
         person.walker.go_to_point_at(self._point_ahead(), np.zeros((0, 2)))
@@ -101,8 +101,8 @@ class RobotOnlyScript(ParticipantScript):
         person.doing = "draws"
         yield from person.move_spot(stroke.at(arc), person.model.robot_drawing_speed)
         while arc < stroke.length:
-            unseen = person.unseen_for(by_robot=True)
-            yield from person.maybe_make_slip(stroke, arc, person.model.robot_drawing_speed)
+            unseen = person.time_since_seen(by_robot=True)
+            yield from person.slip_at_random(stroke, arc, person.model.robot_drawing_speed)
             if unseen < FEEDBACK_GAP:
                 last_seen = arc
                 speed = self._choose_pace() * person.model.robot_drawing_speed * min(stroke.pace(arc), 1.0)
@@ -171,9 +171,9 @@ class RobotOnlyScript(ParticipantScript):
         for waypoint in waypoints:
             lost = 0
             while np.linalg.norm(waypoint - person.spot) > 1e-6:
-                unseen = person.unseen_for(by_robot=True)
+                unseen = person.time_since_seen(by_robot=True)
                 if unseen < FEEDBACK_GAP + person.model.notice_time:
-                    person.bring_spot(waypoint, self._choose_pace() * person.model.leading_speed * person.dt)
+                    person.step_spot(waypoint, self._choose_pace() * person.model.leading_speed * person.dt)
                 elif unseen > LOST:
                     lost += 1
                     yield from self._pick_up(waypoint, lost)
@@ -190,8 +190,9 @@ class RobotOnlyScript(ParticipantScript):
         unable to drive straight ahead.
         """
         person = self.person
-        activity, person.doing = person.doing, "waits for the robot"
-        x, y, yaw = person.percept.robot
+        activity = person.doing
+        person.doing = "waits for the robot"
+        x, y, yaw = person.perception.robot
         side = geometry.wrap_angle(math.atan2(waypoint[1] - y, waypoint[0] - x) - yaw)
         bearing = math.copysign(min(abs(side), math.radians(6.0) * (lost - 1), EDGE_BEARING * 0.7), side)
         yield from person.move_spot(self._point_ahead(bearing, 1.0 - 0.08 * min(lost - 1, 3)), RETURN_SPEED)
@@ -201,7 +202,7 @@ class RobotOnlyScript(ParticipantScript):
     def _point_ahead(self, turn: float = 0.0, share: float = 1.0) -> np.ndarray:
         """Finds a point (2,) [m] on the floor ahead of the robot."""
         person = self.person
-        x, y, yaw = person.percept.robot
+        x, y, yaw = person.perception.robot
         direction = np.array([math.cos(yaw + turn), math.sin(yaw + turn)])
         distance = person.model.leading_distance * share
         for length in np.linspace(distance, 0.5, 9):
@@ -216,14 +217,14 @@ class RobotOnlyScript(ParticipantScript):
         Remembers when the robot was last near the spot.
         """
         person = self.person
-        x, y, yaw = person.percept.robot
+        x, y, yaw = person.perception.robot
         dx, dy = person.spot[0] - x, person.spot[1] - y
         distance = math.hypot(dx, dy)
         bearing = abs(geometry.wrap_angle(math.atan2(dy, dx) - yaw))
         if distance > person.model.leading_distance_max:
             # if the robot does not come for some time, the person continues while the spot is seen
-            return 0.0 if person.percept.now - self._last_near_robot < person.model.patience / 2.0 else 0.5
-        self._last_near_robot = person.percept.now
+            return 0.0 if person.perception.now - self._last_near_robot < person.model.patience / 2.0 else 0.5
+        self._last_near_robot = person.perception.now
         if bearing > EDGE_BEARING and distance > 0.3:
             # the robot is turning; while it sees the spot, the person continues slowly
             return 0.25
@@ -233,10 +234,10 @@ class RobotOnlyScript(ParticipantScript):
     def _follow(self, line: np.ndarray) -> None:
         """Keeps the person near the spot, out of the robot's path and view."""
         person = self.person
-        if person.walker.walking or person.spot is None or person.percept.now < self._next_check:
+        if person.walker.walking or person.spot is None or person.perception.now < self._next_check:
             return
-        self._next_check = person.percept.now + 0.5
-        if not person.walker.is_good_place(person.walker.here, person.spot, line):
+        self._next_check = person.perception.now + 0.5
+        if not person.walker.is_good_place(person.walker.position, person.spot, line):
             person.walker.go_to_point_at(person.spot, line)
 
 
@@ -255,7 +256,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         person = self.person
         self._without_cameras = None
         person.doing = "walks"
-        person.walker.go(person.scenario.stand)
+        person.walker.walk_to(person.scenario.stand)
         yield from person.arrive()
         yield from person.react()
         yield from person.repeat_command("define_border", self.source)
@@ -266,7 +267,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         person = self.person
         person.doing = "draws"
         stroke = yield from self._find_seen_start()
-        if person.unseen_for() > person.model.patience / 2.0:
+        if person.time_since_seen() > person.model.patience / 2.0:
             self._without_cameras = RobotOnlyScript(person)
             yield from self._without_cameras.prepare()
             yield from self._without_cameras.draw()
@@ -287,11 +288,11 @@ class NetworkRobotSystemScript(ParticipantScript):
         missed = 0
         person.spot = stroke.at(arc)
         # like any other point, the end must be seen
-        while (end - arc) * sign > 0.0 or (missed <= person.model.retries and person.unseen_for() >= FEEDBACK_GAP):
-            if person.unseen_for() < FEEDBACK_GAP:
+        while (end - arc) * sign > 0.0 or (missed <= person.model.retries and person.time_since_seen() >= FEEDBACK_GAP):
+            if person.time_since_seen() < FEEDBACK_GAP:
                 last_seen = arc
                 first_seen = arc if first_seen is None else first_seen
-            elif missed <= person.model.retries and person.unseen_for() > FEEDBACK_GAP + person.model.notice_time:
+            elif missed <= person.model.retries and person.time_since_seen() > FEEDBACK_GAP + person.model.notice_time:
                 missed += 1
                 yield from self._wait_until_seen(stroke)
                 arc = max((last_seen - GO_BACK * sign) * sign, start * sign) * sign
@@ -300,7 +301,7 @@ class NetworkRobotSystemScript(ParticipantScript):
                 # continues from this point, whether or not it is seen now
                 yield from person.hold_until_seen(0.1, 2.0)
                 last_seen = arc
-            yield from person.maybe_make_slip(stroke, arc, person.drawing_speed)
+            yield from person.slip_at_random(stroke, arc, person.drawing_speed)
             arc += sign * min(person.drawing_speed * stroke.pace(arc) * person.dt, abs(end - arc))
             person.spot = stroke.at(arc)
             person.walk_within_reach(person.spot, stroke.points)
@@ -311,12 +312,13 @@ class NetworkRobotSystemScript(ParticipantScript):
         """Returns a stroke from an end of the border at which a camera sees the spot, or from the last end tried."""
         person = self.person
         border = person.scenario.border
-        for points in (border, border) if person.scenario.closed else (border, border[::-1], border):
+        passes = [border, border] if person.scenario.closed else [border, border[::-1], border]
+        for points in passes:
             stroke = person.new_stroke(points)
             person.spot = stroke.at(stroke.start)
             person.walk_within_reach(person.spot, stroke.points)
             yield from person.hold_until_seen(0.1, person.model.patience / 2.0)
-            if person.unseen_for() < FEEDBACK_GAP:
+            if person.time_since_seen() < FEEDBACK_GAP:
                 break
             person.step_aside(person.spot, stroke.points)
         return stroke
@@ -325,11 +327,12 @@ class NetworkRobotSystemScript(ParticipantScript):
         """Holds the spot still until a camera sees it or patience runs out."""
         person = self.person
         person.doing = "waits for the robot"
-        start = person.percept.now
+        start = person.perception.now
         moved_aside = False
-        while person.unseen_for() > FEEDBACK_GAP and person.percept.now - start < person.model.patience:
-            asked_to_hold = person.percept.now - person.percept.hold_requested < person.model.patience
-            if not moved_aside and not asked_to_hold and person.percept.now - start > 2.0 and person.spot is not None:
+        while person.time_since_seen() > FEEDBACK_GAP and person.perception.now - start < person.model.patience:
+            asked_to_hold = person.perception.now - person.perception.hold_requested_at < person.model.patience
+            waited = person.perception.now - start
+            if not moved_aside and not asked_to_hold and waited > 2.0 and person.spot is not None:
                 # the person's body may hide the spot, unless the display asks the person to wait for the robot
                 moved_aside = True
                 person.step_aside(person.spot, stroke.points)
@@ -351,7 +354,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         person.spot = person.seed.copy()
         for _ in range(2):
             yield from person.hold_until_seen(person.model.seed_time, person.model.patience)
-            if person.percept.has_seed:
+            if person.perception.has_seed:
                 break
             person.step_aside(person.spot, person.scenario.border)
         yield from person.wait_for_seed(2.0)

@@ -28,9 +28,9 @@ class ParticipantScript:
         self.tries = 0
         self._course = self._run_course()
 
-    def step(self, percept: Perception) -> Action:
+    def step(self, perception: Perception) -> Action:
         """Lets the person perceive and act once."""
-        self.person.step(percept, self._course)
+        self.person.step(perception, self._course)
         return self.person.action(self.outcome)
 
     # ------------------------------------------------------------ for subclasses
@@ -50,13 +50,13 @@ class ParticipantScript:
     def _run_course(self) -> Step:
         """Tries until a border is saved or the person gives up, walks away, and then stays with this outcome."""
         person = self.person
-        while not person.percept.now:
+        while not person.perception.now:
             yield
-        start = person.percept.now
+        start = person.perception.now
         course = self._attempt_repeatedly()
         try:
             for _ in course:
-                if person.percept.now - start > person.model.time_limit:
+                if person.perception.now - start > person.model.time_limit:
                     raise ParticipantGaveUp(f"it took longer than {person.model.time_limit:g} s")
                 yield
             outcome = "saved"
@@ -68,7 +68,7 @@ class ParticipantScript:
             yield from person.give_command("cancel", self.source)
         person.spot = None
         person.doing = "walks away"
-        person.walker.go(person.walker.find_place_near(person.walker.here, 0.8, 1.5, person.rng))
+        person.walker.walk_to(person.walker.find_place_near(person.walker.position, 0.8, 1.5, person.rng))
         for _ in range(WALK_AWAY_STEPS):
             if not person.walker.walking:
                 break
@@ -81,7 +81,7 @@ class ParticipantScript:
 
     def _attempt_repeatedly(self) -> Step:
         person = self.person
-        if person.percept.state != DEFAULT:
+        if person.perception.state != DEFAULT:
             # another person, or this one before a restart, left an interaction unfinished
             person.doing = "starts over"
             yield from person.repeat_command("cancel", self.source)
@@ -93,7 +93,7 @@ class ParticipantScript:
                 refusal = person.last_answer
             except DrawingSlip:
                 refusal = CommandReply(False, "slipped", "it went wrong")
-            if person.percept.state != DEFAULT:
+            if person.perception.state != DEFAULT:
                 person.doing, person.spot = "starts over", None
                 yield from person.repeat_command("cancel", self.source)
         raise ParticipantGaveUp(f"not saved: {refusal.message} [{refusal.code}]")

@@ -50,7 +50,7 @@ class Perception:
         last_seen_by_robot: the same for a robot's camera.
         has_seed: whether the display shows a seed point.
         state: name of the state that the display shows.
-        hold_requested: time when the display last asked the person to hold still, as a robot is coming.
+        hold_requested_at: time when the display last asked the person to hold still, as a robot is coming.
         answer: the answer to the command with the number `answered`.
     """
 
@@ -60,7 +60,7 @@ class Perception:
     last_seen_by_robot: float = -math.inf
     has_seed: bool = False
     state: str = DEFAULT
-    hold_requested: float = -math.inf
+    hold_requested_at: float = -math.inf
     answer: CommandReply = CommandReply(True, "ok", "")
     answered: int = 0
 
@@ -124,7 +124,7 @@ class Person:
         random_seed: seed of everything that differs between people.
 
     Attributes:
-        percept: what the person perceives now.
+        perception: what the person perceives now.
         spot: (2,) [m] where the person means to point; None while the laser is off.
         seed: (2,) [m] the seed that the person means to show, which may be on the wrong side of the border.
         doing: what the person does, in words.
@@ -143,17 +143,17 @@ class Person:
         # without ceiling cameras, a person begins by leading the robot
         start_near = np.array(scenario.stand if method == "nrs" else world.robots[0].start[:2], dtype=float)
         self.walker = Walker(self.grid, model, start_near)
-        self.walker.here = self.walker.find_place_near(start_near, 1.2, 2.0, self.rng)
+        self.walker.position = self.walker.find_place_near(start_near, 1.2, 2.0, self.rng)
         self.drawing_speed = float(self.rng.uniform(model.drawing_speed[0], max(model.drawing_speed)))
         self._tremor = Tremor(model.tremor, (model.tremor_band[0], model.tremor_band[1]), self.rng)
-        self.percept = Perception()
+        self.perception = Perception()
         self.spot: Optional[np.ndarray] = None
         # the style is that of the same real person in all scenarios, with all methods
         style_index = np.random.default_rng([random_seed, 2]).integers(len(load_styles()))
         self.style = load_styles()[int(style_index)]
         self.doing = "comes in"
         self.dt = 0.0
-        self.last_answer = self.percept.answer
+        self.last_answer = self.perception.answer
         self._command = ""
         self._number = 0
         self._source = "participant"
@@ -180,20 +180,21 @@ class Person:
         return self.scenario.seed.copy()
 
     # ------------------------------------------------------------ steps
-    def step(self, percept: Perception, script: Step) -> None:
+    def step(self, perception: Perception, script: Step) -> None:
         """Sets the perception, resumes the script, and walks for the time since the last perception."""
-        self.dt = min(max(percept.now - self.percept.now, 0.0), 0.1) if self.percept.now else 0.0
-        self.percept = percept
-        self.walker.robot = None if percept.robot is None else np.array(percept.robot[:2])
+        self.dt = min(max(perception.now - self.perception.now, 0.0), 0.1) if self.perception.now else 0.0
+        self.perception = perception
+        self.walker.robot = None if perception.robot is None else np.array(perception.robot[:2])
         self._command = ""
         next(script)
         self.walker.step(self.dt, self.spot)
 
     def action(self, outcome: str) -> Action:
         """Returns the person's current action."""
-        pose, beam = (*map(float, self.walker.here), self.walker.yaw), None
+        pose = (*map(float, self.walker.position), self.walker.yaw)
+        beam = None
         if self.spot is not None:
-            trembling = self.spot + self._tremor.at(self.percept.now)
+            trembling = self.spot + self._tremor.at(self.perception.now)
             # near a wall, people keep the spot on the floor
             x, y = trembling if self.is_floor(trembling)[0] else self.spot
             beam = float(x), float(y)
@@ -203,16 +204,16 @@ class Person:
         """Returns (N,) bool: whether points (N, 2) [m] are on the floor, where cameras can see a spot."""
         return sample(self.grid, self.grid.data, points, UNKNOWN) == FREE
 
-    # ------------------------------------------------------------ perception
-    def unseen_for(self, by_robot: bool = False) -> float:
+    def time_since_seen(self, by_robot: bool = False) -> float:
         """Returns the time [s] since the last feedback from any camera, or, if `by_robot`, from a robot's."""
-        return self.percept.now - (self.percept.last_seen_by_robot if by_robot else self.percept.last_seen)
+        last_seen = self.perception.last_seen_by_robot if by_robot else self.perception.last_seen
+        return self.perception.now - last_seen
 
     # ------------------------------------------------------------ skills
     def wait(self, seconds: float) -> Step:
         """Waits for `seconds` [s]."""
-        end = self.percept.now + seconds
-        while self.percept.now < end:
+        end = self.perception.now + seconds
+        while self.perception.now < end:
             yield
 
     def react(self) -> Step:
@@ -226,26 +227,27 @@ class Person:
 
     def walk_within_reach(self, spot: np.ndarray, line: np.ndarray) -> None:
         """Starts walking to within reach of the spot, unless it is already in reach."""
-        if not self.walker.walking and np.linalg.norm(self.walker.here - spot) > self.model.reach:
+        if not self.walker.walking and np.linalg.norm(self.walker.position - spot) > self.model.reach:
             self.walker.go_to_point_at(spot, line)
 
     def step_aside(self, spot: np.ndarray, line: np.ndarray) -> None:
         """Starts walking to another side of the spot, in case the person's body hides it."""
-        self.walker.go_to_point_at(spot, line, self.walker.here)
+        self.walker.go_to_point_at(spot, line, self.walker.position)
 
     def give_command(self, command: str, source: str = "participant") -> Step:
         """Gives a command and waits for the answer, which is stored in `last_answer`."""
-        activity, self.doing = self.doing, f"says {command.replace('_', ' ')}"
+        activity = self.doing
+        self.doing = f"says {command.replace('_', ' ')}"
         yield from self.wait(self.model.speaking_time)
         self._number += 1
         self._command, self._source = command, source
-        sent_at = self.percept.now
+        sent_at = self.perception.now
         yield
-        while self.percept.answered != self._number and self.percept.now - sent_at <= 20.0:
+        while self.perception.answered != self._number and self.perception.now - sent_at <= 20.0:
             yield
         self.last_answer = CommandReply(False, "no_response", "nobody answered")
-        if self.percept.answered == self._number:
-            self.last_answer = self.percept.answer
+        if self.perception.answered == self._number:
+            self.last_answer = self.perception.answer
         self.doing = activity
 
     def repeat_command(self, command: str, source: str = "participant") -> Step:
@@ -274,11 +276,11 @@ class Person:
         other = others[self._wrong_word_rng.integers(len(others))]
         if not misspeaks or command == "cancel":
             return
-        state_before = self.percept.state
+        state_before = self.perception.state
         yield from self.give_command(other, source)
         yield from self.look()
         yield from self.react()
-        if self.percept.state != state_before:
+        if self.perception.state != state_before:
             raise DrawingSlip()
 
     def look(self) -> Step:
@@ -291,10 +293,10 @@ class Person:
         if self.spot is None:
             self.spot = target.copy()
         while np.linalg.norm(target - self.spot) > 1e-6:
-            self.bring_spot(target, speed * self.dt)
+            self.step_spot(target, speed * self.dt)
             yield
 
-    def bring_spot(self, target: np.ndarray, stride: float) -> None:
+    def step_spot(self, target: np.ndarray, stride: float) -> None:
         """Moves the spot towards a target (2,) [m], by at most `stride` [m]."""
         offset = target - self.spot
         distance = float(np.linalg.norm(offset))
@@ -305,7 +307,7 @@ class Person:
         border = self.scenario.border if border is None else border
         return Stroke(border, self.scenario.closed, self.model, self.rng, self.is_floor, self.style)
 
-    def maybe_make_slip(self, stroke: Stroke, arc: float, speed: float) -> Step:
+    def slip_at_random(self, stroke: Stroke, arc: float, speed: float) -> Step:
         """Lets the hand slip at one point of the stroke, at most once per run.
 
         Raises:
@@ -313,7 +315,8 @@ class Person:
         """
         if self._slip is None or arc < self._slip[0] * stroke.length:
             return
-        side, self._slip = self._slip[1], None
+        side = self._slip[1]
+        self._slip = None
         along = stroke.at(min(arc + 0.05, stroke.length)) - stroke.at(max(arc - 0.05, 0.0))
         across = np.array([-along[1], along[0]]) / max(float(np.linalg.norm(along)), 1e-9)
         aside = stroke.at(arc) + self.model.slip_size * side * across
@@ -325,14 +328,14 @@ class Person:
     def hold_until_seen(self, seconds: float, patience: float, by_robot: bool = False) -> Step:
         """Holds the spot until it was seen for `seconds` [s] in total, or `patience` [s] more have passed."""
         seen_time = 0.0
-        start = self.percept.now
-        while seen_time < seconds and self.percept.now - start < patience + seconds:
-            if self.unseen_for(by_robot) < FEEDBACK_GAP:
+        start = self.perception.now
+        while seen_time < seconds and self.perception.now - start < patience + seconds:
+            if self.time_since_seen(by_robot) < FEEDBACK_GAP:
                 seen_time += self.dt
             yield
 
     def wait_for_seed(self, seconds: float) -> Step:
         """Waits until the display shows the seed, which takes a moment, or `seconds` [s] have passed."""
-        start = self.percept.now
-        while not self.percept.has_seed and self.percept.now - start < seconds:
+        start = self.perception.now
+        while not self.perception.has_seed and self.perception.now - start < seconds:
             yield

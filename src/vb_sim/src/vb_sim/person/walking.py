@@ -16,7 +16,7 @@ from vb_sim.model_params import ParticipantModel
 from vb_sim.robot.path_planner import Costmap, Planner
 
 ROBOT_DISTANCE = 0.5  # [m] minimum distance between the centres of a person and a robot
-BERTH = 0.15  # [m] clearance that a person prefers to obstacles
+PREFERRED_CLEARANCE = 0.15  # [m] clearance that a person prefers to obstacles
 NEAREST_STAND = 0.8  # [m] from the spot, below which the person's body blocks the view
 
 
@@ -30,20 +30,20 @@ class Walker:
 
     Args:
         grid: the physical map.
-        here: (2,) [m] the person's position.
+        position: (2,) [m] the person's position.
 
     Attributes:
         robot: (2,) [m] the robot's position, which the person sees; None until it is known.
     """
 
-    def __init__(self, grid: GridMap, model: ParticipantModel, here: np.ndarray) -> None:
+    def __init__(self, grid: GridMap, model: ParticipantModel, position: np.ndarray) -> None:
         self._grid = grid
         self._model = model
-        self._planner = Planner(Costmap(grid, model.body_radius, inflation=BERTH))
+        self._planner = Planner(Costmap(grid, model.body_radius, inflation=PREFERRED_CLEARANCE))
         self._path = np.zeros((0, 2))
         self._waiting_time = 0.0
         self._planner_with_robot: Optional[Tuple[np.ndarray, Planner]] = None
-        self.here = np.asarray(here, dtype=float)
+        self.position = np.asarray(position, dtype=float)
         self.yaw = 0.0
         self.robot: Optional[np.ndarray] = None
 
@@ -64,9 +64,9 @@ class Walker:
                 return candidate
         return np.asarray(place, dtype=float)
 
-    def go(self, place: np.ndarray) -> None:
+    def walk_to(self, place: np.ndarray) -> None:
         """Starts walking to a position (2,) [m], or to within 0.4 m if it is not accessible, if there is a path."""
-        self._path = self._plan(self.here, np.asarray(place, dtype=float), self.robot, 0.4)
+        self._path = self._plan(self.position, np.asarray(place, dtype=float), self.robot, 0.4)
         self._waiting_time = 0.0
 
     def go_to_point_at(self, spot: np.ndarray, line: np.ndarray, away_from: Optional[np.ndarray] = None) -> None:
@@ -82,11 +82,11 @@ class Walker:
         candidates = [candidate for candidate in candidates if self.is_good_place(candidate, spot, line)]
         if away_from is not None:
             candidates = [candidate for candidate in candidates if np.linalg.norm(candidate - away_from) > 0.7]
-        for candidate in sorted(candidates, key=lambda candidate: float(np.linalg.norm(candidate - self.here)))[:6]:
-            path = self._plan(self.here, candidate, self.robot)
+        for candidate in sorted(candidates, key=lambda candidate: float(np.linalg.norm(candidate - self.position)))[:6]:
+            path = self._plan(self.position, candidate, self.robot)
             # skips positions on the other side of a wall, to which the path is long
-            if len(path) and geometry.chain_length(path) < 2.0 * np.linalg.norm(candidate - self.here) + 1.0:
-                return self.go(candidate)
+            if len(path) and geometry.chain_length(path) < 2.0 * np.linalg.norm(candidate - self.position) + 1.0:
+                return self.walk_to(candidate)
 
     def stop(self) -> None:
         """Stops the person."""
@@ -97,22 +97,22 @@ class Walker:
         remaining = self._model.walking_speed * dt
         target = look_at
         while remaining > 0.0 and len(self._path):
-            to_next = self._path[0] - self.here
+            to_next = self._path[0] - self.position
             distance = float(np.linalg.norm(to_next))
             stride = min(remaining, distance)
-            position = self.here + to_next / distance * stride if distance > 1e-9 else self._path[0]
+            position = self.position + to_next / distance * stride if distance > 1e-9 else self._path[0]
             if self._runs_into(position):
                 self._waiting_time += dt
                 if self._waiting_time > 1.0:
-                    self.go(self._path[-1])
+                    self.walk_to(self._path[-1])
                 break
-            self.here = position
+            self.position = position
             target = self._path[-1] if look_at is None else look_at
             remaining -= max(stride, 1e-6)
             if distance <= stride + 1e-9:
                 self._path = self._path[1:]
-        if target is not None and np.linalg.norm(target - self.here) > 0.05:
-            heading = math.atan2(target[1] - self.here[1], target[0] - self.here[0])
+        if target is not None and np.linalg.norm(target - self.position) > 0.05:
+            heading = math.atan2(target[1] - self.position[1], target[0] - self.position[0])
             turn = geometry.wrap_angle(heading - self.yaw)
             limit = self._model.turning_speed * dt
             self.yaw = geometry.wrap_angle(self.yaw + min(max(turn, -limit), limit))
@@ -134,13 +134,13 @@ class Walker:
         if self.robot is None:
             return False
         distance = float(np.linalg.norm(position - self.robot))
-        return distance < ROBOT_DISTANCE and distance < float(np.linalg.norm(self.here - self.robot))
+        return distance < ROBOT_DISTANCE and distance < float(np.linalg.norm(self.position - self.robot))
 
     def _plan(
         self, start: np.ndarray, goal: np.ndarray, robot: Optional[np.ndarray] = None, tolerance: float = 0.0
     ) -> np.ndarray:
         """Plans a path (N, 2) [m]. Returns (0, 2) if there is none."""
-        # if no path leads round the robot, which may be in a doorway, plans without it, as it may move away
+        # a robot in a doorway may move away, so that a path through it is better than none
         planners = [self._planner] if robot is None else [self._planner_avoiding(robot), self._planner]
         for planner in planners:
             with contextlib.suppress(CodedError):
@@ -155,6 +155,6 @@ class Walker:
             radius = self._model.body_radius
             distances = np.hypot(rows - row, columns - column) * self._grid.resolution
             # the disc's and the person's radius add up to the distance from the robot
-            costmap = Costmap(self._grid, radius, distances < ROBOT_DISTANCE - radius, BERTH)
+            costmap = Costmap(self._grid, radius, distances < ROBOT_DISTANCE - radius, PREFERRED_CLEARANCE)
             self._planner_with_robot = (np.array(robot), Planner(costmap))
         return self._planner_with_robot[1]

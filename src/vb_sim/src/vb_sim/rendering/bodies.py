@@ -181,7 +181,7 @@ def robot_key(pose: Tuple[float, float, float]) -> Tuple:
     return (round(pose[0] / 0.003), round(pose[1] / 0.003), round(pose[2] / 0.02))
 
 
-# a TurtleBot 2: a round base, plates on poles, a camera at the front, a green button
+# a TurtleBot 2 with a round base, plates on poles, a camera at the front and a green button
 _ROBOT_RADIUS = 0.18
 _ROBOT = _make_parts(
     [

@@ -148,8 +148,7 @@ class CeilingView(View):
         return np.clip(image * shade[..., None] + 0.5, 0, 255).astype(np.uint8)
 
     def _make_noisy_images(self, background: np.ndarray) -> List[np.ndarray]:
-        clean = np.ascontiguousarray(encode(background, self.encoding))
-        values = clean.astype(np.float32)
+        values = np.ascontiguousarray(encode(background, self.encoding)).astype(np.float32)
         values *= 1.0 + self._noise.prnu * self._rng.standard_normal(values.shape, dtype=np.float32)
         sigma = self._noise.sigma(values).astype(np.float32)
         images = []
@@ -266,10 +265,13 @@ class CeilingView(View):
         hidden = cv2.compare(static_inverse, np.maximum(inverse * 1.02, 1e-6), cv2.CMP_GT)
         if cv2.countNonZero(hidden):
             visible = cv2.bitwise_not(hidden)
-            color, opacity = cv2.bitwise_and(color, color, mask=visible), cv2.bitwise_and(opacity, visible)
+            color = cv2.bitwise_and(color, color, mask=visible)
+            opacity = cv2.bitwise_and(opacity, visible)
         # the exposure applies to bodies too
         gain = self._optics.exposure_gain
-        return (cv2.convertScaleAbs(color, alpha=gain) if gain != 1.0 else color), opacity
+        if gain != 1.0:
+            color = cv2.convertScaleAbs(color, alpha=gain)
+        return color, opacity
 
     def _shadow_outline(self, pose: Pose, radius: float) -> np.ndarray:
         """Returns the outline (N, 2) [px] of a shadow on the floor. It is small, as lamps are all over the ceiling."""

@@ -139,8 +139,7 @@ def _draw_carpet(image: np.ndarray, texture: FloorTexture, patch: FloorPatch, rn
     color = np.array(patch.color, np.float32)
     inside = edge > 0.0
     part[inside] = (tone[..., None] * color)[inside]
-    rim = (edge <= 0.0) & (edge > -0.012)
-    part[rim] *= 0.75
+    part[(edge <= 0.0) & (edge > -0.012)] *= 0.75
 
 
 def _draw_snippets(image: np.ndarray, texture: FloorTexture, patch: FloorPatch, rng: np.random.Generator) -> None:

@@ -50,7 +50,8 @@ def prism(
     Args:
         bands: (upper height [m], brightness) of strips of its sides, from the bottom up; above, the brightness is 1.
     """
-    outline, color = np.asarray(outline, dtype=float), np.array(color, dtype=float)
+    outline = np.asarray(outline, dtype=float)
+    color = np.array(color, dtype=float)
     strips = [(top, brightness) for top, brightness in bands if low < top < high] + [(high, 1.0)]
     faces: List[Face] = []
     for a, b in zip(outline, np.roll(outline, -1, axis=0)):
@@ -174,8 +175,7 @@ class DepthBuffer:
         inside = np.minimum.reduceat(sides, starts, axis=1).T >= 0
         visible = np.nonzero(reachable)[0]
         if len(visible) > 255 - self._count:
-            nearest = np.minimum.reduceat(z, starts)
-            visible = visible[np.argsort(nearest[visible])][: 255 - self._count]
+            visible = visible[np.argsort(np.minimum.reduceat(z, starts)[visible])][: 255 - self._count]
         # the near plane comes first; without distortion it is enough, as drawing clips faces to the image
         planes = 5 if self.grid.distorted else 1
         for index in visible:
@@ -197,15 +197,15 @@ class DepthBuffer:
     def _clip(self, face: np.ndarray, side: int) -> np.ndarray:
         x0, x1, y0, y1 = self.grid.limits
         plane = [(0, 0, 1), (1, 0, -x0), (-1, 0, x1), (0, 1, -y0), (0, -1, y1)][side]
-        distances = face @ np.array(plane, dtype=float) - (_NEAR if side == 0 else 0.0)
+        offset = _NEAR if side == 0 else 0.0
+        distances = face @ np.array(plane, dtype=float) - offset
         clipped = []
         for i in range(len(face)):
             j = (i + 1) % len(face)
             if distances[i] >= 0:
                 clipped.append(face[i])
             if (distances[i] >= 0) != (distances[j] >= 0):
-                share = distances[i] / (distances[i] - distances[j])
-                clipped.append(face[i] + share * (face[j] - face[i]))
+                clipped.append(face[i] + distances[i] / (distances[i] - distances[j]) * (face[j] - face[i]))
         return np.array(clipped).reshape(-1, 3)
 
     def _outline(self, face: np.ndarray) -> np.ndarray:

@@ -98,8 +98,7 @@ class RobotView(View):
 
     def _draw_bodies(self, others: List[Body], pose: np.ndarray, gain: float) -> None:
         buffer, camera = self._buffer, self.model
-        pieces = bodies.join_pieces([body.build() for body in others])
-        outlines = bodies.project_pieces(pieces, camera, pose)
+        outlines = bodies.project_pieces(bodies.join_pieces([body.build() for body in others]), camera, pose)
         normal = np.array([0.0, 0.0, -1.0])
         lows, highs = outlines.points.min(axis=1), outlines.points.max(axis=1)
         visible = (highs >= 0).all(axis=1) & (lows <= (camera.width, camera.height)).all(axis=1)

@@ -54,7 +54,7 @@ class Motion:
     path: Optional[np.ndarray] = None
 
 
-class Follower:
+class PathFollower:
     """Follows one path at a time by pure pursuit, and turns in place where the path requires it.
 
     A new path to the same goal does not reset its state.
@@ -101,7 +101,7 @@ class Follower:
         end = self._path[-1]
         to_end = math.hypot(end[0] - pose[0], end[1] - pose[1])
         # hysteresis, because turning in place shifts the estimated position by about a centimetre
-        self._at_goal = to_end < (3.0 if self._at_goal else 1.0) * GOAL_DISTANCE
+        self._at_goal = to_end < (3.0 * GOAL_DISTANCE if self._at_goal else GOAL_DISTANCE)
         if self._at_goal:
             self._speed = 0.0
             error = geometry.wrap_angle(self._goal[2] - pose[2])
@@ -148,7 +148,7 @@ class Navigator:
     def __init__(self, profile: RobotProfile) -> None:
         radius, limits = profile.radius, profile.limits
         self._radius = radius
-        self._follower = Follower(radius, limits.max_speed, limits.max_turn_rate)
+        self._follower = PathFollower(radius, limits.max_speed, limits.max_turn_rate)
         self._planner: Optional[Planner] = None  # on the static map
         self._goal: Pose = (0.0, 0.0, 0.0)
         self._reset()

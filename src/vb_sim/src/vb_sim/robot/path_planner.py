@@ -112,7 +112,7 @@ class Planner:
         Raises:
             CodedError: "off_map", "start_blocked", "goal_blocked" or "no_path".
         """
-        start, goal = np.asarray(start, dtype=float), np.asarray(goal, dtype=float)
+        start, goal = np.asarray([start, goal], dtype=float)
         costs, predecessors = self._search(self._start_cell(start))
         goal_cell, end = self._goal_cell(goal, tolerance, costs)
         nodes = [int(np.ravel_multi_index(goal_cell, costs.shape))]
@@ -215,7 +215,8 @@ class Planner:
             current = corners[-1]
             farthest, candidate = current + 1, current + 2
             while candidate <= last and line_is_cheap(current, candidate):
-                farthest, candidate = candidate, candidate + max(1, (candidate - current) // 4)
+                farthest = candidate
+                candidate += max(1, (candidate - current) // 4)
             if candidate > last > farthest and line_is_cheap(current, last):
                 farthest = last
             corners.append(farthest)

@@ -21,7 +21,7 @@ def advance(pose: Pose, distance: float, turn: float) -> Pose:
     return x + chord * math.cos(mean_yaw), y + chord * math.sin(mean_yaw), geometry.wrap_angle(yaw + turn)
 
 
-def toward(value: float, target: float, faster: float, slower: float) -> float:
+def approach_value(value: float, target: float, faster: float, slower: float) -> float:
     """Moves `value` towards `target`, by at most `faster` away from zero or `slower` towards zero."""
     limit = faster if abs(target) > abs(value) and target * value >= 0 else slower
     return value + min(max(target - value, -limit), limit)
@@ -62,7 +62,6 @@ class RobotBody:
         self._scale = 1.0 + self._model.odometry_scale_sigma * rng.standard_normal(2)
         self._error = self._sigmas * rng.standard_normal(3)
 
-    # ------------------------------------------------------------ commands
     def command(self, speed: float, turn_rate: float, now: float) -> None:
         """Sets a velocity command [m/s, rad/s] that is valid until `command_timeout` after time `now` [s]."""
         self._command, self._command_time = (speed, turn_rate), now
@@ -96,8 +95,9 @@ class RobotBody:
         target_speed, target_turn = self._command if is_current else (0.0, 0.0)
         target_speed = min(max(target_speed, -model.max_speed), model.max_speed)
         target_turn = min(max(target_turn, -model.max_turn_rate), model.max_turn_rate)
-        speed = toward(self.velocity[0], target_speed, model.acceleration * dt, model.deceleration * dt)
-        turn_rate = toward(self.velocity[1], target_turn, model.turn_acceleration * dt, model.turn_acceleration * dt)
+        speed = approach_value(self.velocity[0], target_speed, model.acceleration * dt, model.deceleration * dt)
+        turn_step = model.turn_acceleration * dt
+        turn_rate = approach_value(self.velocity[1], target_turn, turn_step, turn_step)
         return speed, turn_rate
 
     def _update_odometry(self, distance: float, turn: float) -> None:
@@ -115,7 +115,7 @@ class RobotBody:
         change = self._sigmas * math.sqrt(2.0 * share) * self._rng.standard_normal(3)
         self._error = self._error * (1.0 - share) + change
 
-    def estimate(self) -> Pose:
+    def estimated_pose(self) -> Pose:
         """Returns the pose that localisation reports, (x, y, yaw) [m, m, rad], map frame."""
         x, y, yaw = self.pose
         return x + self._error[0], y + self._error[1], geometry.wrap_angle(yaw + self._error[2])
@@ -123,4 +123,4 @@ class RobotBody:
     def map_to_odom(self) -> np.ndarray:
         """Returns T_map_odom, 4x4, which transforms odometry into the estimate."""
         odometry = geometry.transform_from_pose2d(*self.odometry)
-        return geometry.transform_from_pose2d(*self.estimate()) @ geometry.invert_transform(odometry)
+        return geometry.transform_from_pose2d(*self.estimated_pose()) @ geometry.invert_transform(odometry)
