@@ -234,11 +234,11 @@ def test_spots_of_a_lost_robot_beside_the_line_are_not_a_stroke(off):
     spots = line_spots([[0, 0], [3, 0], [3, 2]], cameras=3)
     spots["points"] = spots["points"] + off * (spots["cameras"] == 1)[:, None] * [0.6, 0.8]
     chain = by_robot(spots)
-    assert chain.unused_spot_count == 0
+    assert chain.left_out_spots == 0
     assert hausdorff(chain.points, np.array([[0, 0], [3, 0], [3, 2]]), False) < 0.08
     again = line_spots([[0, off + 1.0], [2.5, off + 1.0]], start=spots["stamps"].max() + 10.0)
     again["cameras"] += 1
-    assert abs(by_robot(joined(spots, again)).unused_spot_count - len(again["points"])) <= 3
+    assert abs(by_robot(joined(spots, again)).left_out_spots - len(again["points"])) <= 3
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.10), (0.0, -0.10)])
@@ -288,7 +288,7 @@ def test_a_piece_beside_the_line_is_never_left_out_without_a_word(length):
     beside = line_spots([[0, 3], [length, 3]], speed=0.2, start=15.0)
     chain = extract_border(**joined(line_spots([[0, 0], [2, 0]]), beside))
     assert chain.length == pytest.approx(2.0, abs=0.05)
-    assert abs(chain.unused_spot_count - len(beside["points"])) <= 3
+    assert abs(chain.left_out_spots - len(beside["points"])) <= 3
     assert chain.left_out[:, 1].min() > 2.8
 
 
@@ -299,8 +299,8 @@ def test_an_end_seen_too_seldom_is_left_out_with_a_word(images, place, start):
     seldom = still(place, start, images)
     chain = extract_border(**joined(line, seldom))
     assert chain.length == pytest.approx(2.0, abs=0.05)
-    assert chain.unused_spot_count == images
-    assert extract_border(**line).unused_spot_count == 0
+    assert chain.left_out_spots == images
+    assert extract_border(**line).left_out_spots == 0
 
 
 @pytest.mark.parametrize("hidden", [(1.0, 0.5), (1.0, 0.8), (2.0, 0.6), (4.2, 0.5)])
@@ -384,7 +384,7 @@ def test_what_people_do_is_kept_whole(line, spots):
         chain = extract_border(**spots(seed))
         closed = line is RECTANGLE or line is CIRCLE
         assert chain.closed == closed
-        assert chain.unused_spot_count <= 3
+        assert chain.left_out_spots <= 3
         assert hausdorff(chain.points, np.array(line, float), closed) < (0.1 if line is TIP else 0.03)
 
 

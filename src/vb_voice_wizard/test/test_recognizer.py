@@ -157,7 +157,7 @@ def test_a_command_understood_late_is_uncertain(certain, end, uncertain):
     now = time.monotonic()
     sender = SimpleNamespace(
         stop_number=lambda time: f"known at {time}",
-        put=lambda command, _context, **fields: given.append((command, fields)) or True,
+        submit=lambda command, _context, **fields: given.append((command, fields)) or True,
     )
     node = SimpleNamespace(_command_sender=sender, _beep=lambda name: None)
     result = RecognitionResult("save", "save", 0.99, certain)

@@ -155,8 +155,8 @@ class BorderFusionNode:
     def _find_doubts(self, drawn: DrawnBorder) -> List[Notice]:
         """Returns the doubts about a drawing."""
         doubts = {}
-        if drawn.chain is not None and drawn.chain.unused_spot_count:
-            doubts["strokes_left_out"] = {"spots": str(drawn.chain.unused_spot_count)}
+        if drawn.chain is not None and drawn.chain.left_out_spots:
+            doubts["strokes_left_out"] = {"spots": str(drawn.chain.left_out_spots)}
         # a right-angled corner that an unseen piece hides is off that piece by at most half its length
         if drawn.chain is not None and drawn.chain.longest_unseen_gap > 0.5 * self._params.extraction.eps:
             doubts["piece_unseen"] = {"length": f"{drawn.chain.longest_unseen_gap:.1f}"}
@@ -201,7 +201,7 @@ class BorderFusionNode:
         if chain is not None:
             message.chain = points_from_array(chain.points)
             message.closed = chain.closed
-            message.left_out_spots = chain.unused_spot_count
+            message.left_out_spots = chain.left_out_spots
             message.left_out = points_from_array(subsample_evenly(chain.left_out))
             message.code, message.message = "ok", chain.reason
             message.values = values_from_mapping(chain.closure.values)

@@ -62,14 +62,14 @@ class BorderChain:
         points: (M, 2) float64 [m], M >= 2, in order; a closed chain's first point is not repeated.
         closure: whether it is closed, and why.
         left_out: (L, 2) [m] positions of drawn spots that belong to no part of the chain.
-        unused_spot_count: number of spots at these positions.
+        left_out_spots: number of spots at these positions.
         longest_unseen_gap: [m] length of the longest piece of the chain that no camera saw.
     """
 
     points: np.ndarray
     closure: Closure
     left_out: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)), repr=False, compare=False)
-    unused_spot_count: int = 0
+    left_out_spots: int = 0
     longest_unseen_gap: float = 0.0
 
     @property
