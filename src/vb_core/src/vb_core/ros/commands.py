@@ -55,18 +55,20 @@ def make_request(
     return request
 
 
-def send(request: CommandRequest, response_timeout: float = RESPONSE_TIMEOUT) -> CommandResponse:
+def send(
+    request: CommandRequest, service_timeout: float = 1.0, response_timeout: float = RESPONSE_TIMEOUT
+) -> CommandResponse:
     """Sends a command. Sends it again if the answer is lost, for instance because the manager restarts.
 
     Raises:
         CodedError: "no_service" or "no_response", as in `services.call`.
     """
     try:
-        return services.call(names.COMMAND, Command, request, MANAGER, response_timeout=response_timeout)
+        return services.call(names.COMMAND, Command, request, MANAGER, service_timeout, response_timeout)
     except CodedError as error:
         if error.code != "no_response" or isinstance(error.__cause__, TimeoutError):
             raise
-    return services.call(names.COMMAND, Command, request, MANAGER, response_timeout=response_timeout)
+    return services.call(names.COMMAND, Command, request, MANAGER, service_timeout, response_timeout)
 
 
 class CommandSender:
