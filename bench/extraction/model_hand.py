@@ -226,10 +226,8 @@ def judge(make: Callable, modules: List[Any], rng: np.random.Generator) -> Judge
     truth = scene.truth[np.append(True, np.hypot(*np.diff(scene.truth, axis=0).T) > 1e-9)]
     error = hausdorff(chain.points, geometry.resample_chain(truth, 0.01), scene.closed)
     bad = error > BAD_M or chain.closed != scene.closed
-    reported = (
-        bool(chain.left_out_spots)
-        or getattr(chain, "longest_unseen_gap", 0.0) > 0.5 * extraction.ExtractionParams().eps
-    )
+    gap = getattr(chain, "longest_unseen_gap", 0.0)
+    reported = bool(chain.left_out_spots) or gap > 0.5 * extraction.ExtractionParams().eps
     return Judgement(bad, bad and not reported, reported, error)
 
 
