@@ -68,11 +68,11 @@ def test_a_drawing_without_an_outcome_is_lost(outcome, drawn_in, spots):
     for _ in range(2):  # the state is repeated
         collector.set_state(DEFAULT, "", 4.0, outcome)
         lost = spots > 0 and not outcome
-        assert (collector.lost, collector.can_forget) == (lost, lost or outcome not in ("", "saved"))
-    collector.forget()
-    assert (collector.lost, collector.can_forget) == (lost, False)
+        assert (collector.lost, collector.may_clear) == (lost, lost or outcome not in ("", "saved"))
+    collector.clear()
+    assert (collector.lost, collector.may_clear) == (lost, False)
     collector.set_state(DEFAULT, "", 4.0, outcome)
-    assert not collector.can_forget
+    assert not collector.may_clear
     collector.set_state(BORDER, "b", 5.0, outcome)
     assert not collector.lost
 
@@ -82,9 +82,9 @@ def test_a_drawing_begun_before_the_collector_is_lost():
     collector.set_state(SEED, "a", 1.0)
     assert collector.lost
     collector.set_state(DEFAULT, "", 2.0, "cancelled")
-    assert not collector.lost and collector.can_forget
+    assert not collector.lost and collector.may_clear
     collector.set_state(BORDER, "b", 3.0, "cancelled")
-    assert not collector.lost and not collector.can_forget
+    assert not collector.lost and not collector.may_clear
 
 
 @pytest.mark.parametrize("count", [1000, 2600])

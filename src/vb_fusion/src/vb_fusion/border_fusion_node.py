@@ -24,7 +24,7 @@ from vb_fusion.extraction import DrawnBorder, ExtractionParams, LiveExtractor
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
 from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderResponse
 
-RATE = 8.0  # [1/s] of progress messages while spots arrive; the display needs 5, and a busy machine is slower
+PROGRESS_RATE = 8.0  # [1/s] of progress messages while spots arrive; the display needs 5, and a busy machine is slower
 HEARTBEAT_PERIOD = 1.0  # [s] between progress messages while no spots arrive
 MAX_SHOWN = 300  # points in a message: enough to see the drawing, cheap to display
 
@@ -83,7 +83,8 @@ class BorderFusionNode:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: ignoring the unknown state {message.name}")
             return
         with self._lock:
-            state_before, entered = self._collector.state, message.entered.to_sec()
+            state_before = self._collector.state
+            entered = message.entered.to_sec()
             is_new = self._collector.set_state(state, message.interaction_id, entered, message.last_outcome)
             if is_new:
                 self._live.reset()
@@ -93,13 +94,15 @@ class BorderFusionNode:
             self._changed.set()
 
     def _on_spot(self, message: LaserSpot) -> None:
-        camera, frame = message.camera, message.header.frame_id.lstrip("/")
+        camera = message.camera
+        frame = message.header.frame_id.lstrip("/")
         if frame != names.MAP_FRAME:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: ignoring spots of camera '{camera}' in frame '{frame}'")
             with self._lock:
                 self._collector.ignore_frame(camera)
             return
-        stamp, position = message.header.stamp.to_sec(), message.position
+        stamp = message.header.stamp.to_sec()
+        position = message.position
         spot = FloorSpot(stamp, position.x, position.y, camera, float(message.confidence), bool(message.mobile))
         with self._lock:
             if not self._collector.add(spot, rospy.get_time() or np.inf):
@@ -112,7 +115,7 @@ class BorderFusionNode:
         The rate uses wall time: it limits the load on processors and must survive jumps of simulated time.
         """
         while not rospy.is_shutdown():
-            state_changed = self._changed.wait(1.0 / RATE)
+            state_changed = self._changed.wait(1.0 / PROGRESS_RATE)
             if self._closing:
                 return
             if state_changed:  # otherwise a change that arrives just now would be lost
@@ -167,12 +170,11 @@ class BorderFusionNode:
     def _tick(self, state_changed: bool) -> bool:
         """Extracts and publishes the border so far if there is a reason to; returns whether there was."""
         with self._lock:
-            collecting = bool(self._collector.state.collects)
-            new_spots = self._new_spots
-            self._new_spots = False
             now = time.monotonic()
-            due = now - self._published >= HEARTBEAT_PERIOD
-            if not self._collector.interaction_id or not (state_changed or (collecting and (new_spots or due))):
+            due = self._new_spots or now - self._published >= HEARTBEAT_PERIOD
+            self._new_spots = False
+            reason = state_changed or (due and self._collector.state.collects)
+            if not reason or not self._collector.interaction_id:
                 return False
             collection = self._collector.collection()
         self._published = now
@@ -182,8 +184,8 @@ class BorderFusionNode:
             if collection.interaction_id != self._collector.interaction_id:
                 return True  # another interaction began meanwhile
             self._progress.publish(self._progress_message(collection, drawn))
-            if self._collector.can_forget:  # now that the spots were shown
-                self._collector.forget()
+            if self._collector.may_clear:  # now that the spots were shown
+                self._collector.clear()
         return True
 
     def _progress_message(self, collection: CollectedSpots, drawn: DrawnBorder) -> BorderProgress:
@@ -238,13 +240,10 @@ class BorderFusionNode:
         values = {"vertices": len(chain.points), "length": f"{chain.length:.2f}", "reason": chain.reason}
         sentence = sentences.translate("drawn_border_ready", values)
         rospy.loginfo("%s: border of %d spots: %s", rospy.get_name(), collection.border_total, sentence)
-        border = VirtualBorder(
-            points=points_from_array(chain.points),
-            kind=VirtualBorder.POLYGON if chain.closed else VirtualBorder.SEPARATING_CURVE,
-            seed=Point(*drawn.seed, 0.0),
-            occupancy=1.0,
-            enabled=True,
-        )
+        points = points_from_array(chain.points)
+        kind = VirtualBorder.POLYGON if chain.closed else VirtualBorder.SEPARATING_CURVE
+        seed = Point(*drawn.seed, 0.0)
+        border = VirtualBorder(points=points, kind=kind, seed=seed, occupancy=1.0, enabled=True)
         return GetDrawnBorderResponse(True, "ok", sentence, values_from_mapping(values), border)
 
     def close(self) -> None:

@@ -91,7 +91,6 @@ def thin_points(pointset_in: np.ndarray, max_neighbor_dist: float) -> np.ndarray
         left[taken] = False  # l. 8
         for gone in taken:
             numbers[neighbors[gone]] -= 1
-        numbers[taken] = -1
         numbers[~left] = -1
     return np.vstack([np.array(pointset_out).reshape(-1, 2), pointset_in[left]])  # l. 12
 

@@ -41,7 +41,7 @@ MAX_OPENING_RATIO = 0.5  # opening in diameters of the figure: the end is nearer
 CORNER_MISFIT = 1.5  # tremors^3: squared distance times length that a corner must explain
 MAX_BEND = 1.5  # chords: no side's arc is longer; a semicircle's is 1.57
 MIN_SPIKE = 2.0  # tremors there and back: a shorter spike may be noise
-VERTEX_PRIOR = 0.3  # tremors of line that hold a vertex in place; where its sides turn, the samples outweigh them
+VERTEX_PRIOR = 0.3  # tremors of line length that hold a vertex in place; where its sides turn, the samples decide
 MIN_FIGURE_SIZE = 8.0  # tremors across; a smaller line that curls could be open or closed
 MIN_DETAIL = 0.005  # [m] vertices whose loss moves the chain by less are dropped; a map cell is ten times as large
 MAX_SLIP_RATIO = 0.02  # of the area that a self-crossing line encloses; smaller loops are slips of the hand
@@ -131,14 +131,16 @@ def resample_stroke(line: Observations, tremor: float) -> ResampledStroke:
     total = wide[:-2] + wide[1:-1] + wide[2:]
     calm = total[:, :2] / total[:, 2:]
     sample = np.empty(len(calm), dtype=int)
-    number, count, x, y = 0, 0, 0.0, 0.0
-    for row, (px, py) in enumerate(calm.tolist()):
-        if count and (px - x / count) ** 2 + (py - y / count) ** 2 > tremor**2:
+    number, count = 0, 0
+    sum_x, sum_y = 0.0, 0.0
+    for row, (x, y) in enumerate(calm.tolist()):
+        if count and (x - sum_x / count) ** 2 + (y - sum_y / count) ** 2 > tremor**2:
             number += 1
-            count, x, y = 0, 0.0, 0.0
+            count = 0
+            sum_x, sum_y = 0.0, 0.0
         count += 1
-        x += px
-        y += py
+        sum_x += x
+        sum_y += y
         sample[row] = number
     stroke = _means(line.points, line.weights, sample, tremor)
     # the line ends where the spot was seen first and last
@@ -282,7 +284,8 @@ def _divide(stroke: ResampledStroke) -> np.ndarray:
     rest = np.maximum(stroke.trust, np.append(stroke.trust[1:], 0.0)) / usual
     corner = CORNER_MISFIT * stroke.tremor**3 * np.clip(2.0 / rest, 0.25, 1.0)
     arc = geometry.arc_lengths(stroke.points)
-    best, predecessor = np.zeros(count + 1), np.zeros(count + 1, dtype=int)
+    best = np.zeros(count + 1)
+    predecessor = np.zeros(count + 1, dtype=int)
     starts = np.arange(0)
     for end in range(1, count + 1):
         starts = np.append(starts, end - 1)
@@ -291,9 +294,9 @@ def _divide(stroke: ResampledStroke) -> np.ndarray:
         chord = np.hypot(x[starts] - x[end - 1], y[starts] - y[end - 1])
         turns_back = arc[end - 1] - arc[starts] > MAX_BEND * chord + 2.0 * MIN_SPIKE * stroke.tremor
         cost = np.where(turns_back, np.inf, explained)
-        start = int(cost.argmin())
-        best[end] = cost[start] + corner[end - 1]
-        predecessor[end] = starts[start]
+        chosen = int(cost.argmin())
+        best[end] = cost[chosen] + corner[end - 1]
+        predecessor[end] = starts[chosen]
         # a start that is worse than a corner here will never be the best one (PELT, Killick et al. 2012)
         starts = starts[explained <= best[end] + 1e-9]
     firsts = [int(predecessor[count])]
@@ -303,11 +306,17 @@ def _divide(stroke: ResampledStroke) -> np.ndarray:
 
 
 def _misfit(sums: np.ndarray) -> np.ndarray:
-    """Returns the best line's squared distance times length [m^3] by weighted sums (6, ...) of 1, x, y, xx, yy, xy."""
+    """Returns the squared distance from the best straight line, times the length [m^3].
+
+    Args:
+        sums: (6, ...) weighted sums of 1, x, y, xx, yy and xy.
+    """
     w, x, y, xx, yy, xy = sums
-    spread_x, spread_y = xx - x * x / w, yy - y * y / w
-    mixed = xy - x * y / w
-    return np.maximum(0.5 * (spread_x + spread_y - np.hypot(spread_x - spread_y, 2.0 * mixed)), 0.0)
+    # about the mean
+    sxx = xx - x * x / w
+    syy = yy - y * y / w
+    sxy = xy - x * y / w
+    return np.maximum(0.5 * (sxx + syy - np.hypot(sxx - syy, 2.0 * sxy)), 0.0)
 
 
 def _fit_vertices(stroke: ResampledStroke, starts: np.ndarray, joined: bool) -> np.ndarray:

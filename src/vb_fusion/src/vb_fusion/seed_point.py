@@ -33,14 +33,14 @@ class Dwell:
     """A place (2,) [m] where the pointer dwelt, and for how long [s].
 
     Attributes:
-        known: whether light was seen there before.
+        was_lit_before: whether light was seen there before.
         followed: whether the pointer was seen on its way there.
         witnesses: number of stationary cameras that saw it.
     """
 
     point: np.ndarray
     seconds: float
-    known: bool
+    was_lit_before: bool
     followed: bool
     witnesses: int
 
@@ -53,7 +53,7 @@ def choose_seed(dwells: Sequence[Dwell]) -> Dwell:
     """
     chosen = dwells[0]
     for dwell in dwells[1:]:
-        if dwell.followed or chosen.known or dwell.witnesses >= chosen.witnesses:
+        if dwell.followed or chosen.was_lit_before or dwell.witnesses >= chosen.witnesses:
             chosen = dwell
     return chosen
 
@@ -63,7 +63,7 @@ def find_competing_dwell(dwells: Sequence[Dwell]) -> Optional[Dwell]:
     seed = choose_seed(dwells)
     chosen = [dwell is seed for dwell in dwells].index(True)
     longer = [dwell for dwell in dwells[:chosen] if dwell.seconds > seed.seconds]
-    rivals = [dwell for dwell in [*longer, *dwells[chosen + 1 :]] if not dwell.known]
+    rivals = [dwell for dwell in [*longer, *dwells[chosen + 1 :]] if not dwell.was_lit_before]
     return rivals[-1] if rivals else None
 
 
@@ -101,10 +101,10 @@ def find_dwells(
     before = np.asarray(before, dtype=float).reshape(-1, 2)
     # a balanced tree takes longer to build than its queries take
     tree = cKDTree(before[is_on_floor(before)], compact_nodes=False, balanced_tree=False)
-    known = np.isfinite(tree.query(positions, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
-    gains = np.where(known, KNOWN_PLACE_GAIN, NEW_PLACE_GAIN) * clusters.witnesses / (1.0 + TIME_BIN * earlier)
+    was_lit_before = np.isfinite(tree.query(positions, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
+    gains = np.where(was_lit_before, KNOWN_PLACE_GAIN, NEW_PLACE_GAIN) * clusters.witnesses / (1.0 + TIME_BIN * earlier)
     track, _ = find_best_track(positions, clusters.stamps, clusters.dropout, gains, NEW_PLACE_GAIN)
-    path, path_patch, path_known = positions[track], patch[track], known[track]
+    path, path_patch, path_was_lit = positions[track], patch[track], was_lit_before[track]
     dwells: List[Dwell] = []
     for stay in _find_stays(path_patch, clusters.bins[track]):
         last = stay[-1]
@@ -117,7 +117,7 @@ def find_dwells(
             begun = dwells.pop()
             seconds += begun.seconds
             followed = begun.followed
-        dwells.append(Dwell(point, seconds, bool(path_known[last]), followed, _count_witnesses(observations, point)))
+        dwells.append(Dwell(point, seconds, bool(path_was_lit[last]), followed, _count_witnesses(observations, point)))
     return dwells
 
 
@@ -159,9 +159,8 @@ def _floor_patches(positions: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     Returns:
         (P,) which patch each cluster belongs to; (P,) how many clusters were there before it.
     """
-    patch, earlier = np.zeros(len(positions), dtype=int), np.zeros(len(positions), dtype=int)
+    patch, earlier, counts = np.zeros((3, len(positions)), dtype=int)
     middles = np.full_like(positions, np.inf)  # the next patch is nowhere yet
-    counts = np.zeros(len(positions), dtype=int)
     count = 0
     for cluster, point in enumerate(positions):
         distances = np.hypot(*(middles[: count + 1] - point).T)

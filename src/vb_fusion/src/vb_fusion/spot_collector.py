@@ -112,7 +112,7 @@ class CameraClocks:
         self._set_back[camera] = set_back
         return stamp + set_back
 
-    def collect(self, camera: str, corrected_stamp: float) -> None:
+    def record_stamp(self, camera: str, corrected_stamp: float) -> None:
         """Remembers the corrected stamp of a spot that was collected: later stamps continue from it."""
         self._newest[camera] = corrected_stamp
 
@@ -126,7 +126,7 @@ class SpotCollector:
 
     Attributes:
         lost: whether a part of the drawing is missing, so that its border would differ from what was drawn.
-        can_forget: whether the drawing is over and was not saved, so that its spots may be dropped.
+        may_clear: whether the drawing is over and was not saved, so that its spots may be dropped.
         ignored: number of ignored spots, by the reason.
         faults: pairs of the code of a fault and the camera that has it.
     """
@@ -142,7 +142,7 @@ class SpotCollector:
         self._cameras: List[str] = []
         self._last_seen: Dict[str, float] = {}
         self._clocks = CameraClocks()
-        self.forget()
+        self.clear()
 
     def set_state(self, state: State, interaction_id: str, entered: float, outcome: str = "") -> bool:
         """Adopts a new state, and returns whether a new interaction began.
@@ -159,13 +159,13 @@ class SpotCollector:
             self.ignored = Counter()
             self._cameras = []
             self.faults = set()
-            self.forget()
+            self.clear()
         self._heard_state = True
         if state != self.state or is_new:
             if state == DEFAULT:
                 # every interaction that ends has an outcome, unless the interaction manager restarted during it
                 self.lost = any(self.counts[:2]) and not outcome
-            self.can_forget = state == DEFAULT and (self.lost or outcome not in ("", "saved"))
+            self.may_clear = state == DEFAULT and (self.lost or outcome not in ("", "saved"))
             self.state, self._entered = state, entered
             self._clocks = CameraClocks()
         return is_new
@@ -203,15 +203,15 @@ class SpotCollector:
             if now - spot.stamp > MAX_CLOCK_ERROR:
                 self.faults.add(("camera_clock_off", spot.camera))
             return self._ignore("before_state")
-        self._clocks.collect(spot.camera, stamp)
+        self._clocks.record_stamp(spot.camera, stamp)
         if spot.camera not in self._cameras:
             self._cameras.append(spot.camera)
         self._stores[self.state.collects].append(replace(spot, stamp=stamp), self._cameras.index(spot.camera))
         return ""
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Drops all spots, but stays in the interaction."""
-        self.can_forget = False
+        self.may_clear = False
         self._stores = {state.collects: SpotStore() for state in STATES.values() if state.collects}
 
     def cameras_seeing(self, now: float, timeout: float) -> List[str]:

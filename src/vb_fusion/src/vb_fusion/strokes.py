@@ -39,8 +39,7 @@ CLUSTER_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a cluster covers; a 
 UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen step costs as much floor as it crosses
 MAX_DWELL = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer; a bright object stays
 MAX_CROWD = 3.0  # clusters of one time bin that count in full: the pointer, a bright object and a stray
-# least number of clusters; a shorter run between two unseen steps is a stray or a glint, seen for a third of a second
-MIN_SEEN = 5
+MIN_SEEN = 5  # clusters; a shorter run between two unseen steps is a stray or a glint, seen for a third of a second
 MAX_SIMULTANEOUS_CLUSTERS = 10  # clusters of one time bin, the strongest ones
 # clusters among which a predecessor is sought: they span more than a dropout, however much glitters
 LOOK_BACK = int(MAX_DROPOUTS + 1.0) * MAX_SIMULTANEOUS_CLUSTERS
@@ -79,11 +78,9 @@ def find_drawn_line(observations: Observations, max_gap: float, min_expansion: f
     strokes, ends = find_strokes(observations, clusters, max_gap)
     # strokes that could be a line alone. The widest comes first, as moving back and forth also explains much floor
     sized = [(geometry.bounding_diagonal(observations.points[stroke]), stroke) for stroke in strokes]
-    candidates = [
-        stroke
-        for size, stroke in sorted(sized, key=lambda sized_stroke: -sized_stroke[0])
-        if size > min_expansion - 2.0 * TREMOR and observations.spots[stroke].sum() >= min_spots
-    ]
+    sized.sort(key=lambda sized_stroke: sized_stroke[0], reverse=True)
+    wide = [stroke for size, stroke in sized if size > min_expansion - 2.0 * TREMOR]
+    candidates = [stroke for stroke in wide if observations.spots[stroke].sum() >= min_spots]
     if not candidates:
         raise CodedError("no_line", spots=int(observations.spots.sum()), shortest=f"{min_expansion:g}")
     line, unjoined, joined = _join_strokes(observations, candidates, max_gap)
@@ -334,7 +331,9 @@ def find_best_track(
     cost = np.maximum(distance - TREMOR, 0.0) ** 2 / (np.clip(time, 1e-9, dropout) * UNSEEN_SPEED)
     cost = free_jump * np.log1p(cost / free_jump)
     cost[(candidates < 0) | (time <= 0.0)] = np.inf
-    totals, best_predecessor = gains.copy(), np.full(count, -1)  # of the best track that ends at each cluster
+    # of the best track that ends at each cluster
+    totals = gains.copy()
+    best_predecessor = np.full(count, -1)
     for cluster in range(count):
         value = totals[predecessor[cluster]] - cost[cluster]
         chosen = int(value.argmax())
