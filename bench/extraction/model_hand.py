@@ -220,7 +220,7 @@ def judge(make: Callable, modules: List[Any], rng: np.random.Generator) -> Judge
     for position, stamp, camera in zip(*look(scene, rng)):
         collector.add(collecting.FloorSpot(stamp, *position, str(camera), 1.0, False))
     live = extraction.LiveExtractor(extraction.ExtractionParams(), 1.0)
-    chain = live.update(collector.collection(), time.monotonic).chain
+    chain = live.update(collector.snapshot(), time.monotonic).chain
     if chain is None:
         return Judgement(bad=True, silent=False, reported=True, error=np.nan)
     truth = scene.truth[np.append(True, np.hypot(*np.diff(scene.truth, axis=0).T) > 1e-9)]

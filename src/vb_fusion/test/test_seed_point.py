@@ -33,7 +33,7 @@ def find(parts, border=(), random_seed=0, dropped=0.0):
     columns = [np.concatenate(column) for column in zip(*spots)]
     kept = np.random.default_rng(random_seed).random(len(columns[0])) >= dropped
     points, stamps, cameras = (column[kept] for column in columns)
-    return find_dwells(points, before=border, stamps=stamps, cameras=cameras, mobile=cameras == "robot")
+    return find_dwells(points, border_points=border, stamps=stamps, cameras=cameras, mobile=cameras == "robot")
 
 
 def around(place, count):

@@ -36,7 +36,7 @@ def test_collects_in_border_and_seed_of_an_interaction_until_the_next():
     collector.set_state(DEFAULT, "", 6.0)
     assert collector.add(spot(6.1)) == "state"
     assert collector.counts == (2, 1, 2)
-    assert collector.collection().border_total == 2
+    assert collector.snapshot().border_total == 2
     assert collector.set_state(BORDER, "b", 7.0)
     assert collector.counts == (0, 0, 0)
 
@@ -51,7 +51,7 @@ def test_early_and_non_finite_spots_are_ignored_and_counted():
     assert collector.add(spot(10.2, camera="blue")) == ""
     assert collector.counts == (3, 0, 3)
     assert collector.ignored["before_state"] == 1
-    assert collector.collection().cameras == ["red", "green", "blue"]
+    assert collector.snapshot().cameras == ["red", "green", "blue"]
 
 
 @pytest.mark.parametrize("spots", [0, 1])
@@ -62,29 +62,29 @@ def test_a_drawing_without_an_outcome_is_lost(outcome, drawn_in, spots):
     collector = SpotCollector()
     collector.set_state(DEFAULT, "", 0.0)
     collector.set_state(drawn_in, "a", 1.0)
-    assert not collector.lost
+    assert not collector.is_incomplete
     for number in range(spots):
         collector.add(spot(1.5 + number))
     for _ in range(2):  # the state is repeated
         collector.set_state(DEFAULT, "", 4.0, outcome)
         lost = spots > 0 and not outcome
-        assert (collector.lost, collector.may_clear) == (lost, lost or outcome not in ("", "saved"))
+        assert (collector.is_incomplete, collector.may_clear) == (lost, lost or outcome not in ("", "saved"))
     collector.clear()
-    assert (collector.lost, collector.may_clear) == (lost, False)
+    assert (collector.is_incomplete, collector.may_clear) == (lost, False)
     collector.set_state(DEFAULT, "", 4.0, outcome)
     assert not collector.may_clear
     collector.set_state(BORDER, "b", 5.0, outcome)
-    assert not collector.lost
+    assert not collector.is_incomplete
 
 
 def test_a_drawing_begun_before_the_collector_is_lost():
     collector = in_border()
     collector.set_state(SEED, "a", 1.0)
-    assert collector.lost
+    assert collector.is_incomplete
     collector.set_state(DEFAULT, "", 2.0, "cancelled")
-    assert not collector.lost and collector.may_clear
+    assert not collector.is_incomplete and collector.may_clear
     collector.set_state(BORDER, "b", 3.0, "cancelled")
-    assert not collector.lost and not collector.may_clear
+    assert not collector.is_incomplete and not collector.may_clear
 
 
 @pytest.mark.parametrize("count", [1000, 2600])
@@ -93,9 +93,9 @@ def test_a_full_store_keeps_the_whole_drawing_and_every_camera(count, monkeypatc
     collector = in_border()
     for k in range(count):
         if k == 150:
-            early = collector.collection().border
+            early = collector.snapshot().border
         collector.add(spot(0.02 * k, x=k / count, camera=("red", "green")[k % 2]))
-    spots = collector.collection().border
+    spots = collector.snapshot().border
     assert collector.counts[0] == count
     collector.set_state(BORDER, "b", 0.02 * count)
     collector.add(spot(0.02 * count))
@@ -120,7 +120,7 @@ def test_a_clock_that_is_set_back_while_somebody_draws_is_undone_for_every_camer
         back = 5.0 if k >= 200 else 0.0
         collector.add(spot(110.0 + 0.02 * k - back, x=0.01 * k, camera=camera_at(k)))
     collector.add(spot(110.0 + 0.02 * count, x=0.01 * count, camera="of another computer"))
-    spots = collector.collection().border
+    spots = collector.snapshot().border
     assert len(spots) == count - 1
     assert collector.ignored["clock"] == 2  # the first spot of red and of green after it
     x = spots["points"][np.argsort(spots["stamps"], kind="stable"), 0]
@@ -132,7 +132,7 @@ def test_one_old_message_is_no_clock_that_was_set_back():
     collector = in_border(100.0)
     stamps = [110.0, 80.0, 110.1, 110.2]
     assert [collector.add(spot(stamp)) for stamp in stamps] == ["", "clock", "", ""]
-    assert collector.collection().border["stamps"].tolist() == [110.0, 110.1, 110.2]
+    assert collector.snapshot().border["stamps"].tolist() == [110.0, 110.1, 110.2]
 
 
 def test_a_camera_with_wrong_clock_or_frame_is_ignored_and_named():
@@ -161,12 +161,12 @@ def test_live_extraction_keeps_to_its_share():
         collector.add(spot(0.04 * k, x=0.02 * k))
     ticks = iter(np.arange(0.0, 1000.0, 0.5))
     live = LiveExtractor(ExtractionParams(), share=0.1)
-    first = live.update(collector.collection(), lambda: next(ticks))
+    first = live.update(collector.snapshot(), lambda: next(ticks))
     assert first.chain is not None and first.seed is None and first.seed_error.code == "no_spots"
-    assert live.update(collector.collection(), lambda: next(ticks)) is first  # nothing new
+    assert live.update(collector.snapshot(), lambda: next(ticks)) is first  # nothing new
     collector.add(spot(5.0, x=2.02))
-    assert live.update(collector.collection(), lambda: next(ticks)) is first  # too early
-    assert live.update(collector.collection(), lambda: next(ticks), force=True) is not first
+    assert live.update(collector.snapshot(), lambda: next(ticks)) is first  # too early
+    assert live.update(collector.snapshot(), lambda: next(ticks), force=True) is not first
 
 
 def test_live_and_final_border_are_the_same(monkeypatch):
@@ -177,10 +177,10 @@ def test_live_and_final_border_are_the_same(monkeypatch):
     for number, row in enumerate(np.argsort(stroke.stamps)):
         collector.add(spot(stroke.stamps[row], *stroke.points[row], camera=str(stroke.cameras[row])))
         if number % 50 == 0:
-            live.update(collector.collection(), float, force=True)
-    drawn = live.update(collector.collection(), float, force=True).chain
-    again = LiveExtractor(ExtractionParams(), share=1.0).update(collector.collection(), float, force=True).chain
-    spots = collector.collection().border
+            live.update(collector.snapshot(), float, force=True)
+    drawn = live.update(collector.snapshot(), float, force=True).chain
+    again = LiveExtractor(ExtractionParams(), share=1.0).update(collector.snapshot(), float, force=True).chain
+    spots = collector.snapshot().border
     final = extract_border(spots["points"], stamps=spots["stamps"], cameras=spots["cameras"])
     assert len(spots) < len(stroke.points)
     assert final.closed

@@ -124,7 +124,7 @@ def test_what_is_near_each_other_in_a_time_bin_is_one_cluster(spots):
     seen = make_observations(points, times, cameras, None, cameras == 2)
     found = strokes.find_clusters(seen)
     groups = {}
-    bins = seen.bins.tolist()
+    bins = seen.time_bins.tolist()
     for index, number in enumerate(bins):
         groups.setdefault(number, []).append(index)
     places = list(groups.values())

@@ -139,7 +139,7 @@ class BorderFusionNode:
         """Publishes the problems that persist, and the doubts about the drawing."""
         with self._lock:
             problems = [self._failure] if self._failure is not None else []
-            if self._collector.lost:
+            if self._collector.is_incomplete:
                 problems.append(CodedError("drawing_lost"))
             problems += [CodedError(code, camera=camera) for code, camera in sorted(self._collector.faults)]
             state = self._collector.state
@@ -176,28 +176,28 @@ class BorderFusionNode:
             reason = state_changed or (due and self._collector.state.collects)
             if not reason or not self._collector.interaction_id:
                 return False
-            collection = self._collector.collection()
+            snapshot = self._collector.snapshot()
         self._published = now
         # after a change of state the published chain must be current
-        drawn = self._live.update(collection, time.monotonic, force=state_changed)
+        drawn = self._live.update(snapshot, time.monotonic, force=state_changed)
         with self._lock:
-            if collection.interaction_id != self._collector.interaction_id:
+            if snapshot.interaction_id != self._collector.interaction_id:
                 return True  # another interaction began meanwhile
-            self._progress.publish(self._progress_message(collection, drawn))
+            self._progress.publish(self._progress_message(snapshot, drawn))
             if self._collector.may_clear:  # now that the spots were shown
                 self._collector.clear()
         return True
 
-    def _progress_message(self, collection: CollectedSpots, drawn: DrawnBorder) -> BorderProgress:
+    def _progress_message(self, snapshot: CollectedSpots, drawn: DrawnBorder) -> BorderProgress:
         message = BorderProgress()
         message.header.stamp = rospy.get_rostime()
         message.header.frame_id = names.MAP_FRAME
-        message.interaction_id = collection.interaction_id
+        message.interaction_id = snapshot.interaction_id
         message.border_spots, message.seed_spots, message.ignored_spots = self._collector.counts
-        shown = subsample_evenly(collection.border)
+        shown = subsample_evenly(snapshot.border)
         message.points = points_from_array(shown["points"])
         message.point_cameras = bytes(np.minimum(shown["cameras"], 255).astype(np.uint8))
-        message.cameras = collection.cameras
+        message.cameras = snapshot.cameras
         message.cameras_seeing_spot = self._cameras_seeing()
         chain, seed = drawn.chain, drawn.seed
         if chain is not None:
@@ -218,15 +218,15 @@ class BorderFusionNode:
 
     def _on_get_drawn_border(self, request) -> GetDrawnBorderResponse:
         with self._lock:
-            collection = self._collector.collection()
-            lost = self._collector.lost
-        interaction = request.interaction_id or collection.interaction_id
+            snapshot = self._collector.snapshot()
+            is_incomplete = self._collector.is_incomplete
+        interaction = request.interaction_id or snapshot.interaction_id
         try:
-            if not interaction or interaction != collection.interaction_id:
+            if not interaction or interaction != snapshot.interaction_id:
                 raise CodedError("unknown_interaction", interaction=interaction)
-            if lost:
+            if is_incomplete:
                 raise CodedError("drawing_lost")
-            drawn = self._live.update(collection, time.monotonic, force=True)
+            drawn = self._live.update(snapshot, time.monotonic, force=True)
             missing = drawn.chain_error or drawn.seed_error
             if missing is not None:
                 raise missing
@@ -239,7 +239,7 @@ class BorderFusionNode:
         chain = drawn.chain
         values = {"vertices": len(chain.points), "length": f"{chain.length:.2f}", "reason": chain.reason}
         sentence = sentences.translate("drawn_border_ready", values)
-        rospy.loginfo("%s: border of %d spots: %s", rospy.get_name(), collection.border_total, sentence)
+        rospy.loginfo("%s: border of %d spots: %s", rospy.get_name(), snapshot.border_total, sentence)
         points = points_from_array(chain.points)
         kind = VirtualBorder.POLYGON if chain.closed else VirtualBorder.SEPARATING_CURVE
         seed = Point(*drawn.seed, 0.0)

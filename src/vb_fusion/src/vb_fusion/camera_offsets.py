@@ -33,7 +33,7 @@ CORRELATION_TIME = 10.0  # [s] in which a robot's error becomes another one: it 
 
 def remove_offsets(observations: Observations) -> Observations:
     """Subtracts each camera's offset from its observations, of which there is at least one."""
-    bins = observations.bins
+    bins = observations.time_bins
     # a stationary camera has one offset, that of second 0; a robot has one in each second in which it saw the pointer
     seconds = np.where(observations.mobile, 1 + bins // 10 - bins.min() // 10, 0)
     span = int(seconds.max()) + 1

@@ -120,7 +120,7 @@ def extract_border(
     drawn = find_drawn_line(observations, params.eps, params.min_exp, params.min_size)  # stage 1
     line = remove_offsets(drawn.line)  # stage 2
     vertices, closure = make_chain(line, drawn.joined, params.eps)  # stages 3 to 6
-    unseen = _longest_unseen_gap(line, closure, drawn.joined, drawn.dropout)
+    unseen = _longest_unseen_gap(line, closure, drawn.joined, drawn.dropout_time)
     return BorderChain(vertices, closure, drawn.left_out.points, int(drawn.left_out.spots.sum()), unseen)
 
 
@@ -201,7 +201,7 @@ class LiveExtractor:
             self._totals = (-1, -1)  # of border and seed spots at the last extraction
             self.drawn = DrawnBorder()
 
-    def update(self, collection: CollectedSpots, clock: Callable[[], float], force: bool = False) -> DrawnBorder:
+    def update(self, snapshot: CollectedSpots, clock: Callable[[], float], force: bool = False) -> DrawnBorder:
         """Returns the border so far, extracted again if there are new spots and it is due. Thread safe.
 
         Args:
@@ -209,29 +209,29 @@ class LiveExtractor:
             force: whether it is due regardless of what the last extraction cost.
         """
         with self._lock:
-            totals = collection.border_total, collection.seed_total
+            totals = snapshot.border_total, snapshot.seed_total
             if totals != self._totals and (force or clock() >= self._next_extraction_at):
                 started = clock()
                 try:
-                    self._extract(collection)
+                    self._extract(snapshot)
                     self._totals = totals
                 finally:  # a failed attempt costs as much
                     finished = clock()
                     self._next_extraction_at = finished + (finished - started) * (1.0 / self._share - 1.0)
             return self.drawn
 
-    def _extract(self, collection: CollectedSpots) -> None:
+    def _extract(self, snapshot: CollectedSpots) -> None:
         drawn = self.drawn
-        border, seed = collection.border, collection.seed
-        if collection.border_total != self._totals[0]:
+        border, seed = snapshot.border, snapshot.seed
+        if snapshot.border_total != self._totals[0]:
             try:
                 chain = extract_border(border["points"], self._params, **_columns(border))
                 drawn = replace(drawn, chain=chain, chain_error=None)
             except CodedError as error:
                 drawn = replace(drawn, chain=None, chain_error=error)
-        if collection.seed_total != self._totals[1]:
+        if snapshot.seed_total != self._totals[1]:
             try:
-                dwells = find_dwells(seed["points"], before=border["points"], **_columns(seed))
+                dwells = find_dwells(seed["points"], border_points=border["points"], **_columns(seed))
                 drawn = replace(drawn, dwells=dwells, seed_error=None)
             except CodedError as error:
                 drawn = replace(drawn, dwells=(), seed_error=error)

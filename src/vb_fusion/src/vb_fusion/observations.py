@@ -42,14 +42,14 @@ class Observations:
     witnesses: np.ndarray
 
     @property
-    def bins(self) -> np.ndarray:
+    def time_bins(self) -> np.ndarray:
         """(N,) int, number of each observation's time bin."""
         return np.floor(self.stamps / TIME_BIN + BIN_PHASE).astype(np.int64)
 
     @property
-    def dropout(self) -> float:
+    def dropout_time(self) -> float:
         """The time [s] within which a moving pointer is seen again: a few usual intervals between occupied time bins."""
-        pauses = np.diff(np.unique(self.bins))
+        pauses = np.diff(np.unique(self.time_bins))
         usual_pause = float(np.median(pauses)) if len(pauses) else 1.0
         return MAX_DROPOUTS * TIME_BIN * usual_pause
 
@@ -119,7 +119,7 @@ def _merge_repeats(spots: Observations) -> Observations:
     """Merges spots of one camera, time bin and cell of the floor. The result is in order of time and position."""
     cells = np.floor(spots.points / TREMOR).astype(np.int64)
     keys = np.zeros(len(cells), dtype=np.int64)
-    for column in (spots.bins, spots.cameras, *cells.T):
+    for column in (spots.time_bins, spots.cameras, *cells.T):
         column = column - column.min()
         keys = keys * (int(column.max()) + 1) + column
     return spots.merge(np.unique(keys, return_inverse=True)[1])

@@ -68,7 +68,7 @@ def make_chain(line: Observations, joined: bool, max_gap: float) -> Tuple[np.nda
     if closure.code in NEARLY_CLOSED and size < MIN_FIGURE_SIZE * tremor:
         raise CodedError("figure_too_small", size=f"{size:.2f}", needed=f"{MIN_FIGURE_SIZE * tremor:.2f}")
     within = slice(closure.first, closure.last + 1)
-    trimmed = ResampledStroke(stroke.points[within], stroke.trust[within], tremor)
+    trimmed = ResampledStroke(stroke.points[within], stroke.observation_weights[within], tremor)
     # a gap that was crossed unseen may hide a corner; a wider one was left by the hand and gets a straight side
     vertices = fit_sides(trimmed, closure.closed and (joined or closure.gap <= max_gap))  # stage 5
     if len(vertices) < 3:
@@ -103,16 +103,16 @@ class ResampledStroke:
 
     Attributes:
         points: (K, 2) [m].
-        trust: (K,) the total weight of the observations in each sample.
+        observation_weights: (K,) the total weight of the observations in each sample.
         tremor: [m] smaller details are noise.
     """
 
     points: np.ndarray
-    trust: np.ndarray
+    observation_weights: np.ndarray
     tremor: float
 
     @property
-    def weights(self) -> np.ndarray:
+    def sample_lengths(self) -> np.ndarray:
         """(K,) [m] length of the line that each sample represents."""
         steps = np.minimum(np.linalg.norm(np.diff(self.points, axis=0), axis=1), 2.0 * self.tremor)
         return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) + 0.1 * self.tremor
@@ -148,9 +148,9 @@ def resample_stroke(line: Observations, tremor: float) -> ResampledStroke:
     return _merge_repeats(stroke)
 
 
-def _means(points: np.ndarray, trust: np.ndarray, sample: np.ndarray, tremor: float) -> ResampledStroke:
-    total = np.bincount(sample, trust)
-    places = np.column_stack([np.bincount(sample, trust * axis) / total for axis in points.T])
+def _means(points: np.ndarray, observation_weights: np.ndarray, sample: np.ndarray, tremor: float) -> ResampledStroke:
+    total = np.bincount(sample, observation_weights)
+    places = np.column_stack([np.bincount(sample, observation_weights * axis) / total for axis in points.T])
     return ResampledStroke(places, total, tremor)
 
 
@@ -170,7 +170,7 @@ def _merge_repeats(stroke: ResampledStroke) -> ResampledStroke:
     if len(points) - kept < 4:
         return stroke  # an end that comes back to the start closes a ring
     nearest = cKDTree(points[:kept]).query(points[kept:])[1]
-    return _means(points, stroke.trust, np.concatenate([np.arange(kept), nearest]), stroke.tremor)
+    return _means(points, stroke.observation_weights, np.concatenate([np.arange(kept), nearest]), stroke.tremor)
 
 
 # ------------------------------------------------------------------ 4: closed or open
@@ -276,12 +276,12 @@ def _divide(stroke: ResampledStroke) -> np.ndarray:
     """Divides a stroke into sides, and returns the first sample of each."""
     x, y = (stroke.points - stroke.points[0]).T
     count = len(x)
-    terms = stroke.weights * np.array([np.ones_like(x), x, y, x * x, y * y, x * y])
+    terms = stroke.sample_lengths * np.array([np.ones_like(x), x, y, x * x, y * y, x * y])
     sums = np.concatenate([np.zeros((6, 1)), np.cumsum(terms, axis=1)], axis=1)
     # people mark corners by stopping: where the spot was seen more than twice as long as usual, a smaller
     # detail suffices; the usual value is rounded, so that it seldom changes while a line grows
-    usual = 2.0 ** np.round(np.log2(np.median(stroke.trust)))
-    rest = np.maximum(stroke.trust, np.append(stroke.trust[1:], 0.0)) / usual
+    usual = 2.0 ** np.round(np.log2(np.median(stroke.observation_weights)))
+    rest = np.maximum(stroke.observation_weights, np.append(stroke.observation_weights[1:], 0.0)) / usual
     corner = CORNER_MISFIT * stroke.tremor**3 * np.clip(2.0 / rest, 0.25, 1.0)
     arc = geometry.arc_lengths(stroke.points)
     best = np.zeros(count + 1)
@@ -340,7 +340,7 @@ def _fit_vertices(stroke: ResampledStroke, starts: np.ndarray, joined: bool) -> 
     design[samples, start] = (1.0 - shares) * normals
     design[samples, end] += shares * normals
     design = design.reshape(len(points), -1)
-    weighted = design * stroke.weights[:, None]
+    weighted = design * stroke.sample_lengths[:, None]
     # a corner that the samples do not determine, between nearly collinear sides, stays in place
     prior = VERTEX_PRIOR * stroke.tremor * np.eye(2 * count)
     move = np.linalg.solve(weighted.T @ design + prior, weighted.T @ (offsets * normals).sum(axis=1))

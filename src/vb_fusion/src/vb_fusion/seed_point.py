@@ -74,7 +74,7 @@ def find_dwells(
     cameras: Optional[Sequence] = None,
     confidences: Optional[Sequence[float]] = None,
     mobile: Optional[Sequence[bool]] = None,
-    before: Sequence[Sequence[float]] = (),
+    border_points: Sequence[Sequence[float]] = (),
 ) -> List[Dwell]:
     """Finds the places where the pointer dwelt, in the order in which it left them; at least one.
 
@@ -84,7 +84,7 @@ def find_dwells(
     Args:
         points: (N, 2) [m], any order.
         stamps, cameras, confidences, mobile: as for `extract_border`.
-        before: (K, 2) [m] spots seen before the seed was requested, the border's.
+        border_points: (K, 2) [m] spots seen before the seed was requested, the border's.
 
     Raises:
         CodedError: "no_spots" or "no_seed".
@@ -98,15 +98,15 @@ def find_dwells(
     clusters = find_clusters(observations)
     positions = clusters.points
     patch, earlier = _floor_patches(positions)
-    before = np.asarray(before, dtype=float).reshape(-1, 2)
+    border_points = np.asarray(border_points, dtype=float).reshape(-1, 2)
     # a balanced tree takes longer to build than its queries take
-    tree = cKDTree(before[is_on_floor(before)], compact_nodes=False, balanced_tree=False)
+    tree = cKDTree(border_points[is_on_floor(border_points)], compact_nodes=False, balanced_tree=False)
     was_lit_before = np.isfinite(tree.query(positions, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
     gains = np.where(was_lit_before, KNOWN_PLACE_GAIN, NEW_PLACE_GAIN) * clusters.witnesses / (1.0 + TIME_BIN * earlier)
-    track, _ = find_best_track(positions, clusters.stamps, clusters.dropout, gains, NEW_PLACE_GAIN)
+    track, _ = find_best_track(positions, clusters.stamps, clusters.dropout_time, gains, NEW_PLACE_GAIN)
     path, path_patch, path_was_lit = positions[track], patch[track], was_lit_before[track]
     dwells: List[Dwell] = []
-    for stay in _find_stays(path_patch, clusters.bins[track]):
+    for stay in _find_stays(path_patch, clusters.time_bins[track]):
         last = stay[-1]
         point = _middle(path, last)
         seconds = TIME_BIN * len(stay)

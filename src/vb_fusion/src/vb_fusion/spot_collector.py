@@ -125,7 +125,7 @@ class SpotCollector:
     clock is off is ignored and reported.
 
     Attributes:
-        lost: whether a part of the drawing is missing, so that its border would differ from what was drawn.
+        is_incomplete: whether a part of the drawing is missing, so that its border would differ from what was drawn.
         may_clear: whether the drawing is over and was not saved, so that its spots may be dropped.
         ignored: number of ignored spots, by the reason.
         faults: pairs of the code of a fault and the camera that has it.
@@ -134,7 +134,7 @@ class SpotCollector:
     def __init__(self) -> None:
         self.interaction_id = ""
         self.state = DEFAULT
-        self.lost = False
+        self.is_incomplete = False
         self.ignored: Counter = Counter()
         self.faults: Set[Tuple[str, str]] = set()
         self._heard_state = False
@@ -155,7 +155,7 @@ class SpotCollector:
         is_new = bool(interaction_id) and interaction_id != self.interaction_id
         if is_new:
             self.interaction_id = interaction_id
-            self.lost = not self._heard_state  # the interaction began before this collector existed
+            self.is_incomplete = not self._heard_state  # the interaction began before this collector existed
             self.ignored = Counter()
             self._cameras = []
             self.faults = set()
@@ -164,8 +164,8 @@ class SpotCollector:
         if state != self.state or is_new:
             if state == DEFAULT:
                 # every interaction that ends has an outcome, unless the interaction manager restarted during it
-                self.lost = any(self.counts[:2]) and not outcome
-            self.may_clear = state == DEFAULT and (self.lost or outcome not in ("", "saved"))
+                self.is_incomplete = any(self.counts[:2]) and not outcome
+            self.may_clear = state == DEFAULT and (self.is_incomplete or outcome not in ("", "saved"))
             self.state, self._entered = state, entered
             self._clocks = CameraClocks()
         return is_new
@@ -223,7 +223,7 @@ class SpotCollector:
         """(border spots, seed spots, ignored spots)."""
         return self._stores[BORDER.collects].total, self._stores[SEED.collects].total, sum(self.ignored.values())
 
-    def collection(self) -> CollectedSpots:
+    def snapshot(self) -> CollectedSpots:
         """Returns the spots collected so far."""
         border, seed = self._stores[BORDER.collects], self._stores[SEED.collects]
         cameras = list(self._cameras)

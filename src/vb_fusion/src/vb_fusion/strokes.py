@@ -53,13 +53,13 @@ class DrawnLine:
         line: the line's observations, in the order in which it runs.
         left_out: observations that may have been drawn, but are not part of the line.
         joined: whether several strokes were joined.
-        dropout: [s] time within which the moving pointer was seen again.
+        dropout_time: [s] time within which the moving pointer was seen again.
     """
 
     line: Observations
     left_out: Observations
     joined: bool
-    dropout: float
+    dropout_time: float
 
 
 def find_drawn_line(observations: Observations, max_gap: float, min_expansion: float, min_spots: int) -> DrawnLine:
@@ -85,12 +85,12 @@ def find_drawn_line(observations: Observations, max_gap: float, min_expansion: f
         raise CodedError("no_line", spots=int(observations.spots.sum()), shortest=f"{min_expansion:g}")
     line, unjoined, joined = _join_strokes(observations, candidates, max_gap)
     left_out = np.setdiff1d(np.concatenate([np.zeros(0, dtype=int), *unjoined, *ends]), line)
-    return DrawnLine(observations.select(line), observations.select(left_out), joined, clusters.dropout)
+    return DrawnLine(observations.select(line), observations.select(left_out), joined, clusters.dropout_time)
 
 
 def find_clusters(observations: Observations) -> Observations:
     """Finds the strongest clusters of each time bin, at most MAX_SIMULTANEOUS_CLUSTERS, in order of time."""
-    group = observations.bins
+    group = observations.time_bins
     # split at gaps along x, then along y, then along x again
     for axis in (0, 1, 0):
         order = np.lexsort((observations.points[:, axis], group))
@@ -99,8 +99,8 @@ def find_clusters(observations: Observations) -> Observations:
     clusters = observations.merge(group)
     x, y = clusters.points.T
     # rounded, as another computer may sum equal weights in another order
-    strongest_first = np.lexsort((y, x, -np.round(clusters.weights, 6), clusters.bins))
-    bins = clusters.bins[strongest_first]
+    strongest_first = np.lexsort((y, x, -np.round(clusters.weights, 6), clusters.time_bins))
+    bins = clusters.time_bins[strongest_first]
     rank_in_bin = np.arange(len(bins)) - np.searchsorted(bins, bins)
     return clusters.select(np.sort(strongest_first[rank_in_bin < MAX_SIMULTANEOUS_CLUSTERS]))
 
@@ -119,7 +119,7 @@ def find_strokes(
         The indices of the observations of each stroke, in order of time; and those of each glint before or after them,
         which may be the beginning or the end of the drawing, but was seen too seldom to tell.
     """
-    points, stamps, bins, dropout = clusters.points, clusters.stamps, clusters.bins, clusters.dropout
+    points, stamps, bins, dropout = clusters.points, clusters.stamps, clusters.time_bins, clusters.dropout_time
     explained = floor_gains(points, stamps, dropout)
     # the more clusters are seen at once, the less likely each is the pointer; and a stationary camera's pose is known
     # better than that of a camera on a robot
