@@ -26,7 +26,7 @@ from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderResponse
 
 PROGRESS_RATE = 8.0  # [1/s] of progress messages while spots arrive; the display needs 5, and a busy machine is slower
 HEARTBEAT_PERIOD = 1.0  # [s] between progress messages while no spots arrive
-MAX_SHOWN = 300  # points in a message: enough to see the drawing, cheap to display
+MAX_SHOWN = 300  # points in a message, enough to see the drawing and cheap to display
 
 
 @dataclass(frozen=True)
@@ -63,9 +63,9 @@ class BorderFusionNode:
         self._lock = threading.Lock()
         self._changed = threading.Event()  # wakes the publisher on a change of state
         self._closing = False
-        self._new_spots = False  # since the last progress message
-        self._failure: Optional[CodedError] = None  # of the last attempt to extract a border
-        self._doubts: List[Notice] = []  # about the drawing, as last published
+        self._new_spots = False  # whether spots arrived since the last progress message
+        self._failure: Optional[CodedError] = None  # why the last attempt to extract a border failed
+        self._doubts: List[Notice] = []  # doubts about the drawing, as last published
         self._published = -np.inf
 
         self._notices = NoticePublisher()
@@ -112,13 +112,13 @@ class BorderFusionNode:
     def _work(self) -> None:
         """Publishes progress and notices until the node ends.
 
-        The rate uses wall time: it limits the load on processors and must survive jumps of simulated time.
+        The rate uses wall time, as it limits the load on processors and must survive jumps of simulated time.
         """
         while not rospy.is_shutdown():
             state_changed = self._changed.wait(1.0 / PROGRESS_RATE)
             if self._closing:
                 return
-            if state_changed:  # otherwise a change that arrives just now would be lost
+            if state_changed:  # cleared only then, or a change that arrives just now would be lost
                 self._changed.clear()
             try:
                 if self._tick(state_changed):
@@ -145,7 +145,7 @@ class BorderFusionNode:
             state = self._collector.state
             if state == DEFAULT:
                 self._doubts = []
-            # what a stroke leaves out or open is known once it has ended; until then the last doubts stay published
+            # what a stroke leaves out or open is known once it has ended. Until then the last doubts stay published
             elif state != BORDER or not self._cameras_seeing():
                 self._doubts = self._find_doubts(self._live.drawn)
             doubts = self._doubts
@@ -182,9 +182,9 @@ class BorderFusionNode:
         drawn = self._live.update(snapshot, time.monotonic, force=state_changed)
         with self._lock:
             if snapshot.interaction_id != self._collector.interaction_id:
-                return True  # another interaction began meanwhile
+                return True  # another interaction has begun since the snapshot
             self._progress.publish(self._progress_message(snapshot, drawn))
-            if self._collector.may_clear:  # now that the spots were shown
+            if self._collector.may_clear:  # the spots have been shown by now
                 self._collector.clear()
         return True
 
@@ -250,7 +250,7 @@ class BorderFusionNode:
         """Ends the worker."""
         self._closing = True
         self._changed.set()
-        self._worker.join(1.0)  # otherwise it would publish notices again
+        self._worker.join(1.0)  # a running worker would publish notices again
         self._notices.close()
 
 

@@ -9,7 +9,7 @@ with one offset for each stationary camera and, since localisation errors change
 second for a camera on a robot. Two kinds of equations determine the offsets:
 
 - All observations of a time bin have the same position. So they deviate from the bin's mean as their offsets do.
-- An offset is probably small. A robot's may be larger, but changes little from one second to the next: it is a
+- An offset is probably small. A robot's may be larger, but changes little from one second to the next. It is a
   first-order autoregressive process. Where the robot alone sees the pointer, its offset is therefore inferred from just
   before and after, when other cameras saw the pointer too.
 
@@ -27,8 +27,8 @@ from scipy.sparse.linalg import spsolve
 from vb_fusion.observations import LOCALIZATION_ERROR, TREMOR, Observations
 
 STATIONARY_OFFSET = TREMOR  # [m] standard deviation of a stationary camera's offset
-ROBOT_OFFSET = 2.0 * LOCALIZATION_ERROR  # [m] and of a robot's, for which the other cameras decide
-CORRELATION_TIME = 10.0  # [s] in which a robot's error becomes another one: it is corrected within metres
+ROBOT_OFFSET = 2.0 * LOCALIZATION_ERROR  # [m] standard deviation of a robot's offset, which the other cameras decide
+CORRELATION_TIME = 10.0  # [s] in which a robot's error becomes another one. It is corrected within metres
 
 
 def remove_offsets(observations: Observations) -> Observations:
@@ -48,7 +48,7 @@ def remove_offsets(observations: Observations) -> Observations:
     design = centering @ has_offset
     precision = design.T @ design / TREMOR**2 + _offset_precision(*np.divmod(unknowns, span))
     offsets = spsolve(precision.tocsc(), design.T @ (centering @ observations.points) / TREMOR**2).reshape(-1, 2)
-    # rounded to 0.1 mm, so that positions found before stay the same while more is seen
+    # offsets are rounded to 0.1 mm, so that positions found before stay the same while more is seen
     return replace(observations, points=observations.points - np.round(offsets, 4)[offset_index])
 
 

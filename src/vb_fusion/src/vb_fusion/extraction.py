@@ -198,7 +198,7 @@ class LiveExtractor:
         """Forgets everything, for a new interaction."""
         with self._lock:
             self._next_extraction_at = 0.0
-            self._totals = (-1, -1)  # of border and seed spots at the last extraction
+            self._totals = (-1, -1)  # numbers of border and seed spots at the last extraction
             self.drawn = DrawnBorder()
 
     def update(self, snapshot: CollectedSpots, clock: Callable[[], float], force: bool = False) -> DrawnBorder:
@@ -215,7 +215,7 @@ class LiveExtractor:
                 try:
                     self._extract(snapshot)
                     self._totals = totals
-                finally:  # a failed attempt costs as much
+                finally:  # a failed attempt costs as much as any
                     finished = clock()
                     self._next_extraction_at = finished + (finished - started) * (1.0 / self._share - 1.0)
             return self.drawn

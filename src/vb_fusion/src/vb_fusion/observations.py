@@ -13,10 +13,10 @@ import numpy as np
 
 TREMOR = 0.05  # [m] a hand held still stays within it, and cameras agree within it
 LOCALIZATION_ERROR = 0.15  # [m] by which a robot's pose may be off, differently every second
-BIN_PHASE = 0.031  # [bins] shift of the bins: none should begin at a round time, as images come at round intervals
+BIN_PHASE = 0.031  # [bins] shift of the bins. Images come at round intervals, so no bin should begin at a round time
 TIME_BIN = 0.1  # [s] within it a hand moves the pointer by centimetres, and a camera with 10 images/s sees it
 MAX_DROPOUTS = 3.0  # median intervals between occupied time bins, within which a moving pointer is seen again
-MAX_COORDINATE = 1e5  # [m] from the origin: no floor is larger
+MAX_COORDINATE = 1e5  # [m] from the origin. No floor is larger
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Observations:
     Attributes:
         points: (N, 2) [m].
         stamps: (N,) [s] since the drawing began.
-        cameras: (N,) int, index of the camera; for observations of several cameras merged into one, of any of them.
+        cameras: (N,) int, index of the camera. An observation merged from several cameras has any of theirs.
         weights: (N,) > 0, from the number of spots, their confidence and the kind of camera.
         mobile: (N,) bool, whether seen by mobile cameras only.
         spots: (N,) number of spots merged into each.
@@ -48,7 +48,7 @@ class Observations:
 
     @property
     def dropout_time(self) -> float:
-        """The time [s] within which a moving pointer is seen again: a few usual intervals between occupied time bins."""
+        """The time [s] within which a moving pointer is seen again, a few usual intervals between occupied bins."""
         pauses = np.diff(np.unique(self.time_bins))
         usual_pause = float(np.median(pauses)) if len(pauses) else 1.0
         return MAX_DROPOUTS * TIME_BIN * usual_pause
@@ -86,7 +86,7 @@ def make_observations(
     confidences: Optional[Sequence[float]] = None,
     mobile: Optional[Sequence[bool]] = None,
 ) -> Observations:
-    """Makes observations of spots: those of one camera, time bin and position become one.
+    """Makes one observation of all spots of one camera, time bin and position.
 
     The arguments are those of `extract_border`. Spots that are not finite, or beyond MAX_COORDINATE, are left out. Stamps
     are counted from the beginning of the drawing, so that the same drawing gives the same border at any hour.
@@ -103,7 +103,7 @@ def make_observations(
     weights = np.where(mobile, TREMOR / LOCALIZATION_ERROR, 1.0) * np.clip(confidences, 0.1, 1.0)
     usable = is_on_floor(points) & np.isfinite(stamps)
     began = stamps[usable].min() if usable.any() else 0.0
-    # rounded to microseconds: a double that counts seconds since 1970 is no more precise
+    # stamps are rounded to microseconds, because a double that counts seconds since 1970 is no more precise
     stamps = np.round(stamps - began, 6)
     once = np.ones(count, dtype=int)
     spots = Observations(points, stamps, cameras, weights, mobile, spots=once, witnesses=once).select(usable)

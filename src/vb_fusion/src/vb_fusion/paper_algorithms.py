@@ -1,7 +1,7 @@
 """Algorithms 1 to 3 of the paper as written (Sect. 4.3.2), on bare points.
 
 Where the paper leaves a choice open, the first point is taken. All pairs of neighbours are held in memory, as common
-implementations of DBSCAN do; if there are too many, the points are refused. The default mode has no such limit.
+implementations of DBSCAN do. If there are too many, the points are refused. The default mode has no such limit.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from vb_core import geometry
 from vb_core.errors import CodedError
 
-MAX_PAIRS = 20_000_000  # of neighbours, about a gigabyte: some 6,000 points at one position or 50,000 along a line
+MAX_PAIRS = 20_000_000  # pairs of neighbours held, about a gigabyte, as 6,000 points at one position or 50,000 along a line have
 
 
 def find_cluster(pointset_in: np.ndarray, eps: float, min_pts: int, min_exp: float, min_size: int) -> np.ndarray:
@@ -42,7 +42,7 @@ def find_cluster(pointset_in: np.ndarray, eps: float, min_pts: int, min_exp: flo
 
 
 def dbscan(points: np.ndarray, eps: float, min_pts: int) -> List[np.ndarray]:
-    """Clusters points (N, 2) by DBSCAN (Ester et al. 1996) with Euclidean distance; noise is left out.
+    """Clusters points (N, 2) by DBSCAN (Ester et al. 1996) with Euclidean distance, and leaves out noise.
 
     Returns:
         One ascending array of indices per cluster, in the order of the clusters' first core points.
@@ -55,7 +55,7 @@ def dbscan(points: np.ndarray, eps: float, min_pts: int) -> List[np.ndarray]:
 
 
 def _tree(points: np.ndarray, radius: float) -> cKDTree:
-    """Builds a k-d tree of points. Raises CodedError "too_many_spots" if too many pairs of them are neighbours."""
+    """Builds a k-d tree of points, or raises CodedError "too_many_spots" if too many pairs of them are neighbours."""
     tree = cKDTree(points)
     pairs = (int(tree.count_neighbors(tree, radius)) - len(points)) // 2
     if pairs > MAX_PAIRS:

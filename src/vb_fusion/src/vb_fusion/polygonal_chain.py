@@ -1,23 +1,23 @@
 """Stages 3 to 6: the polygonal chain along the drawn line.
 
-Stage 3, samples: the observations, in the order in which they were drawn, become samples a tremor apart; a spot held
-still is one sample, however long. A piece drawn again at the end of the stroke is merged into it.
+Stage 3 makes samples: it replaces the observations, in the order in which they were drawn, by samples a tremor apart.
+A spot held still is one sample, however long. A piece drawn again at the end of the stroke is merged into it.
 
-Stage 4, polygon or separating curve, as the person means it: the line is closed if the opening between its ends is
-small compared with the mean width of the floor that it would enclose, twice its area over the line's length.
+Stage 4 decides whether the person meant a polygon or a separating curve. The line is closed if the opening between its
+ends is small compared with the mean width of the floor that it would enclose, which is twice its area over its length.
 
-- The opening of a U is always wider than that, however deep the U is: parallel ends that far apart were drawn on purpose.
-- The less the line would have to turn from its end to its start, the more likely it is that a side was left unfinished;
-  so the opening may be wider, up to half of the figure's size.
+- The opening of a U is always wider than that, however deep the U is. So parallel ends that far apart stay open.
+- The less the line would have to turn from its end to its start, the more likely it is that a side was left unfinished.
+  The opening may then be wider, up to half of the figure's size.
 - A wave encloses next to nothing, however near its ends are.
 
-Ends that cross or run past each other are cut there; half of the length cut off counts as opening.
+Ends that cross or run past each other are cut there, and half of the length cut off counts as opening.
 
-Stage 5, sides: dynamic programming divides the samples into the fewest straight sides that explain them. A corner is
-kept if leaving it out would lose a detail larger than the hand's tremor, or a smaller one where the pointer stopped.
+Stage 5 fits sides. Dynamic programming divides the samples into the fewest straight sides that explain them. A corner
+is kept if leaving it out would lose a detail larger than the hand's tremor, or a smaller one where the pointer stopped.
 Least squares then moves the corners to where the sides fit all samples best, even where no camera saw a corner.
 
-Stage 6, vertices: those that change nothing are dropped, and a closed chain becomes a polygon that does not cross itself.
+Stage 6 drops vertices that change nothing, and makes a closed chain a polygon that does not cross itself.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ from vb_core.errors import CodedError
 from vb_fusion.observations import TIME_BIN, TREMOR, Observations
 
 NEARLY_CLOSED = ("open_wide", "open_flat")  # codes of lines whose ends came near each other
-MAX_OPENING_RATIO = 0.5  # opening in diameters of the figure: the end is nearer to the start than to the far side
-CORNER_MISFIT = 1.5  # tremors^3: squared distance times length that a corner must explain
-MAX_BEND = 1.5  # chords: no side's arc is longer; a semicircle's is 1.57
-MIN_SPIKE = 2.0  # tremors there and back: a shorter spike may be noise
-VERTEX_PRIOR = 0.3  # tremors of line length that hold a vertex in place; where its sides turn, the samples decide
-MIN_FIGURE_SIZE = 8.0  # tremors across; a smaller line that curls could be open or closed
-MIN_DETAIL = 0.005  # [m] vertices whose loss moves the chain by less are dropped; a map cell is ten times as large
-MAX_SLIP_RATIO = 0.02  # of the area that a self-crossing line encloses; smaller loops are slips of the hand
+MAX_OPENING_RATIO = 0.5  # opening in diameters of the figure, up to which the end is nearer to the start than to the far side
+CORNER_MISFIT = 1.5  # [tremors^3] squared distance times length that a corner must explain
+MAX_BEND = 1.5  # [chords] longest arc that one side may stand for. A semicircle is 1.57 chords long
+MIN_SPIKE = 2.0  # [tremors] a spike that is shorter may be noise
+VERTEX_PRIOR = 0.3  # [tremors] length of line that holds a vertex in place if its sides hardly turn there
+MIN_FIGURE_SIZE = 8.0  # [tremors] a smaller line that curls could be open or closed
+MIN_DETAIL = 0.005  # [m] vertices whose loss moves the chain by less are dropped. A map cell is ten times as large
+MAX_SLIP_RATIO = 0.02  # share of the area that a self-crossing line encloses. Smaller loops are slips of the hand
 
 
 def make_chain(line: Observations, joined: bool, max_gap: float) -> Tuple[np.ndarray, Closure]:
@@ -69,7 +69,7 @@ def make_chain(line: Observations, joined: bool, max_gap: float) -> Tuple[np.nda
         raise CodedError("figure_too_small", size=f"{size:.2f}", needed=f"{MIN_FIGURE_SIZE * tremor:.2f}")
     within = slice(closure.first, closure.last + 1)
     trimmed = ResampledStroke(stroke.points[within], stroke.observation_weights[within], tremor)
-    # a gap that was crossed unseen may hide a corner; a wider one was left by the hand and gets a straight side
+    # a gap that was crossed unseen may hide a corner. A wider one was left by the hand and gets a straight side
     vertices = fit_sides(trimmed, closure.closed and (joined or closure.gap <= max_gap))  # stage 5
     if len(vertices) < 3:
         closure = classify_closure(vertices)
@@ -91,7 +91,7 @@ def estimate_tremor(stroke: Observations) -> float:
     deviations = stroke.points[inner] - (1.0 - share) * stroke.points[start] - share * stroke.points[end]
     if len(inner) < 10:
         return TREMOR
-    # half of the squares are below 2 ln 2 variances of an axis; the errors of the line's ends add half a variance
+    # half of the squares are below 2 ln 2 variances of an axis, and the errors of the line's ends add half a variance
     deviation = np.sqrt(np.median((deviations**2).sum(axis=1)) / (3.0 * np.log(2.0)))
     steps = np.round(2.0 * np.log2(max(3.0 * deviation, 1e-6) / TREMOR))
     return float(TREMOR * 2.0 ** (0.5 * np.clip(steps, -2.0, 1.0)))
@@ -125,7 +125,7 @@ def resample_stroke(line: Observations, tremor: float) -> ResampledStroke:
         line: at least three observations, in the order in which the line runs.
         tremor: [m] distance between samples.
     """
-    # a mean over three observations, as two cameras that see the spot in turn do not make a movement
+    # each is averaged with its neighbours, because two cameras that see the spot in turn are not a movement
     weighted = np.column_stack([line.points * line.weights[:, None], line.weights])
     wide = np.pad(weighted, ((1, 1), (0, 0)), mode="edge")
     total = wide[:-2] + wide[1:-1] + wide[2:]
@@ -155,7 +155,7 @@ def _means(points: np.ndarray, observation_weights: np.ndarray, sample: np.ndarr
 
 
 def _merge_repeats(stroke: ResampledStroke) -> ResampledStroke:
-    """Ends the stroke where it no longer reaches new floor: a line drawn twice is one line, seen twice as often."""
+    """Ends the stroke where it no longer reaches new floor. A line drawn twice is one line, seen twice as often."""
     points = stroke.points
     arc = geometry.arc_lengths(points)
     earlier, later = cKDTree(points).query_pairs(2.0 * stroke.tremor, output_type="ndarray").T
@@ -164,7 +164,7 @@ def _merge_repeats(stroke: ResampledStroke) -> ResampledStroke:
     is_repeated = arc[later] - arc[earlier] > 2.0 * chord + stroke.tremor
     new = np.ones(len(points), dtype=bool)
     new[later[is_repeated]] = False
-    # two samples beside the line may be an overshoot; three are new floor
+    # two samples beside the line may be an overshoot, but three are new floor
     run = np.flatnonzero(new[:-2] & new[1:-1] & new[2:])
     kept = int(run[-1]) + 3 if len(run) else len(points)
     if len(points) - kept < 4:
@@ -180,7 +180,7 @@ class Closure:
 
     Attributes:
         closed: polygon (True) or separating curve (False).
-        code: code of the sentence that says why; its values are in `values`.
+        code: code of the sentence that says why. `values` has what it names.
         gap: [m] distance between the ends.
         length: [m] length of the line between its ends.
         first, last: indices of outermost points that belong to the line, without an overhang past the closing point.
@@ -278,8 +278,8 @@ def _divide(stroke: ResampledStroke) -> np.ndarray:
     count = len(x)
     terms = stroke.sample_lengths * np.array([np.ones_like(x), x, y, x * x, y * y, x * y])
     sums = np.concatenate([np.zeros((6, 1)), np.cumsum(terms, axis=1)], axis=1)
-    # people mark corners by stopping: where the spot was seen more than twice as long as usual, a smaller
-    # detail suffices; the usual value is rounded, so that it seldom changes while a line grows
+    # people mark corners by stopping, so a smaller detail suffices where the spot was seen more than twice as long as
+    # usual. The usual value is rounded, so that it seldom changes while a line grows
     usual = 2.0 ** np.round(np.log2(np.median(stroke.observation_weights)))
     rest = np.maximum(stroke.observation_weights, np.append(stroke.observation_weights[1:], 0.0)) / usual
     corner = CORNER_MISFIT * stroke.tremor**3 * np.clip(2.0 / rest, 0.25, 1.0)
@@ -312,7 +312,7 @@ def _misfit(sums: np.ndarray) -> np.ndarray:
         sums: (6, ...) weighted sums of 1, x, y, xx, yy and xy.
     """
     w, x, y, xx, yy, xy = sums
-    # about the mean
+    # the moments about the mean
     sxx = xx - x * x / w
     syy = yy - y * y / w
     sxy = xy - x * y / w
@@ -326,7 +326,7 @@ def _fit_vertices(stroke: ResampledStroke, starts: np.ndarray, joined: bool) -> 
     if not joined:
         vertices = np.vstack([points[:1], vertices[1:], points[-1:]])
     count = len(vertices)
-    # each sample is explained by the side from vertex `start` to vertex `end`; those before the first side by the last one
+    # each sample is explained by the side from vertex `start` to `end`. Samples before the first side belong to the last
     start = (np.searchsorted(starts, np.arange(len(points)), side="right") - 1) % count
     end = (start + 1) % count
     directions = vertices[end] - vertices[start]
@@ -358,7 +358,7 @@ def simplify(chain: np.ndarray, closed: bool) -> np.ndarray:
         return np.asarray(LineString(chain).simplify(MIN_DETAIL).coords) if len(chain) > 2 else chain
     polygon = Polygon(chain)
     if not polygon.is_valid:
-        # the whole enclosed area without slips of the hand; the lobes of an 8 meet in a point, so a neck joins them
+        # the whole enclosed area without slips of the hand. The lobes of an 8 meet in a point, so a neck joins them
         pieces = make_valid(polygon).buffer(0.0)
         lobes = [Polygon(piece.exterior) for piece in getattr(pieces, "geoms", [pieces])]
         whole = sum(lobe.area for lobe in lobes)

@@ -1,7 +1,7 @@
 """The seed point: the last place where the pointer dwelt.
 
-The pointer's track is found as for the border (strokes.py): the sequence of clusters that explains most with the
-least effort. Here the pointer dwells instead of moving, and may be switched off on its way. So a cluster's gain is high
+The pointer's track is found as for the border (strokes.py). It is the sequence of clusters that explains most at
+the least cost. Here the pointer dwells instead of moving, and may be switched off on its way. So a cluster's gain is high
 if no light was seen there before, and a jump costs about that gain. Single flashes then do not attract the track.
 """
 
@@ -21,11 +21,11 @@ from vb_fusion.strokes import find_best_track, find_clusters
 
 HAND_RADIUS = 1.5 * TREMOR  # [m] a hand held still stays within this of its mean, camera offsets included
 MIN_DWELL = 0.7  # [s] a hand that passes at 0.2 m/s, as slowly as people draw, is within HAND_RADIUS for this long
-MAX_STEP = 0.3  # [m] between two sightings of a moving pointer: three images of ten a second at 1 m/s
-MAX_BLINK = 0.5  # [s] steady light is seen again within this: two images in a row missed at 5 a second
+MAX_STEP = 0.3  # [m] between two sightings of a moving pointer, which is three images of ten a second at 1 m/s
+MAX_BLINK = 0.5  # [s] steady light is seen again within this, even if two images in a row are missed at 5 a second
 MIN_SPOTS = 3
 NEW_PLACE_GAIN = 1.0  # gain of a place where no light was seen before
-KNOWN_PLACE_GAIN = 0.2  # gain of any other place: one camera that sees new light outweighs two that see old light
+KNOWN_PLACE_GAIN = 0.2  # gain of any other place. One camera that sees new light outweighs two that see old light
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Dwell:
 def choose_seed(dwells: Sequence[Dwell]) -> Dwell:
     """Chooses the dwell that is meant as the seed point s (paper, Sect. 3): the last, unless too few cameras confirm it.
 
-    Every camera sees the pointer's light on the floor, only one sees a false light; and to a mobile camera every bright
+    Every camera sees the pointer's light on the floor, but only one sees a false light. To a mobile camera every bright
     object is new. So light that appears elsewhere needs at least as many stationary cameras as the light before it.
     """
     chosen = dwells[0]
@@ -76,9 +76,9 @@ def find_dwells(
     mobile: Optional[Sequence[bool]] = None,
     border_points: Sequence[Sequence[float]] = (),
 ) -> List[Dwell]:
-    """Finds the places where the pointer dwelt, in the order in which it left them; at least one.
+    """Finds the places where the pointer dwelt, in the order in which it left them. There is at least one.
 
-    A place where light was already seen before counts less: it is a bright object, or the end of the border. The longer
+    A place where light was already seen before counts less, as it is a bright object or the end of the border. The longer
     light has been at its place [s], the less it counts as new. Each camera that sees a cluster adds to its gain.
 
     Args:
@@ -122,14 +122,14 @@ def find_dwells(
 
 
 def _find_stays(patch: np.ndarray, bins: np.ndarray) -> List[np.ndarray]:
-    """Finds where light stayed; brief flashes that recur at one place are not a dwell.
+    """Finds where light stayed. Brief flashes that recur at one place are not a dwell.
 
     Args:
         patch, bins: (P,) the floor patch and the time bin of each cluster of the pointer's track, in the order of time.
 
     Returns:
         The clusters on each patch on which light stayed for MIN_DWELL, without the flashes, in the order of the last
-        clusters; if there is none, only those of the longest stay.
+        clusters. If there is no such patch, only the clusters of the longest stay.
     """
     order = np.argsort(patch, kind="stable")
     breaks = (np.diff(patch[order]) != 0) | (np.diff(bins[order]) * TIME_BIN > MAX_BLINK)
@@ -157,7 +157,7 @@ def _floor_patches(positions: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     """Groups clusters (P, 2) [m] into floor patches of radius HAND_RADIUS.
 
     Returns:
-        (P,) which patch each cluster belongs to; (P,) how many clusters were there before it.
+        (P,) the patch of each cluster, and (P,) the number of clusters that were there before it.
     """
     patch, earlier, counts = np.zeros((3, len(positions)), dtype=int)
     middles = np.full_like(positions, np.inf)  # the next patch is nowhere yet

@@ -11,8 +11,8 @@ import numpy as np
 
 from vb_core.vocabulary import BORDER, DEFAULT, STATES, State, SEED
 
-MAX_SPOTS = 60_000  # spots kept per state: ten minutes of four cameras at 25 Hz
-STAMP_TOLERANCE = 0.05  # [s] a spot may be older than the state by this much: one frame of a camera
+MAX_SPOTS = 60_000  # spots kept per state, from ten minutes of four cameras at 25 Hz
+STAMP_TOLERANCE = 0.05  # [s] by which a spot may be older than the state, one frame of a camera
 CLOCK_STEP = 2.0  # [s] a camera's spots arrive in order, so stamps that go back by more mean its clock was set back
 MAX_CLOCK_ERROR = 60.0  # [s] a camera whose clock is off by more is reported here, smaller errors by camera_poses
 
@@ -36,7 +36,7 @@ SPOT = np.dtype([("points", float, 2), ("stamps", float), ("cameras", int), ("co
 class SpotStore:
     """Stores at most MAX_SPOTS spots.
 
-    When it is full, every other spot of each camera is dropped: no part of the drawing and no camera is lost.
+    When it is full, it drops every other spot of each camera. So no part of the drawing and no camera is lost.
     """
 
     def __init__(self) -> None:
@@ -61,7 +61,7 @@ class SpotStore:
 
     @property
     def spots(self) -> np.ndarray:
-        """(K,) of the type SPOT, in the order of their arrival; a copy, which later spots do not change."""
+        """(K,) of the type SPOT, in the order of their arrival, as a copy, which later spots do not change."""
         return self._spots[: self._count].copy()
 
 
@@ -94,7 +94,7 @@ class CameraClocks:
     def correct(self, camera: str, stamp: float) -> Optional[float]:
         """Returns the stamp that the camera's clock would have given if it had not been set back.
 
-        None if the stamp is well before the previous one: from an old message, or the first since the clock was set back.
+        None if it is well before the previous one, as in an old message, or in the first since the clock was set back.
         """
         previous = self._previous.get(camera, -math.inf)
         self._previous[camera] = stamp
@@ -104,24 +104,24 @@ class CameraClocks:
         setbacks = self._set_back.values()
         step = self._newest.get(camera, max(self._newest.values(), default=-math.inf)) - stamp
         if step - set_back > CLOCK_STEP and camera in self._newest:
-            # cameras on one computer share its clock: the camera with the newest spot gives the best estimate
+            # cameras on one computer share its clock, and the camera with the newest spot gives the best estimate
             set_back = max([step, *(setback for setback in setbacks if abs(setback - step) < CLOCK_STEP)])
         elif step - set_back > CLOCK_STEP:
-            # the camera's first spot, but other cameras have later stamps: its clock was set back too
+            # the camera's first spot, but other cameras have later stamps, so its clock was set back too
             set_back = min((setback for setback in setbacks if setback > step - CLOCK_STEP), default=set_back)
         self._set_back[camera] = set_back
         return stamp + set_back
 
     def record_stamp(self, camera: str, corrected_stamp: float) -> None:
-        """Remembers the corrected stamp of a spot that was collected: later stamps continue from it."""
+        """Remembers the corrected stamp of a spot that was collected. Later stamps continue from it."""
         self._newest[camera] = corrected_stamp
 
 
 class SpotCollector:
     """Collects spots in the states Border and Seed of one interaction.
 
-    Changes of state arrive late, and so do spots; therefore each spot's own stamp is compared with the time at which
-    the state was entered. If a clock is set back while somebody draws, the later stamps are corrected; a camera whose
+    Changes of state arrive late, and so do spots. Therefore each spot's own stamp is compared with the time at which
+    the state was entered. If a clock is set back while somebody draws, the later stamps are corrected. A camera whose
     clock is off is ignored and reported.
 
     Attributes:
@@ -187,7 +187,7 @@ class SpotCollector:
             stamp is far later than its arrival, or well before the camera's previous stamp) or "before_state" (it was
             seen before the state was entered).
         """
-        # updated in any case: after a jump back of the clock a camera must not count as seeing for ever
+        # an ignored spot counts too, or a camera whose clock was set back would count as seeing the spot for ever
         self._last_seen[spot.camera] = spot.stamp
         if not all(math.isfinite(value) for value in (spot.stamp, spot.x, spot.y)):
             return self._ignore("not_finite")

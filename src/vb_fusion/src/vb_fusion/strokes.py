@@ -1,7 +1,7 @@
 """Stage 1: which spots are the pointer's, as strokes, and which strokes make the border's line.
 
 There is one pointer, which moves through time. Observations close together in one time bin form a cluster. A track has
-at most one cluster of each time bin, and the best track explains the most floor at the least cost:
+at most one cluster of each time bin. The best track explains the most floor at the least cost.
 
     time bin   1   2   3   4   5   6   7
     pointer    o---o---o-------o---o---o     each cluster adds new floor; one unseen step costs little
@@ -12,11 +12,11 @@ In metres:
 
     gain = the floor that a cluster covers and no other did. Light that stays longer than MAX_DWELL gains less and less,
            unless its position has a trend over time, as a slow hand's has. Positions passed at constant speed also gain
-           the floor between them
+           the floor between them.
     cost = (distance - TREMOR)^2 / (time * UNSEEN_SPEED) of a step, where a pause longer than a dropout gives no more time
 
-So a gap crossed at the speed of a hand is cheap, and a tremor is free. As hands also flick, a cost beyond TREMOR grows only
-logarithmically, like the negative log likelihood of a heavy-tailed error: a rest after a flick belongs to the stroke.
+So a gap crossed at the speed of a hand is cheap, and a tremor is free. Hands also flick, and a rest after a flick belongs
+to the stroke. So a cost beyond TREMOR grows only logarithmically, like the negative log likelihood of a heavy-tailed error.
 
 Dynamic programming finds the best track, cluster by cluster in order of time. Its time bins and its floor are then
 removed. The best track of the rest is the next stroke. The line is the widest stroke and those that continue its ends.
@@ -35,13 +35,13 @@ from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_fusion.observations import LOCALIZATION_ERROR, MAX_DROPOUTS, TIME_BIN, TREMOR, Observations
 
-CLUSTER_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a cluster covers; a stroke explains at least one
+CLUSTER_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a cluster covers. A stroke explains at least one
 UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen step costs as much floor as it crosses
-MAX_DWELL = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer; a bright object stays
+MAX_DWELL = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer, but a bright object stays
 MAX_CROWD = 3.0  # clusters of one time bin that count in full: the pointer, a bright object and a stray
-MIN_SEEN = 5  # clusters; a shorter run between two unseen steps is a stray or a glint, seen for a third of a second
+MIN_SEEN = 5  # clusters. A shorter run between two unseen steps is a stray or a glint, seen for a third of a second
 MAX_SIMULTANEOUS_CLUSTERS = 10  # clusters of one time bin, the strongest ones
-# clusters among which a predecessor is sought: they span more than a dropout, however much glitters
+# clusters among which a predecessor is sought. They span more than a dropout, however much glitters
 LOOK_BACK = int(MAX_DROPOUTS + 1.0) * MAX_SIMULTANEOUS_CLUSTERS
 
 
@@ -76,7 +76,7 @@ def find_drawn_line(observations: Observations, max_gap: float, min_expansion: f
     """
     clusters = find_clusters(observations)
     strokes, ends = find_strokes(observations, clusters, max_gap)
-    # strokes that could be a line alone. The widest comes first, as moving back and forth also explains much floor
+    # the strokes that could be a line alone, the widest first. Moving back and forth also explains much floor
     sized = [(geometry.bounding_diagonal(observations.points[stroke]), stroke) for stroke in strokes]
     sized.sort(key=lambda sized_stroke: sized_stroke[0], reverse=True)
     wide = [stroke for size, stroke in sized if size > min_expansion - 2.0 * TREMOR]
@@ -98,7 +98,7 @@ def find_clusters(observations: Observations) -> Observations:
         group[order] = np.concatenate([[0], np.cumsum(new)])
     clusters = observations.merge(group)
     x, y = clusters.points.T
-    # rounded, as another computer may sum equal weights in another order
+    # weights are rounded because another computer may sum equal ones in another order
     strongest_first = np.lexsort((y, x, -np.round(clusters.weights, 6), clusters.time_bins))
     bins = clusters.time_bins[strongest_first]
     rank_in_bin = np.arange(len(bins)) - np.searchsorted(bins, bins)
@@ -116,13 +116,13 @@ def find_strokes(
         max_gap: [m] widest gap between two clusters of one stroke.
 
     Returns:
-        The indices of the observations of each stroke, in order of time; and those of each glint before or after them,
-        which may be the beginning or the end of the drawing, but was seen too seldom to tell.
+        The indices of the observations of each stroke, in order of time, and those of each glint before or after them.
+        A glint may be the beginning or the end of the drawing, but was seen too seldom to tell.
     """
     points, stamps, bins, dropout = clusters.points, clusters.stamps, clusters.time_bins, clusters.dropout_time
     explained = floor_gains(points, stamps, dropout)
-    # the more clusters are seen at once, the less likely each is the pointer; and a stationary camera's pose is known
-    # better than that of a camera on a robot
+    # the more clusters are seen at once, the less likely each is the pointer. A stationary camera's pose is known better
+    # than that of a camera on a robot
     trust = np.minimum(1.0, MAX_CROWD / np.bincount(bins)[bins])
     trust[clusters.mobile & (np.bincount(bins, ~clusters.mobile) > 0)[bins]] *= TREMOR / LOCALIZATION_ERROR
     gains = explained * trust
@@ -237,16 +237,16 @@ def _join_strokes(
 
 
 def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.ndarray:
-    """Returns the floor (P,) [m] that each cluster adds: clusters on the same floor share it."""
+    """Returns the floor (P,) [m] that each cluster adds. Clusters on the same floor share it."""
     nodes, shares = _lattice_shares(points)
     # the number of clusters at each cluster, itself included, independent of where it lies between the nodes
     crowding = (np.bincount(nodes.ravel(), shares.ravel())[nodes] * shares).sum(axis=0) / (shares**2).sum(axis=0)
-    # along a line, these are on average 1.5 times the clusters in a width: together they add the line's length
+    # along a line, this is on average 1.5 times the clusters in a width. Together they then add the line's length
     new = CLUSTER_WIDTH / np.maximum(crowding / 1.5, 2.0)
     longest_stay = _stationary_times(points, stamps, dropout, nodes, shares)[nodes].max(axis=0)
     dwell_factor = np.minimum(1.0, MAX_DWELL / np.maximum(longest_stay, TIME_BIN)) ** 2
     gains = np.maximum(new, _swept(points, stamps, dropout)) * dwell_factor
-    # rounded to 0.1 mm, so that equal clusters are equal on every computer; never exactly zero
+    # gains are rounded to 0.1 mm, so that equal clusters are equal on every computer, and are never exactly zero
     return np.round(gains, 4) + 1e-5
 
 
@@ -282,7 +282,7 @@ def _stationary_times(
     pauses = np.append(0.0, np.minimum(np.diff(time[order]), dropout))
     lit_times = np.bincount(node[order], np.where(is_first, TIME_BIN, pauses))
     # the distance moved is the slope of a weighted regression of position on time, cov(position, time) / var(time),
-    # times the duration: a uniform movement lasts for sqrt(12) standard deviations of its times
+    # times the duration. A uniform movement lasts for sqrt(12) standard deviations of its times
     total = np.maximum(np.bincount(node, share), 1e-9)
     deviation = time - (np.bincount(node, share * time) / total)[node]
     variance = np.bincount(node, share * deviation * deviation)
@@ -304,7 +304,7 @@ def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
         offset = np.hypot(*(points[before] + share[:, None] * (points[after] - points[before]) - points[middle]).T)
         half_distance = 0.5 * np.hypot(*(points[after] - points[before]).T)
         straight = np.exp(-((offset / np.maximum(0.3 * half_distance, TREMOR)) ** 2))
-        # in a row, the middle cluster is seen halfway in time; if one of only two is seen twice, it is not
+        # the middle cluster of a row is seen halfway in time. If only two are seen, one of them twice, it is not
         row = np.maximum(half_distance - TREMOR, 0.0) * straight * 4.0 * share * (1.0 - share)
         row[(whole > dropout) | (2.0 * half_distance > UNSEEN_SPEED * whole)] = 0.0
         # the row's ends too, where the stroke may begin or end
@@ -331,7 +331,7 @@ def find_best_track(
     cost = np.maximum(distance - TREMOR, 0.0) ** 2 / (np.clip(time, 1e-9, dropout) * UNSEEN_SPEED)
     cost = free_jump * np.log1p(cost / free_jump)
     cost[(candidates < 0) | (time <= 0.0)] = np.inf
-    # of the best track that ends at each cluster
+    # the gain less the cost of the best track that ends at each cluster
     totals = gains.copy()
     best_predecessor = np.full(count, -1)
     for cluster in range(count):
