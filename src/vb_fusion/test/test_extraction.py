@@ -40,16 +40,16 @@ def extract_stroke(stroke):
 )
 @pytest.mark.parametrize("shape", ["rectangle", "L", "U"])
 def test_a_closed_stroke_becomes_a_polygon_near_to_what_was_drawn(setting, allowed, overlap, shape):
-    bad, index = [], []
+    distances, overlaps = [], []
     for seed in range(3):
         stroke = draw(shape, setting, np.random.default_rng(seed))
         chain = extract_stroke(stroke)
         assert chain.closed, chain.reason
-        bad.append(hausdorff(chain.points, stroke.truth, True))
-        index.append(jaccard(chain.points, stroke.truth))
-    assert max(bad) < 0.25
-    assert np.median(bad) < allowed
-    assert np.median(index) > overlap
+        distances.append(hausdorff(chain.points, stroke.truth, True))
+        overlaps.append(jaccard(chain.points, stroke.truth))
+    assert max(distances) < 0.25
+    assert np.median(distances) < allowed
+    assert np.median(overlaps) > overlap
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_a_closed_stroke_becomes_a_polygon_near_to_what_was_drawn(setting, allow
     [
         *((shape, BASE.replace(outliers=share), 0.2) for shape in ("doorway", "corner") for share in (0.03, 0.2)),
         ("corner", BASE.replace(gap=0.35), 0.2),  # a gap in a straight line gets no corner
-        ("narrow_U", ROUGH, 0.25),  # only time separates its legs
+        ("narrow_U", ROUGH, 0.25),  # its legs are separated by time alone
     ],
 )
 def test_every_stroke_is_followed(shape, setting, allowed):
@@ -79,15 +79,17 @@ def test_corners_stay_corners_also_where_nobody_saw_one(closed, before, after):
     points = np.column_stack([np.interp(s, at, [0, 2, 2, 0, 0]), np.interp(s, at, [0, 0, 1, 1, 0])])
     chain = extract_border(points + np.random.default_rng(0).normal(0, 0.005, points.shape), stamps=s / 0.4)
     assert chain.closed == closed
-    for corner, allowed in (([2, 0], 0.04), ([2, 1], 0.02), ([0, 1], 0.02))[: 3 if closed else 2]:
+    corners = [([2, 0], 0.04), ([2, 1], 0.02)] + closed * [([0, 1], 0.02)]
+    for corner, allowed in corners:
         assert np.linalg.norm(chain.points - corner, axis=1).min() < allowed
 
 
 def test_stroke_runs_in_the_direction_it_was_drawn():
     x = np.linspace(0, 2, 200)
     points = np.column_stack([x, 0 * x])
-    assert extract_border(points, stamps=np.arange(200) / 25.0).points[0, 0] < 0.1
-    assert extract_border(points, stamps=-np.arange(200) / 25.0).points[0, 0] > 1.9
+    stamps = np.arange(200) / 25.0
+    assert extract_border(points, stamps=stamps).points[0, 0] < 0.1
+    assert extract_border(points, stamps=-stamps).points[0, 0] > 1.9
 
 
 # ----------------------------------------------------------------- closed or open
@@ -114,7 +116,8 @@ def bent_wave(degrees):
     return radius[:, None] * np.column_stack([np.cos(along), 0.45 * np.sin(along)])
 
 
-ALONG, TURN = np.linspace(0.0, 2.0, 400)[:, None], np.linspace(0, 2 * np.pi, 100)
+ALONG = np.linspace(0.0, 2.0, 400)[:, None]
+TURN = np.linspace(0, 2 * np.pi, 100)
 LOOP = np.column_stack([0.25 * np.sin(TURN), 0.25 - 0.25 * np.cos(TURN)])
 LINES = {
     **{f"U {depth} m": np.array([[0.0, depth], [0.0, 0.0], [1.0, 0.0], [1.0, depth]]) for depth in (0.7, 1.0, 3.0)},
@@ -158,7 +161,7 @@ def test_non_finite_far_and_unconnected_spots_are_left_out(params):
     rng = np.random.default_rng(0)
     line = np.column_stack([np.linspace(0, 2, 300), np.zeros(300)]) + rng.normal(0, 0.01, (300, 2))
     points = np.vstack([line, rng.normal([5, 5], 0.03, (200, 2)), [[np.nan, 0], [np.inf, 1], [1e300, 0]]])
-    chain = extract_border(points, params, stamps=0.04 * np.arange(len(points)))  # as from one camera
+    chain = extract_border(points, params, stamps=0.04 * np.arange(len(points)))  # all are from one camera
     assert chain.length == pytest.approx(2.0, abs=0.2)
     assert np.abs(chain.points[:, 1]).max() < 0.1
 
@@ -208,12 +211,17 @@ def still(place, start, count=20, camera=0):
 
 
 def joined(*parts):
+    """Returns the spots of all parts as one drawing."""
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def by_robot(spots, **changes):
+def select(spots, rows):
+    """Returns the spots of these rows."""
+    return {name: values[rows] for name, values in spots.items()}
+
+
+def by_robot(spots):
     """Extracts the border of spots whose second camera is on a robot."""
-    spots = {**spots, **changes}
     return extract_border(**spots, mobile=spots["cameras"] == 1)
 
 
@@ -225,14 +233,15 @@ def off_the_axis(chain):
 def test_a_robot_lost_for_a_second_does_not_move_the_border():
     spots = line_spots([[0, 0], [3, 0]], cameras=2)
     lost = (spots["cameras"] == 1) & (np.abs(spots["stamps"] - 3.5) < 0.5)
-    assert off_the_axis(by_robot(spots, points=spots["points"] + 0.12 * lost[:, None] * [0.0, 1.0])) < 0.025
+    spots["points"][lost] += [0.0, 0.12]
+    assert off_the_axis(by_robot(spots)) < 0.025
 
 
 @pytest.mark.parametrize("off", [0.12, 0.18])
 def test_spots_of_a_lost_robot_beside_the_line_are_not_a_stroke(off):
-    """They are the same line, seen from a wrong pose; but a line that is drawn there later is another stroke."""
+    """They are the same line, seen from a wrong pose. A line that is drawn there later is another stroke."""
     spots = line_spots([[0, 0], [3, 0], [3, 2]], cameras=3)
-    spots["points"] = spots["points"] + off * (spots["cameras"] == 1)[:, None] * [0.6, 0.8]
+    spots["points"][spots["cameras"] == 1] += off * np.array([0.6, 0.8])
     chain = by_robot(spots)
     assert chain.left_out_spots == 0
     assert hausdorff(chain.points, np.array([[0, 0], [3, 0], [3, 2]]), False) < 0.08
@@ -246,9 +255,9 @@ def test_spots_seen_by_a_robot_alone_keep_its_last_offset(place):
     """The offset is that from the other cameras just before and after."""
     spots = line_spots([[0, 0], [3, 0]], cameras=2)
     robot = spots["cameras"] == 1
-    spots["points"] = spots["points"] + robot[:, None] * place
-    seen = robot | (np.abs(spots["points"][:, 0] - 1.5) > 0.5)  # only the robot sees the middle metre
-    assert off_the_axis(by_robot({name: values[seen] for name, values in spots.items()})) < 0.05
+    spots["points"][robot] += place
+    seen = robot | (np.abs(spots["points"][:, 0] - 1.5) > 0.5)  # the middle metre is seen by the robot alone
+    assert off_the_axis(by_robot(select(spots, seen))) < 0.05
 
 
 def test_a_line_drawn_back_over_itself_ends_where_it_turned():
@@ -259,7 +268,9 @@ def test_a_line_drawn_back_over_itself_ends_where_it_turned():
 
 def with_strays(spots, seed, share=0.03, margin=0.5):
     """Returns the spots with strays near the drawing added."""
-    rng, points, stamps = np.random.default_rng([seed, 5]), spots["points"], spots["stamps"]
+    rng = np.random.default_rng([seed, 5])
+    points = spots["points"]
+    stamps = spots["stamps"]
     count = int(share * len(points))
     strays = rng.uniform(points.min(axis=0) - margin, points.max(axis=0) + margin, (count, 2))
     times = rng.uniform(stamps.min(), stamps.max(), count)
@@ -269,9 +280,11 @@ def with_strays(spots, seed, share=0.03, margin=0.5):
 @pytest.mark.parametrize("images", [1, 3], ids=["stray", "glint"])
 def test_sides_in_any_order_are_one_polygon_also_among_strays(images):
     """Crossing an unseen gap has a cost, which a flash does not lower, however near to the gap's ends it is."""
-    corners, bad = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.2], [0.0, 1.2], [0.0, 0.0]]), 0
+    corners = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.2], [0.0, 1.2], [0.0, 0.0]])
+    bad = 0
     for seed in range(8):
-        parts, start = [], 0.0
+        parts = []
+        start = 0.0
         for number, later in zip((0, 2, 1, 3), (2, 1, 3, 0)):
             side = corners[number : number + 2]
             parts.append(line_spots(side, seed=9 * seed + number, noise=0.012, cameras=2, start=start))
@@ -306,14 +319,15 @@ def test_an_end_seen_too_seldom_is_left_out_with_a_word(images, place, start):
 @pytest.mark.parametrize("hidden", [(1.0, 0.5), (1.0, 0.8), (2.0, 0.6), (4.2, 0.5)])
 def test_an_unseen_piece_is_reported_even_with_strays_across_it(hidden):
     corners = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.2], [0.0, 1.2], [0.0, 0.0]])
+    middle, width = hidden
     for seed in range(5):
         spots = line_spots(corners, speed=0.25, noise=0.012, cameras=2, seed=seed)
         assert extract_border(**spots).longest_unseen_gap < 0.25
-        middle, width = hidden
         seen = np.abs(0.25 * (spots["stamps"] - spots["stamps"][0]) - middle) > 0.5 * width
         # beside the line, in the middle of the unseen interval
-        stray = still(spots["points"][~seen].mean(axis=0) + [0.25, 0.25], spots["stamps"][~seen].mean(), 1)
-        chain = extract_border(**joined({name: values[seen] for name, values in spots.items()}, stray))
+        unseen = select(spots, ~seen)
+        stray = still(unseen["points"].mean(axis=0) + [0.25, 0.25], unseen["stamps"].mean(), 1)
+        chain = extract_border(**joined(select(spots, seen), stray))
         assert chain.longest_unseen_gap > 0.25
         assert chain.closed
         assert hausdorff(chain.points, corners[:4], True) < 0.25
@@ -323,14 +337,16 @@ def test_an_unseen_piece_is_reported_even_with_strays_across_it(hidden):
 def test_a_robots_clock_that_is_off_costs_no_memory(days):
     """Only seconds in which something was seen have unknowns."""
     spots = line_spots([[0, 0], [3, 0]], cameras=2)
-    assert off_the_axis(by_robot(spots, stamps=spots["stamps"] + 86400.0 * days * (spots["cameras"] == 1))) < 0.05
+    spots["stamps"][spots["cameras"] == 1] += 86400.0 * days
+    assert off_the_axis(by_robot(spots)) < 0.05
 
 
 @pytest.mark.parametrize("beside", [0.0, 0.06, 0.1])
 def test_neighbouring_tips_passed_shortly_after_each_other_are_kept(beside):
     """Light that comes back to a place after a second is the pointer: a bright object would have stayed visible."""
     for seed in range(4):
-        at, parts = 0.0, []
+        parts = []
+        at = 0.0
         tips = [[0.0, 0.0], [0.1, 0.9], [0.3, 0.0], [0.1 + beside, 0.95], [0.5, 0.0], [0.1 + 2 * beside, 1.0]]
         for number, (start, end) in enumerate(zip(tips, tips[1:])):
             parts.append(line_spots([start, end], speed=4.0, cameras=2, seed=9 * seed + number, start=at))
@@ -343,16 +359,18 @@ def test_neighbouring_tips_passed_shortly_after_each_other_are_kept(beside):
 
 
 def test_a_slow_hand_is_no_light_that_stays():
-    wrong = []
+    distances = []
     for seed in range(10):
         line = line_spots([[0, 0], [0.9, 0]], speed=0.05, noise=0.012, cameras=2, seed=seed)
         chain = extract_border(**with_strays(line, seed))
-        wrong.append(hausdorff(chain.points, np.array([[0, 0], [0.9, 0]]), False) > 0.15)
-    assert sum(wrong) <= 1, wrong
+        distances.append(hausdorff(chain.points, np.array([[0, 0], [0.9, 0]]), False))
+    assert sorted(distances)[-2] <= 0.15, distances
 
 
-RECTANGLE, HOOK = [[0, 0], [2, 0], [2, 1.2], [0, 1.2], [0, 0]], [[0, 0.2], [-0.2, 0.1], [-0.15, 0], [0, 0]]
-CORNER, TIP = [[0, 0], [1.5, 0], [1.5, 1.0]], [[0, 0], [0.01, 1.0], [0.02, 0], [0.8, 0]]
+RECTANGLE = [[0, 0], [2, 0], [2, 1.2], [0, 1.2], [0, 0]]
+HOOK = [[0, 0.2], [-0.2, 0.1], [-0.15, 0], [0, 0]]
+CORNER = [[0, 0], [1.5, 0], [1.5, 1.0]]
+TIP = [[0, 0], [0.01, 1.0], [0.02, 0], [0.8, 0]]
 CIRCLE = 0.5 * np.column_stack([np.cos(TURN), np.sin(TURN)])
 SCENES = {
     # people rest at a corner and draw a side so quickly that hardly any of it is seen

@@ -22,7 +22,7 @@ def seen(place, first, last, *cameras, rate=25):
 
 
 def find(parts, border=(), random_seed=0, dropped=0.0):
-    """Returns the dwells of a scene after the spots of a border; the camera called `robot` is on a robot."""
+    """Returns the dwells of a scene after the spots of a border. The camera called `robot` is on a robot."""
     rng = np.random.default_rng(random_seed)
     spots = []
     for place, first, last, rate, camera in parts:
@@ -52,7 +52,8 @@ class Scene(NamedTuple):
 
 HERE, THERE, FALSE = (0.0, 0.0), (1.0, 2.0), (2.0, 1.0)
 BOTH = ("red", "green")
-POINTER, LIGHT = seen(HERE, 0.0, 1.7, *BOTH), seen(FALSE, 2.5, 5.5, "green")
+POINTER = seen(HERE, 0.0, 1.7, *BOTH)
+LIGHT = seen(FALSE, 2.5, 5.5, "green")
 FLASHES = [part for i in range(5) for part in seen(THERE, 3.0 + i, 3.3 + i, "blue", rate=10)]  # flashes from paper
 TWO = seen(FALSE, 0.0, 3.0, *BOTH) + seen(THERE, 0.0, 3.0, "blue")
 LONGER = seen(HERE, 0.0, 6.0, "red", rate=40) + seen(THERE, 8.0, 10.0, "red", rate=40)
@@ -95,13 +96,16 @@ def test_the_last_dwell_is_the_seed_and_a_longer_one_is_reported(scene):
     for random_seed in range(5):
         drawn = DrawnBorder(dwells=find(scene.parts, scene.border, random_seed))
         assert np.linalg.norm(drawn.seed - scene.seed) < 0.02
-        assert (drawn.competing_dwell is None) == (scene.other is None)
-        assert scene.other is None or np.linalg.norm(drawn.competing_dwell.point - scene.other) < 0.02
+        if scene.other is None:
+            assert drawn.competing_dwell is None
+        else:
+            assert np.linalg.norm(drawn.competing_dwell.point - scene.other) < 0.02
 
 
 @pytest.mark.parametrize("apart, count", [(0.04, 1), (0.12, 2), (0.3, 2)])
 def test_places_nearer_than_the_hand_s_tremor_are_one_dwell(apart, count):
-    assert len(find(seen((1.0, 2.0), 0.0, 2.0, "red") + seen((1.0 + apart, 2.0), 2.0, 4.0, "red"))) == count
+    dwells = find(seen((1.0, 2.0), 0.0, 2.0, "red") + seen((1.0 + apart, 2.0), 2.0, 4.0, "red"))
+    assert len(dwells) == count
 
 
 @pytest.mark.parametrize("speed", [0.2, 0.3, 0.5])
@@ -111,7 +115,7 @@ def test_a_place_that_the_pointer_comes_to_is_one_dwell(speed):
     for random_seed in range(20):
         dwells = find(parts, random_seed=random_seed)
         assert DrawnBorder(dwells=dwells).competing_dwell is None
-        assert len(dwells) == 1 or np.linalg.norm(dwells[-2].point) > 0.075
+        assert all(np.linalg.norm(dwell.point) > 0.075 for dwell in dwells[-2:-1])
 
 
 def test_a_camera_that_misses_images_sees_a_dwell():

@@ -11,6 +11,7 @@ from vb_fusion.spot_collector import SpotCollector, FloorSpot
 
 
 def spot(stamp, x=0.0, y=0.0, camera="red"):
+    """Returns a spot of a camera."""
     return FloorSpot(stamp, x, y, camera)
 
 
@@ -44,7 +45,8 @@ def test_collects_in_border_and_seed_of_an_interaction_until_the_next():
 def test_early_and_non_finite_spots_are_ignored_and_counted():
     collector = in_border(10.0)
     assert collector.add(spot(9.94)) == "before_state"
-    assert collector.add(spot(11.0, float("nan"))) == collector.add(spot(float("inf"))) == "not_finite"
+    assert collector.add(spot(11.0, float("nan"))) == "not_finite"
+    assert collector.add(spot(float("inf"))) == "not_finite"
     assert collector.add(spot(9.96)) == ""
     # spots of different cameras may arrive out of order
     assert collector.add(spot(10.5, camera="green")) == ""
@@ -65,12 +67,14 @@ def test_a_drawing_without_an_outcome_is_lost(outcome, drawn_in, spots):
     assert not collector.is_incomplete
     for number in range(spots):
         collector.add(spot(1.5 + number))
+    lost = spots > 0 and not outcome
     for _ in range(2):  # the state is repeated
         collector.set_state(DEFAULT, "", 4.0, outcome)
-        lost = spots > 0 and not outcome
-        assert (collector.is_incomplete, collector.may_clear) == (lost, lost or outcome not in ("", "saved"))
+        assert collector.is_incomplete == lost
+        assert collector.may_clear == (lost or outcome in ("cancelled", "abandoned"))
     collector.clear()
-    assert (collector.is_incomplete, collector.may_clear) == (lost, False)
+    assert collector.is_incomplete == lost
+    assert not collector.may_clear
     collector.set_state(DEFAULT, "", 4.0, outcome)
     assert not collector.may_clear
     collector.set_state(BORDER, "b", 5.0, outcome)
@@ -82,9 +86,11 @@ def test_a_drawing_begun_before_the_collector_is_lost():
     collector.set_state(SEED, "a", 1.0)
     assert collector.is_incomplete
     collector.set_state(DEFAULT, "", 2.0, "cancelled")
-    assert not collector.is_incomplete and collector.may_clear
+    assert not collector.is_incomplete
+    assert collector.may_clear
     collector.set_state(BORDER, "b", 3.0, "cancelled")
-    assert not collector.is_incomplete and not collector.may_clear
+    assert not collector.is_incomplete
+    assert not collector.may_clear
 
 
 @pytest.mark.parametrize("count", [1000, 2600])
@@ -95,13 +101,15 @@ def test_a_full_store_keeps_the_whole_drawing_and_every_camera(count, monkeypatc
         if k == 150:
             early = collector.snapshot().border
         collector.add(spot(0.02 * k, x=k / count, camera=("red", "green")[k % 2]))
-    spots = collector.snapshot().border
     assert collector.counts[0] == count
+    spots = collector.snapshot().border
     collector.set_state(BORDER, "b", 0.02 * count)
     collector.add(spot(0.02 * count))
-    assert early["stamps"].tolist() == [0.02 * k for k in range(150)]  # later spots do not change an earlier collection
+    assert early["stamps"].tolist() == [0.02 * k for k in range(150)]  # later spots do not change an earlier snapshot
     assert len(spots) <= 200
-    assert spots["points"][0, 0] < 0.05 and spots["points"][-1, 0] > 0.95
+    x = spots["points"][:, 0]
+    assert x[0] < 0.05
+    assert x[-1] > 0.95
     red, green = np.bincount(spots["cameras"])
     assert red == pytest.approx(green, rel=0.1)
 
@@ -123,15 +131,15 @@ def test_a_clock_that_is_set_back_while_somebody_draws_is_undone_for_every_camer
     spots = collector.snapshot().border
     assert len(spots) == count - 1
     assert collector.ignored["clock"] == 2  # the first spot of red and of green after it
-    x = spots["points"][np.argsort(spots["stamps"], kind="stable"), 0]
-    assert np.diff(x).min() > -0.05
+    x_in_order_of_stamps = spots["points"][np.argsort(spots["stamps"], kind="stable"), 0]
+    assert np.diff(x_in_order_of_stamps).min() > -0.05
     assert np.ptp(spots["stamps"]) == pytest.approx(0.02 * count, abs=0.2)
 
 
 def test_one_old_message_is_no_clock_that_was_set_back():
     collector = in_border(100.0)
-    stamps = [110.0, 80.0, 110.1, 110.2]
-    assert [collector.add(spot(stamp)) for stamp in stamps] == ["", "clock", "", ""]
+    reasons = [collector.add(spot(stamp)) for stamp in (110.0, 80.0, 110.1, 110.2)]
+    assert reasons == ["", "clock", "", ""]
     assert collector.snapshot().border["stamps"].tolist() == [110.0, 110.1, 110.2]
 
 
@@ -162,7 +170,9 @@ def test_live_extraction_keeps_to_its_share():
     ticks = iter(np.arange(0.0, 1000.0, 0.5))
     live = LiveExtractor(ExtractionParams(), share=0.1)
     first = live.update(collector.snapshot(), lambda: next(ticks))
-    assert first.chain is not None and first.seed is None and first.seed_error.code == "no_spots"
+    assert first.chain is not None
+    assert first.seed is None
+    assert first.seed_error.code == "no_spots"
     assert live.update(collector.snapshot(), lambda: next(ticks)) is first  # nothing new
     collector.add(spot(5.0, x=2.02))
     assert live.update(collector.snapshot(), lambda: next(ticks)) is first  # too early
@@ -172,7 +182,8 @@ def test_live_extraction_keeps_to_its_share():
 def test_live_and_final_border_are_the_same(monkeypatch):
     """This holds whatever was extracted before, for two cameras, of whose spots the collector could not keep all."""
     monkeypatch.setattr(collecting, "MAX_SPOTS", 400)
-    collector, live = in_border(), LiveExtractor(ExtractionParams(), share=1.0)
+    collector = in_border()
+    live = LiveExtractor(ExtractionParams(), share=1.0)
     stroke = draw("rectangle", Setting(), np.random.default_rng(4))
     for number, row in enumerate(np.argsort(stroke.stamps)):
         collector.add(spot(stroke.stamps[row], *stroke.points[row], camera=str(stroke.cameras[row])))

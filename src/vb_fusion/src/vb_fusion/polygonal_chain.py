@@ -37,7 +37,7 @@ from vb_core.errors import CodedError
 from vb_fusion.observations import TIME_BIN, TREMOR, Observations
 
 NEARLY_CLOSED = ("open_wide", "open_flat")  # codes of lines whose ends came near each other
-MAX_OPENING_RATIO = 0.5  # opening in diameters of the figure, up to which the end is nearer to the start than to the far side
+MAX_OPENING_RATIO = 0.5  # [diameters of the figure] within it the end is nearer to the start than to the far side
 CORNER_MISFIT = 1.5  # [tremors^3] squared distance times length that a corner must explain
 MAX_BEND = 1.5  # [chords] longest arc that one side may stand for. A semicircle is 1.57 chords long
 MIN_SPIKE = 2.0  # [tremors] a spike that is shorter may be noise
