@@ -7,7 +7,6 @@ from shapely.geometry import Polygon, box
 
 from generated_strokes import Setting, draw, hausdorff, jaccard
 from people_strokes import Seen, drawings, half, see
-
 from refusals import refused
 
 from vb_core import geometry
@@ -17,6 +16,7 @@ from vb_fusion.polygonal_chain import classify_closure
 
 BASE = Setting()
 ROUGH = BASE.replace(bias=0.04, tremor=0.03, noise=0.02)
+RECTANGLE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.2], [0.0, 1.2], [0.0, 0.0]])
 
 
 def extract_stroke(stroke):
@@ -79,8 +79,7 @@ def test_corners_stay_corners_also_where_nobody_saw_one(closed, before, after):
     points = np.column_stack([np.interp(s, at, [0, 2, 2, 0, 0]), np.interp(s, at, [0, 0, 1, 1, 0])])
     chain = extract_border(points + np.random.default_rng(0).normal(0, 0.005, points.shape), stamps=s / 0.4)
     assert chain.closed == closed
-    corners = [([2, 0], 0.04), ([2, 1], 0.02)] + closed * [([0, 1], 0.02)]
-    for corner, allowed in corners:
+    for corner, allowed in [([2, 0], 0.04), ([2, 1], 0.02)] + closed * [([0, 1], 0.02)]:
         assert np.linalg.norm(chain.points - corner, axis=1).min() < allowed
 
 
@@ -93,8 +92,6 @@ def test_stroke_runs_in_the_direction_it_was_drawn():
 
 
 # ----------------------------------------------------------------- closed or open
-
-
 @pytest.mark.parametrize("gap", [0.1, 0.2, 0.3])
 @pytest.mark.parametrize("corners", [3, 60], ids=["triangle", "circle"])
 @pytest.mark.parametrize("begin", [0.0, 0.4, 0.9])
@@ -136,8 +133,6 @@ def test_lines_are_open_at_every_scale(line, scale):
 
 
 # ----------------------------------------------------------------- no strokes
-
-
 @pytest.mark.parametrize("params", [ExtractionParams(mode="paper"), ExtractionParams()], ids=["paper", "robust"])
 @pytest.mark.parametrize(
     "points, code",
@@ -215,11 +210,6 @@ def joined(*parts):
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def select(spots, rows):
-    """Returns the spots of these rows."""
-    return {name: values[rows] for name, values in spots.items()}
-
-
 def by_robot(spots):
     """Extracts the border of spots whose second camera is on a robot."""
     return extract_border(**spots, mobile=spots["cameras"] == 1)
@@ -257,7 +247,7 @@ def test_spots_seen_by_a_robot_alone_keep_its_last_offset(place):
     robot = spots["cameras"] == 1
     spots["points"][robot] += place
     seen = robot | (np.abs(spots["points"][:, 0] - 1.5) > 0.5)  # the middle metre is seen by the robot alone
-    assert off_the_axis(by_robot(select(spots, seen))) < 0.05
+    assert off_the_axis(by_robot({name: values[seen] for name, values in spots.items()})) < 0.05
 
 
 def test_a_line_drawn_back_over_itself_ends_where_it_turned():
@@ -269,8 +259,7 @@ def test_a_line_drawn_back_over_itself_ends_where_it_turned():
 def with_strays(spots, seed, share=0.03, margin=0.5):
     """Returns the spots with strays near the drawing added."""
     rng = np.random.default_rng([seed, 5])
-    points = spots["points"]
-    stamps = spots["stamps"]
+    points, stamps = spots["points"], spots["stamps"]
     count = int(share * len(points))
     strays = rng.uniform(points.min(axis=0) - margin, points.max(axis=0) + margin, (count, 2))
     times = rng.uniform(stamps.min(), stamps.max(), count)
@@ -280,19 +269,18 @@ def with_strays(spots, seed, share=0.03, margin=0.5):
 @pytest.mark.parametrize("images", [1, 3], ids=["stray", "glint"])
 def test_sides_in_any_order_are_one_polygon_also_among_strays(images):
     """Crossing an unseen gap has a cost, which a flash does not lower, however near to the gap's ends it is."""
-    corners = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.2], [0.0, 1.2], [0.0, 0.0]])
     bad = 0
     for seed in range(8):
         parts = []
         start = 0.0
         for number, later in zip((0, 2, 1, 3), (2, 1, 3, 0)):
-            side = corners[number : number + 2]
+            side = RECTANGLE[number : number + 2]
             parts.append(line_spots(side, seed=9 * seed + number, noise=0.012, cameras=2, start=start))
             # a flash 0.2 s after a side's last spot, 0.28 m from the start of a later side
             start = parts[-1]["stamps"].max() + 1.5
-            parts.append(still(corners[later] + 0.2, start - 1.3, images))
+            parts.append(still(RECTANGLE[later] + 0.2, start - 1.3, images))
         chain = extract_border(**with_strays(joined(*parts), seed))
-        bad += not chain.closed or hausdorff(chain.points, corners[:4], True) > 0.25
+        bad += not chain.closed or hausdorff(chain.points, RECTANGLE[:4], True) > 0.25
     assert bad <= 1, bad
 
 
@@ -316,21 +304,18 @@ def test_an_end_seen_too_seldom_is_left_out_with_a_word(images, place, start):
     assert extract_border(**line).left_out_spots == 0
 
 
-@pytest.mark.parametrize("hidden", [(1.0, 0.5), (1.0, 0.8), (2.0, 0.6), (4.2, 0.5)])
-def test_an_unseen_piece_is_reported_even_with_strays_across_it(hidden):
-    corners = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.2], [0.0, 1.2], [0.0, 0.0]])
-    middle, width = hidden
+@pytest.mark.parametrize("middle, width", [(1.0, 0.5), (1.0, 0.8), (2.0, 0.6), (4.2, 0.5)])
+def test_an_unseen_piece_is_reported_even_with_strays_across_it(middle, width):
     for seed in range(5):
-        spots = line_spots(corners, speed=0.25, noise=0.012, cameras=2, seed=seed)
+        spots = line_spots(RECTANGLE, speed=0.25, noise=0.012, cameras=2, seed=seed)
         assert extract_border(**spots).longest_unseen_gap < 0.25
         seen = np.abs(0.25 * (spots["stamps"] - spots["stamps"][0]) - middle) > 0.5 * width
         # beside the line, in the middle of the unseen interval
-        unseen = select(spots, ~seen)
-        stray = still(unseen["points"].mean(axis=0) + [0.25, 0.25], unseen["stamps"].mean(), 1)
-        chain = extract_border(**joined(select(spots, seen), stray))
+        stray = still(spots["points"][~seen].mean(axis=0) + [0.25, 0.25], spots["stamps"][~seen].mean(), 1)
+        chain = extract_border(**joined({name: values[seen] for name, values in spots.items()}, stray))
         assert chain.longest_unseen_gap > 0.25
         assert chain.closed
-        assert hausdorff(chain.points, corners[:4], True) < 0.25
+        assert hausdorff(chain.points, RECTANGLE[:4], True) < 0.25
 
 
 @pytest.mark.parametrize("days", [30, 365])
@@ -367,7 +352,6 @@ def test_a_slow_hand_is_no_light_that_stays():
     assert sorted(distances)[-2] <= 0.15, distances
 
 
-RECTANGLE = [[0, 0], [2, 0], [2, 1.2], [0, 1.2], [0, 0]]
 HOOK = [[0, 0.2], [-0.2, 0.1], [-0.15, 0], [0, 0]]
 CORNER = [[0, 0], [1.5, 0], [1.5, 1.0]]
 TIP = [[0, 0], [0.01, 1.0], [0.02, 0], [0.8, 0]]

@@ -115,7 +115,8 @@ def test_a_place_that_the_pointer_comes_to_is_one_dwell(speed):
     for random_seed in range(20):
         dwells = find(parts, random_seed=random_seed)
         assert DrawnBorder(dwells=dwells).competing_dwell is None
-        assert all(np.linalg.norm(dwell.point) > 0.075 for dwell in dwells[-2:-1])
+        if len(dwells) > 1:
+            assert np.linalg.norm(dwells[-2].point) > 0.075
 
 
 def test_a_camera_that_misses_images_sees_a_dwell():
