@@ -57,7 +57,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class Stroke:
-    """A drawn stroke: truth (M, 2) [m], and its spots; `mobile`: which were seen by a camera on a robot."""
+    """A drawn stroke, truth (M, 2) [m], and its spots. `mobile` says which a camera on a robot saw."""
 
     truth: np.ndarray
     closed: bool

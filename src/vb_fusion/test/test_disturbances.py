@@ -7,7 +7,6 @@ import pytest
 
 from disturbances import beside, held, timed, with_fixed_place
 from generated_strokes import hausdorff
-
 from vb_fusion.extraction import extract_border
 
 
@@ -28,7 +27,7 @@ def does_harm(disturbed, shape: str, seed: int) -> bool:
     return distance(disturbed) >= max(0.12, undisturbed(shape, seed) + 0.06)
 
 
-# this test and the next count failures over many draws: a single draw passes or fails by chance
+# this test and the next count failures over many draws, as a single draw passes or fails by chance
 def test_a_spot_held_still_seldom_does_harm():
     harmed = []
     for shape, share, seed in itertools.product(("corner", "doorway", "rectangle"), (0.0, 0.5, 1.0), range(4)):

@@ -8,7 +8,6 @@ from shapely.geometry import Polygon, box
 from generated_strokes import Setting, draw, hausdorff, jaccard
 from people_strokes import Seen, drawings, half, see
 from refusals import refused
-
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_fusion.extraction import ExtractionParams, extract_border

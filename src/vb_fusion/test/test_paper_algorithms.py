@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import paper_transcription as transcription
-
 from refusals import refused
 from vb_fusion.extraction import ExtractionParams, extract_border
 from vb_fusion.paper_algorithms import dbscan, find_cluster, generate_polygon, thin_points
@@ -40,7 +39,8 @@ def test_clustering_equals_the_transcription(points, min_size):
 @SETTINGS
 @given(dense_clouds)
 def test_thinning_equals_the_transcription(points):
-    found, expected = thin_points(np.array(points), 0.1), np.array(transcription.thinning(points, 0.1))
+    found = thin_points(np.array(points), 0.1)
+    expected = np.array(transcription.thinning(points, 0.1))
     assert found.shape == expected.shape
     assert np.allclose(found, expected, atol=1e-12)
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from generated_strokes import Setting, draw
-
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED
 from vb_fusion.extraction import ExtractionParams, LiveExtractor, extract_border
 from vb_fusion import spot_collector as collecting

@@ -92,7 +92,8 @@ def test_a_triangle_of_four_points_is_closed():
 
 @pytest.mark.parametrize("points, percent", [([[1.0, 2.0], [4.0, 6.0]], "100"), ([[1.0, 2.0]] * 5, "0")])
 def test_two_points_or_a_spot_are_open(points, percent):
-    found, apart = classify_closure(np.array(points)), math.dist(points[0], points[-1])
+    found = classify_closure(np.array(points))
+    apart = math.dist(points[0], points[-1])
     assert found == Closure(False, "open_two_points", apart, apart, 0, len(points) - 1)
     assert found.values["percent"] == percent
 
@@ -120,14 +121,11 @@ def chained(group, values):
 @settings(STEADY, max_examples=80)
 @given(SPOTS)
 def test_what_is_near_each_other_in_a_time_bin_is_one_cluster(spots):
-    points, times, cameras = np.array(spots)[:, :2], np.array(spots)[:, 2], np.array(spots)[:, 3].astype(int)
-    seen = make_observations(points, times, cameras, None, cameras == 2)
+    x, y, times, cameras = np.array(spots).T
+    seen = make_observations(np.column_stack([x, y]), times, cameras.astype(int), None, cameras == 2)
     found = strokes.find_clusters(seen)
-    groups = {}
-    bins = seen.time_bins.tolist()
-    for index, number in enumerate(bins):
-        groups.setdefault(number, []).append(index)
-    places = list(groups.values())
+    bins = seen.time_bins
+    places = [np.flatnonzero(bins == number) for number in np.unique(bins)]
     for axis in (0, 1, 0):
         places = [part for group in places for part in chained(group, seen.points[:, axis])]
     # of more in one bin, only the strongest are kept, as the next test shows
@@ -184,8 +182,7 @@ def test_what_lies_beside_a_line_at_its_time_is_the_pointers(spots, line_is_mobi
     times = np.linspace(0.2, 1.2, 11)
     mobile = np.full(11, line_is_mobile)
     places = Observations(line, times, np.ones(11, int), np.ones(11), mobile, np.ones(11, int), np.ones(11, int))
-    order = np.argsort([spot[2] for spot in spots], kind="stable")
-    seen = make_observations(*(np.array(spots)[order][:, columns] for columns in (slice(0, 2), 2)), None, None, None)
+    seen = make_observations(np.array(spots)[:, :2], np.array(spots)[:, 2])
     found = set(strokes._observations_near(seen, places, np.arange(11)).tolist())
     reach = 2.0 * TREMOR + LOCALIZATION_ERROR * line_is_mobile
     for index, ((x, y), time) in enumerate(zip(seen.points, seen.stamps)):
@@ -279,7 +276,7 @@ def test_the_best_track_equals_an_exhaustive_search(clusters, free_jump):
         effort = max(math.dist(points[start], points[end]) - TREMOR, 0.0) ** 2
         return free_jump * math.log1p(effort / (min(time, 0.4) * strokes.UNSEEN_SPEED) / free_jump)
 
-    totals = []  # of the best track that ends at each cluster
+    totals = []  # gain less cost of the best track that ends at each cluster
     for end, gain in enumerate(gains):
         totals.append(gain + max([0.0, *(totals[start] - step_cost(start, end) for start in range(end))]))
     for count in range(1, len(points) + 1):
@@ -318,4 +315,5 @@ def test_a_floor_patch_is_as_wide_as_a_hand_that_holds_still(places):
         wanted.append(min(near, key=lambda number: math.dist(middles[number], place)))
         counts.append(wanted[:-1].count(wanted[-1]))
     patch, earlier = seed_point._floor_patches(np.array(places))
-    assert patch.tolist() == wanted and earlier.tolist() == counts
+    assert patch.tolist() == wanted
+    assert earlier.tolist() == counts
