@@ -216,7 +216,7 @@ class MapIntegratorTest(unittest.TestCase):
         answer = self.call("save_map", "soft", True)
         self.assertTrue(answer.success, answer.message)
         self.assertTrue(all(os.path.isfile(path) for path in answer.files) and len(answer.files) == 3)
-        self.assertTrue((read_map(answer.files[1]).data == self.cells()).all())
+        self.assertTrue((read_map(Path(answer.files[1])).data == self.cells()).all())
         # an exported border that was edited is added to the other one, and stays switched off
         edited = Path(answer.files[-1]).read_text().replace('"rug"', '"carpet"')
         source.write_text(edited.replace('"enabled": true', '"enabled": false'))
