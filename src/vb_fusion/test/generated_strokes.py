@@ -86,7 +86,7 @@ def draw(shape: str, setting: Setting, rng: np.random.Generator) -> Stroke:
     # whole steps, so that the number of random draws does not depend on the last bit of a length
     hand_t = -2.0 + 0.01 * np.arange(int(round((duration + 4.0) / 0.01)))
     hand = tremor(hand_t, setting, rng)
-    spots = []  # of each camera: points, stamps and cameras
+    spots = []  # the points, stamps and cameras of each camera's spots
     for camera in range(setting.cameras):
         t = np.arange(rng.uniform(0, 1 / setting.rate), duration, 1 / setting.rate)
         t = t[rng.random(len(t)) >= setting.dropped]

@@ -2,7 +2,7 @@
 
 `data/quickdraw_strokes.json` holds single strokes of the raw Quick, Draw! data (Google, Inc., CC BY 4.0): one player
 each, by mouse or finger. They show how people move, not how a laser pointer trembles. They are scaled to a border's
-size and a speed, and seen by two cameras; the values in `Seen` are those that the measure of quality names.
+size and a speed, and seen by two cameras. The values in `Seen` are those that the measure of quality names.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def see(drawing: Drawing, seen: Seen, rng: np.random.Generator) -> Stroke:
     times = drawing.times / drawing.times[-1] * duration
     hand_t = -2.0 + 0.01 * np.arange(int(round((duration + 4.0) / 0.01)))
     hand = tremor(hand_t, Setting(tremor=seen.tremor), rng)
-    spots = []  # of each camera: points, stamps and cameras
+    spots = []  # the points, stamps and cameras of each camera's spots
     if seen.robot is not None:
         side = turn @ [0.0, 1.0]
         edge, stand = np.quantile(truth @ side, 0.6), rng.uniform(1.0, 3.0) * side

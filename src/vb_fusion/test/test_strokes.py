@@ -236,7 +236,7 @@ def seen_within(size, least):
 @given(seen_within(0.4, 1) | seen_within(0.15, 12), st.sampled_from([0.3, 1.0]))
 def test_clusters_share_the_floor_they_add_and_standing_light_fades(steps, dropout):
     points, times = np.array(steps)[:, :2], np.cumsum(np.array(steps)[:, 2])
-    nodes = {}  # of a lattice: the places around each node, with their bilinear weights
+    nodes = {}  # the places around each node of a lattice, with their bilinear weights
     for place, (x, y) in enumerate(points / strokes.CLUSTER_WIDTH):
         for i, j in ((math.floor(x) + dx, math.floor(y) + dy) for dx in (0, 1) for dy in (0, 1)):
             nodes.setdefault((i, j), {})[place] = (1.0 - abs(x - i)) * (1.0 - abs(y - j))

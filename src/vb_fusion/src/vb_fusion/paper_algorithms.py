@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from vb_core import geometry
 from vb_core.errors import CodedError
 
-MAX_PAIRS = 20_000_000  # of neighbours in a gigabyte, as some 6,000 points at one place or 50,000 along a line have
+MAX_PAIRS = 20_000_000  # pairs of neighbours: a gigabyte, some 6,000 points at one place or 50,000 along a line
 
 
 def find_cluster(pointset_in: np.ndarray, eps: float, min_pts: int, min_exp: float, min_size: int) -> np.ndarray:

@@ -11,8 +11,8 @@ import numpy as np
 
 from vb_core.vocabulary import BORDER, DEFAULT, STATES, State, SEED
 
-MAX_SPOTS = 60_000  # spots kept per state, from ten minutes of four cameras at 25 Hz
-STAMP_TOLERANCE = 0.05  # [s] by which a spot may be older than the state, one frame of a camera
+MAX_SPOTS = 60_000  # spots kept per state, as many as four cameras at 25 Hz see in ten minutes
+STAMP_TOLERANCE = 0.05  # [s] by which a spot may be older than the state, about one frame of a camera
 CLOCK_STEP = 2.0  # [s] a camera's spots arrive in order, so stamps that go back by more mean its clock was set back
 MAX_CLOCK_ERROR = 60.0  # [s] a camera whose clock is off by more is reported here, smaller errors by camera_poses
 
