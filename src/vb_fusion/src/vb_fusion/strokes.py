@@ -121,7 +121,7 @@ def find_strokes(
     """
     points, stamps, bins, dropout = clusters.points, clusters.stamps, clusters.time_bins, clusters.dropout_time
     explained = floor_gains(points, stamps, dropout)
-    # each cluster is less likely the pointer the more are seen at once, and a stationary camera's pose is known better
+    # a cluster is less likely to be the pointer if many are seen at once, and a stationary camera's pose is known better
     # than that of a camera on a robot
     trust = np.minimum(1.0, MAX_CROWD / np.bincount(bins)[bins])
     trust[clusters.mobile & (np.bincount(bins, ~clusters.mobile) > 0)[bins]] *= TREMOR / LOCALIZATION_ERROR
