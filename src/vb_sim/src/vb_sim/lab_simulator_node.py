@@ -94,7 +94,8 @@ class LabSimulatorNode:
         self._now_ns = time.time_ns() // self._step_ns * self._step_ns
         self._count = 0
         lab.step(0.0, self._now_ns * 1e-9)
-        self._participant, self._participant_time = ParticipantState(), -math.inf
+        self._participant = ParticipantState()
+        self._participant_time = -math.inf
 
         self._clock = clock_publisher()
         # each topic has a short queue, so that a slow or hung subscriber does not stop the lab

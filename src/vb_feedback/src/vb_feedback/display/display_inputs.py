@@ -57,7 +57,8 @@ class InputListener:
     def current(self) -> DisplayInputs:
         """Returns the current inputs, without those of an interaction that has ended."""
         with self._lock:
-            newest, spots = self._newest, tuple(self._spots)
+            newest = self._newest
+            spots = tuple(self._spots)
         interaction = newest.state.interaction_id if newest.state is not None else ""
         progress, preview = newest.progress, newest.preview
         if progress is not None and (not interaction or progress.interaction_id != interaction):

@@ -23,7 +23,8 @@ class Delivery:
     def __init__(self, message: Any, header: Dict[str, str]) -> None:
         buffer = io.BytesIO()
         message.serialize(buffer)
-        self._data, self._header = buffer.getvalue(), header
+        self._data = buffer.getvalue()
+        self._header = header
         self._messages: Dict[type, Any] = {}
 
     def message(self, kind: type) -> Any:
@@ -175,7 +176,8 @@ class ServiceProxy:
             rospy.ServiceException: if no node offers it, or the service raised it.
         """
         request = rospy.msg.args_kwds_to_message(self._kind._request_class, args, kwargs)
-        service, scheduler = self._graph.services.get(self.resolved_name), self._graph.scheduler
+        service = self._graph.services.get(self.resolved_name)
+        scheduler = self._graph.scheduler
         if service is None:
             raise rospy.ServiceException(f"service [{self.resolved_name}] unavailable")
         request_received = Delivery(request, {}).message(service.kind._request_class)

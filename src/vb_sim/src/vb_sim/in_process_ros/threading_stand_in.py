@@ -304,7 +304,8 @@ class Thread(real_threading.Thread):
 
     def __init__(self, scheduler: Scheduler, event_class: Any, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self._scheduler, self._ended = scheduler, event_class()
+        self._scheduler = scheduler
+        self._ended = event_class()
         self._task: Optional[Task] = None
 
     def start(self) -> None:

@@ -136,7 +136,8 @@ class Stroke:
         times: List[np.ndarray] = [np.zeros(1)]
         start = chain[0]
         for index, corner in enumerate(chain[1:]):
-            side, straight = style.sides[index % len(style.sides)], corner - start
+            side = style.sides[index % len(style.sides)]
+            straight = corner - start
             if np.linalg.norm(straight) < 1e-9:
                 continue
             if index < len(chain) - 2 and style.overshoot:

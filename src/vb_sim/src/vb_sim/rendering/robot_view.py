@@ -34,7 +34,8 @@ class RobotView(View):
         self._noise_model = models.robot_camera
         well = self._noise_model.full_well_e
         super().__init__(f"camera of robot {robot.name}", robot.color_model(), "rgb8", radii, models, seed, well)
-        self.robot, self.depth_model = robot, robot.depth_model()
+        self.robot = robot
+        self.depth_model = robot.depth_model()
         self._own_names = {robot.name, robot.namespace.strip("/")}
         self._mount = robot.camera_mount()
         self._mesh = mesh
@@ -85,7 +86,8 @@ class RobotView(View):
         if key == self._drawn_key:
             return
         self._drawn_key = key
-        image, gain = self._draw_floor(pose), self._optics.exposure_gain
+        image = self._draw_floor(pose)
+        gain = self._optics.exposure_gain
         if gain != 1.0:
             image = cv2.convertScaleAbs(image, alpha=gain)
         self._buffer.clear()
@@ -174,7 +176,9 @@ class RobotView(View):
         growth = np.float32(figures.depth_sigma_quadratic) * (depth - np.float32(0.4)) ** 2
         sigma = np.float32(figures.depth_sigma) + growth
         # flipping increases the number of different tiles
-        noise = self._depth_noise[tile, :: 1 - 2 * int(self._rng.integers(2)), :: 1 - 2 * int(self._rng.integers(2))]
+        row_step = 1 - 2 * int(self._rng.integers(2))
+        column_step = 1 - 2 * int(self._rng.integers(2))
+        noise = self._depth_noise[tile, ::row_step, ::column_step]
         depth = depth + sigma * noise
         millimeters = np.clip(depth * np.float32(1000.0) + np.float32(0.5), 0, 65535).astype(np.uint16)
         millimeters[self._depth_missing | self._depth_holes[tile]] = 0
