@@ -148,7 +148,7 @@ class MapIntegrator:
 
     # ------------------------------------------------------------- the physical map
     def set_map(self, grid: GridMap) -> bool:
-        """Adopts a physical map: the first, another, or one that has grown; returns whether anything changed."""
+        """Adopts a physical map: the first, another, or one that has grown. Returns whether anything changed."""
         map_id = fingerprint(grid)
         if map_id == self.map_id:
             return False

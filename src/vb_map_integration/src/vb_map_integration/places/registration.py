@@ -229,7 +229,7 @@ def _known_part(grid: GridMap) -> GridMap:
 
 
 def register_maps(old: WallMap, new: WallMap, guesses: Sequence[Transform] = (IDENTITY,)) -> Optional[Registration]:
-    """Finds the old map in the new one: returns the best hypothesis; None if one of the maps has no walls.
+    """Finds the old map in the new one and returns the best hypothesis, or None if one of the maps has no walls.
 
     Args:
         guesses: transforms that are always tried.
