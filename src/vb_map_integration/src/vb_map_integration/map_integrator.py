@@ -24,6 +24,8 @@ from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecogni
 from vb_map_integration.places.transform import Transform
 from vb_map_integration.storage.border_database import BorderChange, Change, Database, fingerprint
 
+Positions = Sequence[Sequence[float]]  # x, y of each robot [m]
+
 
 @dataclass(frozen=True)
 class BorderCheck:
@@ -224,7 +226,7 @@ class MapIntegrator:
             self._make_change(tuple(changes))
         return ChangeResult()  # which borders were accepted is no news
 
-    def check(self, border: VirtualBorder, robot_positions: Sequence[Sequence[float]] = ()) -> BorderCheck:
+    def check(self, border: VirtualBorder, robot_positions: Positions = ()) -> BorderCheck:
         """Checks what adding a border, or replacing the one with the same id, would do; changes nothing.
 
         Args:
@@ -260,7 +262,7 @@ class MapIntegrator:
         self,
         border: VirtualBorder,
         now: float,
-        robot_positions: Sequence[Sequence[float]] = (),
+        robot_positions: Positions = (),
         expected_revision: int = 0,
         request_id: str = "",
     ) -> ChangeResult:
@@ -282,11 +284,7 @@ class MapIntegrator:
         return self._make_change(change, request_id=request_id, check=check)
 
     def update(
-        self,
-        border: VirtualBorder,
-        now: float,
-        robot_positions: Sequence[Sequence[float]] = (),
-        expected_revision: int = 0,
+        self, border: VirtualBorder, now: float, robot_positions: Positions = (), expected_revision: int = 0
     ) -> ChangeResult:
         """Replaces the border with the same id. Raises CodedError if it is refused; then nothing has changed.
 

@@ -286,8 +286,7 @@ class MapIntegratorNode:
         if about_all:
             asks = ("borders_unconfirmed", "borders_to_confirm")
             worst = max(about_all, key=lambda notice: (notice.code in asks, notice.severity))
-            array.code = worst.code
-            array.message = worst.sentence()
+            array.code, array.message = worst.code, worst.sentence()
             array.values = messages.values_from_mapping(worst.values)
         in_force = self._integrator.in_force
         for key, status in in_force.statuses.items():

@@ -194,8 +194,7 @@ def _cut(cells: np.ndarray, chain: np.ndarray, trace: raster.ChainCells, seed: n
     lengths = np.maximum(np.hypot(steps[:, 0], steps[:, 1]), 1e-12)
     normals = steps[:, ::-1] * (-1.0, 1.0) / lengths[:, None]  # each segment's, to the left
     arcs = np.cumsum(lengths[:-1])  # of the drawn points
-    flat = cells.reshape(-1)
-    stride = cells.shape[1]
+    flat, stride = cells.reshape(-1), cells.shape[1]
     curve_cells = (trace.rows + 1) * stride + trace.columns + 1  # indices in `flat`
     was_free = flat[curve_cells] == _FREE
     flat[curve_cells] = _BLOCKED
