@@ -94,8 +94,8 @@ def status_of_first(keeper):
 
 def expected(keeper):
     """Returns the cells of the map with borders, computed border by border."""
-    cells = keeper.physical
+    cells = keeper.physical_map
     for border in keeper.borders:
         if border.enabled:
-            cells = cells.with_data(np.maximum(cells.data, compute_region(keeper.physical, border).posterior.data))
+            cells = cells.with_data(np.maximum(cells.data, compute_region(keeper.physical_map, border).posterior.data))
     return cells.data

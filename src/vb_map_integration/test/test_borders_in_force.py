@@ -75,8 +75,8 @@ def test_floor_that_the_next_map_does_not_know_yet_is_no_other_effect():
     keeper.add(DOOR, 1.0)
     keeper.set_map(flat(seed=1, known=(1.8, 9.0)))
     assert status_of_first(keeper) == (True, "") and closed_at(keeper, 2.5, 5.0)
-    region = transfer_accepted_region(keeper._locator.locate(keeper.borders[0]), keeper.physical)
-    assert (keeper.physical.data[region.window][region.mask > 0] == 0).all()
+    region = transfer_accepted_region(keeper._locator.locate(keeper.borders[0]), keeper.physical_map)
+    assert (keeper.physical_map.data[region.window][region.mask > 0] == 0).all()
 
 
 def test_a_line_that_no_longer_integrates_keeps_its_old_effect():
@@ -214,7 +214,7 @@ def test_what_is_in_force_is_a_function_of_what_is_stored(restart):
         if step % 5 or keeper.needs_confirmation:
             continue
         keeper.confirm(True, "")  # a restart knows only maps that were confirmed or drawn on
-        before, current = state(keeper), keeper.physical
+        before, current = state(keeper), keeper.physical_map
         keeper = restart(current)
         assert state(keeper) == before
 

@@ -213,12 +213,12 @@ def test_a_changed_border_is_not_overwritten():
     keeper = integrator(grid=flat())
     keeper.add(keep_out(), 1.0)
     seen = keeper.revision
-    keeper.rename("b1", "rug", 2.0, expected=seen)
+    keeper.rename("b1", "rug", 2.0, expected_revision=seen)
     for action in (
-        lambda: keeper.update(keep_out(id="b1"), 3.0, expected=seen),
-        lambda: keeper.remove("b1", expected=seen),
-        lambda: keeper.set_enabled("b1", False, 3.0, expected=seen),
-        lambda: keeper.add(keep_out(), 3.0, expected=seen),
+        lambda: keeper.update(keep_out(id="b1"), 3.0, expected_revision=seen),
+        lambda: keeper.remove("b1", expected_revision=seen),
+        lambda: keeper.set_enabled("b1", False, 3.0, expected_revision=seen),
+        lambda: keeper.add(keep_out(), 3.0, expected_revision=seen),
     ):
         with refused("revision_conflict"):
             action()
@@ -229,7 +229,7 @@ def test_slow_zones_limit_speeds_and_leave_the_map_alone():
     keeper = integrator(grid=flat())
     keeper.add(keep_out(zone="slow", max_speed=0.3), 1.0)
     keeper.add(keep_out(zone="slow", max_speed=0.15), 2.0)
-    assert np.array_equal(keeper.map_with_borders.data, keeper.physical.data)
+    assert np.array_equal(keeper.map_with_borders.data, keeper.physical_map.data)
     limits = keeper.in_force.speed_limits
     assert sorted(np.unique(limits.data)) == [0, 15] and (limits.data == 15).sum() == 400
     keeper.undo()

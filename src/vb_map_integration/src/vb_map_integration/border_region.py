@@ -282,7 +282,7 @@ class _BorderOnGrid:
         # no fill may enter obstacles, unknown cells, or the frame round the map
         framed = raster.filled((prior.shape[0] + 2, prior.shape[1] + 2), 255)
         cv2.inRange(self.cells, OCCUPIED_THRESHOLD, 255, dst=framed[1:-1, 1:-1])
-        cut = separating_curve.separate(framed, self.points, fit, tolerance, self.seed, self.find_free_cell)
+        cut = separating_curve.cut_free_space(framed, self.points, fit, tolerance, self.seed, self.find_free_cell)
         line = prior.grid_to_world(cut.line)
         for (row, column), side, index in zip(cut.stops, ("$line_start", "$line_end"), (0, -1)):
             length = float(np.linalg.norm(line[index] - self.border.points[index]))

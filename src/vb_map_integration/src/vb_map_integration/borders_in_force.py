@@ -91,11 +91,11 @@ class BordersInForce:
     """A map, and what its borders restrict there.
 
     Attributes:
-        physical: the map without borders.
+        physical_map: the map without borders.
         statuses: the status of each border by its id, the oldest border first.
     """
 
-    physical: GridMap
+    physical_map: GridMap
     statuses: Mapping[str, BorderStatus] = field(default_factory=dict)
 
     @cached_property
@@ -106,7 +106,7 @@ class BordersInForce:
     def draw_map(self, without: Iterable[str] = (), also: Sequence[Region] = ()) -> GridMap:
         """Draws the map with the borders in force, except those with the ids `without`, and also with further regions."""
         regions = [status.region for key, status in self.statuses.items() if status.region and key not in without]
-        return apply_regions(self.physical, [*regions, *also])
+        return apply_regions(self.physical_map, [*regions, *also])
 
     @property
     def slow_zones(self) -> Tuple[BorderStatus, ...]:
@@ -119,18 +119,18 @@ class BordersInForce:
         status = self.statuses[border_id]
         regions = (status.region_before, status.region_after) if status.code == TO_BE_CONFIRMED else (None, None)
         return tuple(  # type: ignore[return-value]
-            region.outline(self.physical) if region else np.zeros((0, 2)) for region in regions
+            region.outline(self.physical_map) if region else np.zeros((0, 2)) for region in regions
         )
 
     @property
     def speed_limits(self) -> GridMap:
         """The speed limit of each cell [cm/s], 0: none; in the map's geometry."""
-        cells = np.zeros(self.physical.shape, np.int8)
+        cells = np.zeros(self.physical_map.shape, np.int8)
         for status in self.slow_zones:
             part, inside = cells[status.region.window], status.region.mask != 0  # type: ignore[union-attr]
             limit = np.int8(max(1, min(127, round(100.0 * status.map_border.max_speed))))
             part[inside] = np.where(part[inside] == 0, limit, np.minimum(part[inside], limit))
-        return self.physical.with_data(cells)
+        return self.physical_map.with_data(cells)
 
 
 def compute_in_force(

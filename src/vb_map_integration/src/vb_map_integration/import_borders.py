@@ -38,7 +38,8 @@ def import_borders() -> int:
     added = 0
     for border in borders:
         request = AddBorderRequest(source="import", request_id=str(uuid4()), disabled=not border.enabled)
-        request.border, request.frame_id = message_from_border(border.replace(id="")), names.MAP_FRAME
+        request.border = message_from_border(border.replace(id=""))
+        request.frame_id = names.MAP_FRAME
         try:
             provider = "the map integrator"
             answer = services.call(names.ADD_BORDER, AddBorder, request, provider, response_timeout=_TIMEOUT)

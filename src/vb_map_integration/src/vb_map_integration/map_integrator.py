@@ -24,6 +24,8 @@ from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecogni
 from vb_map_integration.places.transform import Transform
 from vb_map_integration.storage.border_database import BorderChange, Change, Database, fingerprint
 
+Positions = Sequence[Sequence[float]]  # x, y of each robot [m]
+
 
 @dataclass(frozen=True)
 class BorderCheck:
@@ -102,9 +104,9 @@ class MapIntegrator:
         return self._in_force is not None
 
     @property
-    def physical(self) -> GridMap:
+    def physical_map(self) -> GridMap:
         """The physical map; raises CodedError "no_map" until the first one arrives."""
-        return self.in_force.physical
+        return self.in_force.physical_map
 
     @property
     def map_with_borders(self) -> GridMap:
@@ -138,21 +140,21 @@ class MapIntegrator:
     @property
     def needs_confirmation(self) -> bool:
         """Whether a person has to confirm which place the map shows, or that borders are right on it."""
-        return not self._recognition.certain or any(status.can_be_confirmed for status in self._statuses)
+        return not self._recognition.is_certain or any(status.can_be_confirmed for status in self._statuses)
 
     @property
     def notices(self) -> List[Notice]:
         """Notices about the database, the map's place, and borders that have changed on this map."""
-        about_borders = find_notices(self._statuses, self._recognition.certain, self.map_name)
+        about_borders = find_notices(self._statuses, self._recognition.is_certain, self.map_name)
         return [*self._database.notices, *self._place_notices, *about_borders]
 
     # ------------------------------------------------------------- the physical map
     def set_map(self, grid: GridMap) -> bool:
-        """Adopts a physical map: the first, another, or one that has grown; returns whether anything changed."""
+        """Adopts a physical map: the first, another, or one that has grown. Returns whether anything changed."""
         map_id = fingerprint(grid)
         if map_id == self.map_id:
             return False
-        before = self.physical if self.has_map else None
+        before = self.physical_map if self.has_map else None
         recognition = self._recognizer.recognize(grid, map_id, before, self._recognition)
         self.map_id = map_id
         self._adopt_map(grid, recognition)
@@ -160,7 +162,7 @@ class MapIntegrator:
             name = self._expected_name
             try:
                 self._database.remember_place(recognition.place)
-                if name and recognition.certain and not self.map_name:
+                if name and recognition.is_certain and not self.map_name:
                     self._database.rename_place(recognition.place, name)
                 self._place_notices = []
             except CodedError as error:
@@ -176,7 +178,7 @@ class MapIntegrator:
     def _set_recognition(self, grid: GridMap, recognition: PlaceRecognition) -> None:
         """Sets what the current map was recognised as, and with it the locator of borders on it."""
         maps = self._database.maps_of(recognition.place)
-        self._locator = BorderLocator(grid, self.map_id, maps, recognition.transform, recognition.other)
+        self._locator = BorderLocator(grid, self.map_id, maps, recognition.transform, recognition.other_transform)
         self._recognition = recognition
 
     def _recompute_borders(self, grid: GridMap, known_region: Optional[BorderRegion] = None) -> None:
@@ -198,7 +200,7 @@ class MapIntegrator:
         Raises:
             CodedError: "no_map", "map_changed", "name_taken", "drawn_on_this_map", "cannot_write".
         """
-        grid, recognition = self.physical, self._recognition
+        grid, recognition = self.physical_map, self._recognition
         if map_id and map_id != self.map_id:
             raise CodedError("map_changed")
         stored_map = self._database.find_map(self.map_id)
@@ -224,7 +226,7 @@ class MapIntegrator:
             self._make_change(tuple(changes))
         return ChangeResult()  # which borders were accepted is no news
 
-    def check(self, border: VirtualBorder, robot_positions: Sequence[Sequence[float]] = ()) -> BorderCheck:
+    def check(self, border: VirtualBorder, robot_positions: Positions = ()) -> BorderCheck:
         """Checks what adding a border, or replacing the one with the same id, would do; changes nothing.
 
         Args:
@@ -234,9 +236,9 @@ class MapIntegrator:
             CodedError: "no_map", "unknown_robot", or as `compute_region`.
         """
         self._check_robots(border)
-        region = compute_region(self.physical, border)
+        region = compute_region(self.physical_map, border)
         issues = list(region.issues)
-        if region.contains_any(self.physical.world_to_cell(robot_positions)):
+        if region.contains_any(self.physical_map.world_to_cell(robot_positions)):
             issues.append(warning("robot_inside"))
         if self._free_parts is None:
             self._free_parts = count_free_parts(self.map_with_borders, self._robot_radius)
@@ -255,13 +257,13 @@ class MapIntegrator:
             raise IntegrationError("unknown_robot", robot=", ".join(unknown), known=", ".join(self._robots))
 
     # ------------------------------------------------------------- changes
-    # `expected` is the revision that the caller last saw, or 0 for any
+    # `expected_revision` is the revision that the caller last saw, or 0 for any
     def add(
         self,
         border: VirtualBorder,
         now: float,
-        robot_positions: Sequence[Sequence[float]] = (),
-        expected: int = 0,
+        robot_positions: Positions = (),
+        expected_revision: int = 0,
         request_id: str = "",
     ) -> ChangeResult:
         """Adds a border; `now` is [s] ROS time. Raises CodedError if it is refused; then nothing has changed.
@@ -272,7 +274,7 @@ class MapIntegrator:
         earlier = self._database.find_border_of_request(request_id)
         if earlier:
             return ChangeResult((earlier,))
-        self._check_revision(expected)
+        self._check_revision(expected_revision)
         new = self._database.new_border(border.replace(map_id=self.map_id), now, self._recognition.place)
         # a preview is not enough: the map, the borders or the robots may have changed since
         check = self.check(new, robot_positions)
@@ -282,14 +284,14 @@ class MapIntegrator:
         return self._make_change(change, request_id=request_id, check=check)
 
     def update(
-        self, border: VirtualBorder, now: float, robot_positions: Sequence[Sequence[float]] = (), expected: int = 0
+        self, border: VirtualBorder, now: float, robot_positions: Positions = (), expected_revision: int = 0
     ) -> ChangeResult:
         """Replaces the border with the same id. Raises CodedError if it is refused; then nothing has changed.
 
         A border with unchanged points and seed is not checked against the map: one that does not fit can be renamed.
         """
         in_force = self.in_force
-        self._check_revision(expected)
+        self._check_revision(expected_revision)
         place, before = self._database.find(border.id)
         if place != self._recognition.place:
             raise CodedError("on_another_map", id=border.id)
@@ -306,23 +308,23 @@ class MapIntegrator:
             after = self._to_place_frame(after.replace(map_id=self.map_id))
         return self._make_change((BorderChange(border.id, before, after),), check=check)
 
-    def set_enabled(self, border_id: str, enabled: bool, now: float, expected: int = 0) -> ChangeResult:
+    def set_enabled(self, border_id: str, enabled: bool, now: float, expected_revision: int = 0) -> ChangeResult:
         """Turns a border of any map on or off; raises CodedError."""
-        return self._change_attributes(border_id, now, expected, enabled=enabled)
+        return self._change_attributes(border_id, now, expected_revision, enabled=enabled)
 
-    def rename(self, border_id: str, name: str, now: float, expected: int = 0) -> ChangeResult:
+    def rename(self, border_id: str, name: str, now: float, expected_revision: int = 0) -> ChangeResult:
         """Renames a border of any map; raises CodedError."""
-        return self._change_attributes(border_id, now, expected, name=name)
+        return self._change_attributes(border_id, now, expected_revision, name=name)
 
-    def _change_attributes(self, border_id: str, now: float, expected: int, **changes: Any) -> ChangeResult:
-        self._check_revision(expected)
+    def _change_attributes(self, border_id: str, now: float, expected_revision: int, **changes: Any) -> ChangeResult:
+        self._check_revision(expected_revision)
         place, before = self._database.find(border_id)
         after = before.replace(modified=now, **changes)
         return self._make_change((BorderChange(border_id, before, after),), place=place)
 
-    def remove(self, border_id: str, expected: int = 0) -> ChangeResult:
+    def remove(self, border_id: str, expected_revision: int = 0) -> ChangeResult:
         """Removes a border; raises CodedError "unknown_border"."""
-        self._check_revision(expected)
+        self._check_revision(expected_revision)
         place, before = self._database.find(border_id)
         return self._make_change((BorderChange(border_id, before, None),), place=place)
 
@@ -345,16 +347,16 @@ class MapIntegrator:
         """The commands "undo" and "redo", each only if there is something to undo or redo."""
         return self._database.available_commands(self._recognition.place)
 
-    def _check_revision(self, expected: int) -> None:
+    def _check_revision(self, expected_revision: int) -> None:
         """Refuses a change before there is a map, or one based on an older revision."""
         if not self.has_map:
             raise CodedError("no_map")
-        if expected and expected != self.revision:
+        if expected_revision and expected_revision != self.revision:
             raise CodedError("revision_conflict")
 
     def _check_confirmed(self) -> None:
         """Refuses changes while it is uncertain which place the map shows: a border would belong to none."""
-        if not self._recognition.certain:
+        if not self._recognition.is_certain:
             raise IntegrationError("confirm_map_first")
 
     def _to_place_frame(self, border: VirtualBorder) -> VirtualBorder:
@@ -367,8 +369,8 @@ class MapIntegrator:
         stored_map = self._database.find_map(self.map_id)
         if stored_map is None or stored_map.place != place:
             name = "" if place or self._database.find_place(self._expected_name) else self._expected_name
-            place = self._database.add_map(self.physical, self.map_id, place, transform, name)
-            self._set_recognition(self.physical, PlaceRecognition(place, transform))
+            place = self._database.add_map(self.physical_map, self.map_id, place, transform, name)
+            self._set_recognition(self.physical_map, PlaceRecognition(place, transform))
 
     def _make_change(
         self,
@@ -383,7 +385,7 @@ class MapIntegrator:
         Args:
             check: the check of a single border; None for changes whose warnings are the statuses of their borders.
         """
-        physical = self.physical
+        physical = self.physical_map
         place = place or self._recognition.place
         self._database.commit(place, change, kind, request_id)
         issues = ()

@@ -151,7 +151,8 @@ class MapIntegratorNode:
         region = check.region
         cells = region.prior.with_data(np.where(region.restricted_cells, np.int8(100), np.int8(0)))
         response.region = messages.message_from_grid(cells, rospy.Time.now(), names.MAP_FRAME)
-        response.area_m2, response.line = region.area_m2, messages.points_from_array(region.line)
+        response.area_m2 = region.area_m2
+        response.line = messages.points_from_array(region.line)
         response.free_parts = check.free_parts
         response.success, response.code = True, "ok"
         response.issues = messages_from_issues((*check.issues, *self._warn_if_soft_cost_is_ignored(border)))

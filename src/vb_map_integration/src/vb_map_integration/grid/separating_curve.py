@@ -88,7 +88,7 @@ class _Stop:
     inset: Optional[int]
 
 
-def separate(
+def cut_free_space(
     cells: np.ndarray, points: np.ndarray, fit_length: float, tolerance: float, seed: np.ndarray, find_seed: FindSeed
 ) -> Cut:
     """Cuts a separating curve into the map and fills the seed's side.

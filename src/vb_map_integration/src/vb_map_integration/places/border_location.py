@@ -19,14 +19,14 @@ import numpy as np
 
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.places.registration import WallMap, compare_walls, refine, thin
+from vb_map_integration.places.registration import WallMap, compare_walls, refine, subsample
 from vb_map_integration.places.transform import Transform
 from vb_map_integration.storage.border_database import KnownMap
 
 _SEEN = 0.5  # share of a border's points that the map must know before a person is asked about the border
 WALL_RADIUS = 3.0  # [m] walls this near a border decide where it is; others may be distorted differently
 WIDER_WALL_RADIUS = 4.5  # [m] the same, where those are ambiguous
-_MAX_WALLS = 300  # wall cells that are compared: `count` of `registration.thin`
+_MAX_WALLS = 300  # wall cells that are compared: `count` of `registration.subsample`
 _MIN_WALLS = 10  # with fewer wall cells round it, a border cannot be located
 _SEARCH_REACH = 1.0  # [m] how far from the expected position the walls are searched for
 _SEARCH_STEP = 0.1  # [m]
@@ -173,7 +173,7 @@ def _fit(radius: float, old: WallMap, new: WallMap, expected: Transform, outline
     walls = old.walls_near(outline, radius)
     if len(walls) < _MIN_WALLS:
         return None
-    sample = thin(walls, _MAX_WALLS)
+    sample = subsample(walls, _MAX_WALLS)
     center = outline.mean(axis=0)
     here, *aside = _scores(sample, new, expected, np.concatenate([[[0.0, 0.0]], _SHIFTS_ASIDE]))
     share, _ = compare_walls(expected.apply(walls), new)

@@ -16,7 +16,7 @@ import numpy as np
 
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_map_integration.places.border_location import BorderLocator, wall_map_of
-from vb_map_integration.places.registration import Registration, WallMap, measure, register_maps
+from vb_map_integration.places.registration import Registration, WallMap, evaluate_transform, register_maps
 from vb_map_integration.places.transform import IDENTITY, Transform
 from vb_map_integration.storage.border_database import Database, KnownMap
 
@@ -41,18 +41,18 @@ class PlaceRecognition:
     Attributes:
         place: the place's number in the database; 0: a new place, which has no borders.
         transform: transform from the place's frame to the map's.
-        certain: if False, the borders need confirmation.
+        is_certain: if False, the borders need confirmation.
         floor_cells: number of free cells of the map when it was recognised.
-        other: a second possible transform, until a person confirms one; None if there is none.
-        likely: whether a check of the walls round the borders may make it certain.
+        other_transform: a second possible transform, until a person confirms one; None if there is none.
+        is_likely: whether a check of the walls round the borders may make it certain.
     """
 
     place: int = 0
     transform: Transform = IDENTITY
-    certain: bool = True
+    is_certain: bool = True
     floor_cells: int = 0
-    other: Optional[Transform] = None
-    likely: bool = False
+    other_transform: Optional[Transform] = None
+    is_likely: bool = False
 
 
 class _Candidate(NamedTuple):
@@ -63,7 +63,7 @@ class _Candidate(NamedTuple):
 
     @property
     def rank(self) -> Tuple[bool, bool, float]:
-        return self.recognition.certain, self.registration.is_clearly_best, self.registration.score
+        return self.recognition.is_certain, self.registration.is_clearly_best, self.registration.score
 
     @property
     def is_plausible(self) -> bool:
@@ -103,18 +103,18 @@ class PlaceRecognizer:
         wall_map = WallMap(grid)
         if before is not None and recognition.place in candidates and is_extension(before, grid):
             maps = candidates[recognition.place]
-            if recognition.certain and self._agrees(maps, wall_map, recognition.transform):
+            if recognition.is_certain and self._agrees(maps, wall_map, recognition.transform):
                 return replace(recognition, floor_cells=floor)
-            if not recognition.certain and floor < _GROWN * recognition.floor_cells:
+            if not recognition.is_certain and floor < _GROWN * recognition.floor_cells:
                 return recognition
         recognition = replace(self._register(candidates, wall_map, recognition), floor_cells=floor)
-        if recognition.likely:
+        if recognition.is_likely:
             maps = self._database.maps_of(recognition.place)
-            locator = BorderLocator(grid, map_id, maps, recognition.transform, recognition.other)
+            locator = BorderLocator(grid, map_id, maps, recognition.transform, recognition.other_transform)
             locations = [locator.locate(border) for border in self._database.borders(recognition.place)]
             comparable = [location for location in locations if location.floor_is_known]
             most_agree = 2 * sum(location.walls_agree for location in comparable) > len(comparable)
-            recognition = replace(recognition, certain=most_agree)
+            recognition = replace(recognition, is_certain=most_agree)
         return recognition
 
     def _candidates(self) -> Dict[int, List[KnownMap]]:
@@ -131,7 +131,7 @@ class PlaceRecognizer:
     def _agrees(self, maps: List[KnownMap], wall_map: WallMap, transform: Transform) -> bool:
         """Returns whether a map agrees, at its expected transform, with one of a place's stored maps."""
         starts = ((wall_map_of(known_map), transform.after(known_map.transform.inverse)) for known_map in maps)
-        return any(measure(reference, wall_map, start).agrees for reference, start in starts)
+        return any(evaluate_transform(reference, wall_map, start).agrees for reference, start in starts)
 
     def _register(
         self, places: Dict[int, List[KnownMap]], wall_map: WallMap, recognition: PlaceRecognition
@@ -143,7 +143,7 @@ class PlaceRecognizer:
                 candidate = self._compare(stored_map, wall_map, recognition)
                 if candidate is not None and (place not in best or candidate.rank > best[place].rank):
                     best[place] = candidate
-        certain = [candidate.recognition for candidate in best.values() if candidate.recognition.certain]
+        certain = [candidate.recognition for candidate in best.values() if candidate.recognition.is_certain]
         if len(certain) == 1:
             return certain[0]
         # several floors may have the same walls: then none is certain
@@ -152,12 +152,12 @@ class PlaceRecognizer:
             likeliest = max(plausible, key=lambda candidate: candidate.rank)
             others = [other.registration.agreement for other in plausible if other is not likeliest]
             is_ahead = likeliest.registration.agreement >= max(others, default=0.0) + _DOUBT
-            likely = likeliest.registration.is_clearly_best and is_ahead
-            return replace(likeliest.recognition, certain=False, likely=likely)
+            is_likely = likeliest.registration.is_clearly_best and is_ahead
+            return replace(likeliest.recognition, is_certain=False, is_likely=is_likely)
         last = self._database.last_place
         place = last if last in places else max(places)
         unsure = best[place].recognition if place in best else PlaceRecognition(place)
-        return replace(unsure, certain=False)
+        return replace(unsure, is_certain=False)
 
     def _compare(self, stored_map: KnownMap, wall_map: WallMap, start: PlaceRecognition) -> Optional[_Candidate]:
         """Registers one stored map in the new map; returns None if one of them has no walls."""
@@ -172,7 +172,7 @@ class PlaceRecognizer:
         other = other.after(stored_map.transform) if other else None
         transform = registration.transform.after(stored_map.transform)
         transform = _snap(transform, start.transform, wall_map.grid)
-        recognition = PlaceRecognition(stored_map.place, transform, registration.is_certain, other=other)
+        recognition = PlaceRecognition(stored_map.place, transform, registration.is_certain, other_transform=other)
         return _Candidate(recognition, registration)
 
     @staticmethod
@@ -184,7 +184,7 @@ class PlaceRecognizer:
         Returns:
             The proposed registration, and the other transform if it is possible too.
         """
-        unmoved = [measure(reference, wall_map, guess) for guess in guesses]
+        unmoved = [evaluate_transform(reference, wall_map, guess) for guess in guesses]
         still = max(unmoved, key=lambda registration: registration.agreement)
         moves = registration.agreement >= max(_PLAUSIBLE_AGREEMENT, still.agreement + _DOUBT)
         proposed, other = (registration, still) if moves else (still, registration)

@@ -170,7 +170,7 @@ class WallMap:
         low, high = outline.min(axis=0) - reach, outline.max(axis=0) + reach
         walls = self.walls[((self.walls >= low) & (self.walls <= high)).all(axis=1)]
         near = np.zeros(len(walls), bool)
-        for corner in thin(outline, 50):
+        for corner in subsample(outline, 50):
             near |= np.square(walls - corner).sum(axis=1) <= reach * reach
         return walls[near]
 
@@ -229,7 +229,7 @@ def _known_part(grid: GridMap) -> GridMap:
 
 
 def register_maps(old: WallMap, new: WallMap, guesses: Sequence[Transform] = (IDENTITY,)) -> Optional[Registration]:
-    """Finds the old map in the new one: returns the best hypothesis; None if one of the maps has no walls.
+    """Finds the old map in the new one and returns the best hypothesis, or None if one of the maps has no walls.
 
     Args:
         guesses: transforms that are always tried.
@@ -238,7 +238,7 @@ def register_maps(old: WallMap, new: WallMap, guesses: Sequence[Transform] = (ID
         return None
     samples = _sample(old), _sample(new)
     refined = [refine(old, new, start, samples, old.center, _REACHES) for start in [*guesses, *_search(old, new)]]
-    candidates = [measure(old, new, transform) for transform in refined]
+    candidates = [evaluate_transform(old, new, transform) for transform in refined]
     best, *others = sorted(candidates, key=lambda candidate: -candidate.balance_m)
     if best.balance_m <= 0.0:
         return best
@@ -246,7 +246,7 @@ def register_maps(old: WallMap, new: WallMap, guesses: Sequence[Transform] = (ID
     return replace(best, margin=1.0 - max([0.0, *(rival.balance_m for rival in rivals)]) / best.balance_m)
 
 
-def measure(old: WallMap, new: WallMap, transform: Transform) -> Registration:
+def evaluate_transform(old: WallMap, new: WallMap, transform: Transform) -> Registration:
     """Measures how well the maps agree at one transform."""
     shares, lengths, balances, overlaps = [], [], [], []
     for moved, fixed, motion in ((old, new, transform), (new, old, transform.inverse)):
@@ -300,7 +300,7 @@ def _search(old: WallMap, new: WallMap) -> List[Transform]:
     return chosen
 
 
-def thin(points: np.ndarray, count: int) -> np.ndarray:
+def subsample(points: np.ndarray, count: int) -> np.ndarray:
     """Thins points (N, 2) evenly to at least `count`, but fewer than twice as many."""
     return points[:: max(1, len(points) // count)]
 
@@ -308,7 +308,7 @@ def thin(points: np.ndarray, count: int) -> np.ndarray:
 def _sample(wall_map: WallMap) -> np.ndarray:
     """Chooses wall cells (N, 2) [m] for the refinement: those of long walls if there are enough."""
     points = wall_map.walls[wall_map.is_structure]
-    return thin(points if len(points) >= 100 else wall_map.walls, _REFINED_POINTS)
+    return subsample(points if len(points) >= 100 else wall_map.walls, _REFINED_POINTS)
 
 
 def refine(
