@@ -68,7 +68,7 @@ def test_stop_is_offered_only_if_it_stops_a_robot(case):
 
 
 @for_each_robot
-def test_people_are_told_what_a_robot_obeys(case):
+def test_people_hear_what_a_robot_obeys(case):
     assert [line.code for line in offered_to(robot(case.connected)).robot_notices] == [case.plans, case.obeys]
 
 

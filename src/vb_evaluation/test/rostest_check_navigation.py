@@ -47,7 +47,7 @@ class NavigationCheckTest(unittest.TestCase):
         self.assertGreaterEqual(sum(check.passed is True for check in checks), 5)
         self.assertEqual(self.borders(), [])
 
-    def test_a_navigation_on_the_physical_map_is_found_out(self):
+    def test_navigation_that_plans_on_the_physical_map_fails_the_check(self):
         checks = NavigationCheck(GOAL, move_base="miswired/move_base", timeout=2.0).run()
         bad = {check.name for check in checks if check.passed is False}
         self.assertIn("plans respect a new border at once", bad)

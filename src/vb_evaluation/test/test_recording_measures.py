@@ -123,7 +123,7 @@ def test_an_exact_border_has_no_error(three_runs):
     assert float(three_runs.rows["exact"]["error_mean_cm"]) == 0.0
 
 
-def test_a_run_in_another_condition_is_told(three_runs):
+def test_a_run_in_another_condition_is_reported(three_runs):
     (note,) = three_runs.notes
     assert "cameras green instead of none" in note
 
@@ -277,7 +277,7 @@ def test_a_run_that_was_not_as_planned_is_no_outcome(mishaps):
     assert "not_as_planned" not in mishaps.tables["outcomes"][0] and len(mishaps.tables["who_completed"]) == 1
 
 
-def test_the_page_tells_of_mishaps_and_people(mishaps):
+def test_the_page_reports_mishaps_and_people(mishaps):
     assert "nothing was begun in this recording" in mishaps.page
     assert "1 runs were not done in the planned condition" in mishaps.page
     assert "M = 41.5, SD = 19.1, 28 to 55" in mishaps.page

@@ -122,7 +122,7 @@ def test_a_study_of_few_people_with_nothing_but_runs_has_its_page(tmp_path, part
 
 
 @pytest.mark.parametrize("column", ["jaccard", "time_total_s", "error_mean_cm"])
-def test_bad_data_is_told_in_one_line(tmp_path, column, capsys):
+def test_bad_data_is_reported_in_one_line(tmp_path, column, capsys):
     folder = study_rows.make_study(tmp_path / "study", 1, runs_only=True)
     rows = rows_of(folder / "runs.csv")
     rows[0][column] = "1,5"

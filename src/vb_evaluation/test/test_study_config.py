@@ -80,7 +80,7 @@ def test_a_file_of_ones_own_needs_only_what_differs(tmp_path):
         config.load(tmp_path / "nothing.yaml")
 
 
-def test_hash_tells_configurations_apart():
+def test_hash_distinguishes_configurations():
     same, other = config.load(), STUDY.changed({"timing/save_s": 0.5})
     assert same.hash == STUDY.hash and campaign.configuration_hash(same) == campaign.configuration_hash(STUDY)
     assert other.hash != STUDY.hash and campaign.configuration_hash(other) != campaign.configuration_hash(STUDY)

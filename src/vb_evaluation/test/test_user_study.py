@@ -127,7 +127,7 @@ def test_who_has_done_all_runs_or_is_unknown_has_no_next_one(conducted, planned,
         conduct_run.find_next_run(planned, participant)
 
 
-def test_a_system_that_came_up_otherwise_is_told_at_once(planned):
+def test_a_system_that_came_up_otherwise_is_reported_at_once(planned):
     run, said = conduct_run.find_next_run(planned, "p01"), []
     other = "robot_only" if run.entry.method == "nrs" else "nrs"
 
@@ -140,7 +140,7 @@ def test_a_system_that_came_up_otherwise_is_told_at_once(planned):
     assert f"method:={other}" in output and "cameras blue instead of" in output
 
 
-def test_a_system_that_recorded_nothing_is_told_at_once(planned):
+def test_a_system_that_recorded_nothing_is_reported_at_once(planned):
     run = conduct_run.find_next_run(planned, "p02")
     assert "nothing was recorded" in do_run(run, "c")[-1]
     assert Recording(run.folder).run["recorded"] is False

@@ -281,7 +281,7 @@ def test_overlay_marks_only_what_borders_changed():
     assert not draw_restrictions(physical, physical, 4).any()
 
 
-def test_what_save_would_restrict_is_told_from_what_is_saved():
+def test_what_save_would_restrict_looks_different_from_what_is_saved():
     physical = np.zeros((40, 60), np.int8)
     map_with_borders, planned = physical.copy(), np.zeros((40, 60), np.int8)
     map_with_borders[5:20, 5:20] = 100

@@ -33,7 +33,7 @@ def test_each_note_has_the_pitch_that_it_says(name):
     assert start == len(pcm)
 
 
-def test_sounds_are_told_apart():
+def test_sounds_can_be_distinguished():
     for one, other in itertools.combinations(SOUNDS, 2):
         notes = [[(note.pitch, round(note.seconds, 2)) for note in SOUNDS[name].notes] for name in (one, other)]
         assert notes[0] != notes[1]

@@ -101,7 +101,7 @@ GROUPS = {  # colours that may be adjacent on the display and have different mea
 
 @pytest.mark.parametrize("group", GROUPS)
 @pytest.mark.parametrize("vision", VISIONS)
-def test_colours_are_told_apart_by_any_eye(vision, group):
+def test_colours_can_be_distinguished_by_any_eye(vision, group):
     # a difference of 2.3 in CIELAB is just noticeable side by side, one of 10 at a glance
     for (one, color), (other, second) in itertools.combinations(GROUPS[group].items(), 2):
         distance = np.linalg.norm(lab(color, VISIONS[vision]) - lab(second, VISIONS[vision]))

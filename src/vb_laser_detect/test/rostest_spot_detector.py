@@ -261,7 +261,8 @@ class SpotDetectorTest(unittest.TestCase):
             spots = self.wait_for_spots("robot", 3, LaserSpot.GROUND_PLANE_FALLBACK)
             self.assertLess(np.median(self.observer.errors(spots)), 0.03)
             self.check_fault("robot", code, words, Notice.WARNING, count=3)
-        for robot.depth_message in (meters, good):
+        for message in (meters, good):
+            robot.depth_message = message
             self.wait_for_spots("robot", 3, LaserSpot.DEPTH)
 
     def pose_is_late_and_missing(self, robot):

@@ -21,7 +21,7 @@ def errors_of(notices):
     return [(notice.code, notice.camera) for notice in notices]
 
 
-def test_a_detector_that_is_gone_is_told():
+def test_a_detector_that_is_gone_is_reported():
     watch = CameraFaultFinder(["north", "south"], 0.0)
     watch.report("north", DetectorReport(1.0))
     watch.report("of_a_robot", DetectorReport(1.0))
@@ -56,7 +56,7 @@ def test_clock_difference_is_reported_but_not_a_busy_computer(offset, reported_a
         (CodedError("shared_frame", cameras="north, south", frame="f"), DetectorReport(1.0), False, "shared_frame"),
     ],
 )
-def test_a_calibration_that_does_not_fit_is_told_with_what_cures_it(file, report, kept, code):
+def test_a_calibration_that_does_not_fit_is_reported_with_its_remedy(file, report, kept, code):
     watch = CameraFaultFinder(["north"], 0.0)
     watch.report("north", report)
     notices = watch.find_calibration_faults({"north": file}, ["north"] if kept else [], 1.0)

@@ -220,7 +220,7 @@ def test_a_device_without_motion_jpeg_is_read_in_its_own_format_and_the_usual_si
         (errno.EINVAL, "camera_fault"),
     ],
 )
-def test_why_a_device_cannot_be_opened_is_told(number, code, monkeypatch):
+def test_why_a_device_cannot_be_opened_is_reported(number, code, monkeypatch):
     monkeypatch.setattr(av, "open", lambda *_, **__: av.error.err_check(-number))
     with refused(code):
         CameraSource("/dev/video0", CaptureParams(), print, print)._read()

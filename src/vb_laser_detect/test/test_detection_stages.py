@@ -166,7 +166,7 @@ def fault(watch, now):
 
 
 @pytest.mark.parametrize("missing, told", {**NOTICES, "shared_frame": "shared_frame"}.items())
-def test_what_images_lack_is_told_once_it_lasts(missing, told):
+def test_what_images_lack_is_reported_once_it_lasts(missing, told):
     watch = InputWatch(0.0)
     error = CodedError(missing)
     for now in range(60):

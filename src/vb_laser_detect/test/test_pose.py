@@ -176,7 +176,7 @@ def test_the_floor_is_where_it_is(T, focal, order):
     assert np.abs(project_to_floor(view.camera, view.T_map_camera, pixels)[:, :2] - expected).max() < 0.01
 
 
-def test_a_slanted_view_tells_the_focal_length_and_the_height():
+def test_a_slanted_view_gives_the_focal_length_and_the_height():
     view = estimate_camera_from_rectangle(pixels_from(POSES[1], 700.0, CORNERS), SIZE, IMAGE)
     assert view.camera.focal_px == pytest.approx(700.0, rel=0.03)
     assert view.T_map_camera[2, 3] == pytest.approx(POSES[1][2, 3], rel=0.03)

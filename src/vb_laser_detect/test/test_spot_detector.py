@@ -142,7 +142,7 @@ def test_a_spot_is_found_by_cameras_whose_white_is_below_255(white):
 
 
 @pytest.mark.parametrize("laser", [RED, GREEN])
-def test_bayer_images_tell_white_light_from_a_laser(laser):
+def test_bayer_images_distinguish_white_light_from_a_laser(laser):
     scene, detector = settled(tinted(Scene()), at_once(bayer=True))
     white = {"spots": [(300, 150)], "color": (1.0, 1.0, 1.0), "bayer": True}
     assert feed(detector, [scene.render(**white) for _ in range(10)], 0.4) == [[]] * 10

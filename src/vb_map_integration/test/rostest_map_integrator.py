@@ -190,7 +190,7 @@ class MapIntegratorTest(unittest.TestCase):
         wait_until(lambda: [b.name for b in self.borders.message.borders] == ["carpet"], "the first place's border")
         self.assertFalse(self.borders.message.needs_confirmation)
 
-    def test_why_a_map_is_refused_is_told_until_one_is_taken(self):
+    def test_why_a_map_is_refused_is_reported_until_one_is_accepted(self):
         for code, frame, cells in (("map_wrong_frame", "odom", 16000), ("bad_map", "map", 3)):
             message = message_from_grid(self.grid, rospy.Time.now(), frame)
             message.data = message.data[:cells]

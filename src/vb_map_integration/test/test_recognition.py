@@ -147,7 +147,7 @@ def test_in_doubt_borders_stay_in_force_until_somebody_confirms(restart):
     assert [border.name for border in again.borders] == ["bath"] and again.map_name == "upstairs"
 
 
-def test_floors_with_the_same_walls_are_told_apart_by_their_names(restart):
+def test_floors_with_the_same_walls_are_distinguished_by_their_names(restart):
     for name in ("ground", "upstairs"):
         keeper = restart(flat(seed=len(name)), map_name=name)
         assert keeper.borders == ()

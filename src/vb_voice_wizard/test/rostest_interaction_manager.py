@@ -325,7 +325,7 @@ class InteractionManagerTest(unittest.TestCase):
         saving.result()
         self.assertTrue(self.state.wait(lambda message: message.last_outcome == "saved", "the save").stopped)
 
-    def test_a_stop_that_cannot_be_stored_is_told_and_holds_after_a_crash(self):
+    def test_a_stop_that_cannot_be_stored_is_reported_and_holds_after_a_crash(self):
         notices = Newest("/virtual_borders/notices", NoticeArray)
         folder = os.path.join(FOLDER, "full")
         os.makedirs(folder, exist_ok=True)

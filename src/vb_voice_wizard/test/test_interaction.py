@@ -180,7 +180,7 @@ def test_a_stop_is_obeyed_during_a_save_and_holds_after_it(saving):
     assert saving.latch.stopped
 
 
-def test_a_refused_save_is_told_to_its_source_and_keeps_the_drawing(saving):
+def test_a_refused_save_is_reported_to_its_source_and_keeps_the_drawing(saving):
     kept = drawing_of(saving)
     answer = saving.finish_pending(NO_INTEGRATOR, 7.0)
     assert answer.message == "The map integrator is not running."
@@ -376,7 +376,7 @@ def test_a_laser_that_no_camera_sees_is_noticed_after_a_while(spots, next_comman
 
 
 @pytest.mark.parametrize("spots, code", [((0, 0, 0), "missing_spots"), ((7, 0, 0), "missing_seed")])
-def test_a_save_without_any_spot_is_told_so_instead_of_a_missing_seed(spots, code):
+def test_a_save_without_any_spot_reports_that_instead_of_a_missing_seed(spots, code):
     interaction = border_begun_at(100.0)
     interaction.set_spot_counts(*spots, 116.0)
     assert interaction.command(SAVE, "test", 117.0).code == code

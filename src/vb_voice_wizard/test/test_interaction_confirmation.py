@@ -77,7 +77,7 @@ def asked_about(before, command) -> Interaction:
 
 
 @for_all_doubtful_commands
-def test_a_question_tells_the_words_that_confirm_it(before, command):
+def test_a_question_contains_the_words_that_confirm_it(before, command):
     interaction = asked_about(before, command)
     answer = interaction.last_answer
     code = "confirm_save" if command == SAVE else "confirm_command"

@@ -38,7 +38,7 @@ def test_commands_are_recognised_most_of_the_time(recognizer):
     assert all(result.confidence >= THRESHOLD for result in recognised)
 
 
-def test_a_result_tells_the_best_guess_and_why_it_is_no_command(recognizer):
+def test_a_result_contains_the_best_guess_and_why_it_is_no_command(recognizer):
     (result,) = examine(recognizer, say("has anyone seen my glasses"))
     assert (result.command, result.reason) == (None, "unlike_a_command")
     assert result.best and result.confidence < THRESHOLD
@@ -60,7 +60,7 @@ def test_noise_beeps_and_nothing_are_no_commands(recognizer):
         assert command_in(recognizer, np.concatenate([quiet, tone(hertz, 0.3), quiet])) is None
 
 
-def test_the_speech_model_tells_what_was_said_not_how_loud():
+def test_the_speech_model_gives_what_was_said_not_how_loud():
     texts = ["define seed", "define seeds", "save", "undo", "and do"]
     model = SpeechModel(texts)
     pcm = say("define seed", snr_db=25.0)
@@ -201,7 +201,7 @@ def test_speech_is_cut_where_it_is_whatever_the_size_of_the_pieces(size):
         assert abs(int(speech.pcm[0]) - begin % 30000) <= 2 * CHUNK
 
 
-def test_long_speech_is_told_once_and_a_pause_ends_it():
+def test_long_speech_is_reported_once_and_a_pause_ends_it():
     utterances = cut([(1.0, 5.0), (6.0, 6.5)], 7.5)
     assert [speech.too_long for speech in utterances] == [True, False]
     # no more than this much speech and its padding is kept

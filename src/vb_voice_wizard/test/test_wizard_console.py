@@ -33,19 +33,19 @@ def text(content, now=0.0, width=300):
 @pytest.mark.parametrize(
     "words", ["BORDER", "1:13", "120 border, 3 seed, 7 ignored", "south", "restrict 2.50 m\u00b2", "! The robot stands"]
 )
-def test_the_console_tells_state_time_spots_cameras_and_preview(words):
+def test_the_console_shows_state_time_spots_cameras_and_preview(words):
     assert words in text(drawing())
 
 
 @pytest.mark.parametrize("parts, is_told", [(0, False), (1, False), (2, True)])
-def test_the_console_tells_in_how_many_parts_a_border_would_leave_the_floor(parts, is_told):
+def test_the_console_shows_in_how_many_parts_a_border_would_leave_the_floor(parts, is_told):
     content = drawing()
     content.preview.free_parts = parts
     assert (content.translate("preview_parts", parts=parts) in text(content)) is is_told
 
 
 @pytest.mark.parametrize("words", ["STOPPED", "voice", "ends in 0:45", "save again to confirm", "! Look!"])
-def test_the_console_tells_of_a_stop_the_end_a_question_and_notices(words):
+def test_the_console_shows_a_stop_the_end_a_question_and_notices(words):
     content = drawing()
     content.state.stopped, content.state.stopped_by, content.state.confirm_save = True, "voice", True
     content.state.ends_at = rospy.Time(145)
@@ -53,7 +53,7 @@ def test_the_console_tells_of_a_stop_the_end_a_question_and_notices(words):
     assert words in text(content, 100.0)
 
 
-def test_the_notice_of_a_stop_is_told_only_if_the_state_is_not_known():
+def test_the_notice_of_a_stop_is_shown_only_if_the_state_is_not_known():
     content = drawing()
     content.state.stopped = True
     content.notices = (Notice("stopped", Severity.WARNING),)
@@ -68,7 +68,7 @@ def test_an_earlier_drawing_is_not_shown_in_a_new_interaction():
     assert "120 border" not in text(content)
 
 
-def test_what_two_messages_tell_is_said_once():
+def test_what_two_messages_say_is_shown_once():
     content = drawing()
     content.preview.issues[0].code = "robot_inside"
     content.notices = (Notice("robot_inside", Severity.WARNING),)

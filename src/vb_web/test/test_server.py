@@ -386,7 +386,7 @@ def test_viewers_take_no_operators_slot(network):
     assert network.link(work, Cookie=cookie(network, Role.OPERATOR))["ok"]
 
 
-def test_who_finds_no_slot_is_told_so(network):
+def test_a_person_who_finds_no_slot_is_informed(network):
     network.server.slots[Role.VIEWER] = ConnectionSlots(0, yields=False)
     assert network.ask("/session", Cookie=cookie(network, Role.VIEWER)).code == 503
     assert network.ask("/session", Cookie=cookie(network, Role.OPERATOR)).code == 200
@@ -446,7 +446,7 @@ def test_one_newcomer_is_let_in_at_each_turn_of_the_loop(local):
     assert max(later - earlier for earlier, later in zip(counts, counts[1:])) == 1
 
 
-def test_an_address_that_asks_too_often_is_told_so(local):
+def test_an_address_that_asks_too_often_is_refused_with_the_reason(local):
     local.server.request_limiter = RateLimiter(rate=0.0, burst=3.0)
     assert [local.ask("/session").code for _ in range(4)] == [200, 200, 200, 429]
 
@@ -461,6 +461,6 @@ def test_address_that_connects_too_often_is_disconnected(local):
     assert local.ask("/session").code == 200
 
 
-def test_a_port_that_is_taken_is_told(local):
+def test_a_port_that_is_taken_is_reported(local):
     with refused("page_no_address"):
         Running(None, PageParams(port=local.server.port))

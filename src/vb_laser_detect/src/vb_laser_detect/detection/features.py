@@ -227,7 +227,9 @@ class BlobLight:
     """
 
     def __init__(self, mask: np.ndarray, rise: np.ndarray, now: np.ndarray, before: np.ndarray, mosaic: bool) -> None:
-        self.mask, self.rise, self.now, self._before, self._mosaic = mask, rise, now, before, mosaic
+        self.mask, self.rise = mask, rise
+        self.now, self._before = now, before
+        self._mosaic = mosaic
         self.levels, self.floor_levels = means_over(mask, mosaic, now, before)
 
     def edge(self) -> float:

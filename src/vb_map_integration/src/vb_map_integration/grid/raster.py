@@ -94,7 +94,7 @@ class ChainCells:
 
     def between(self, first: int, last: int) -> "ChainCells":
         """Returns the part from one cell to another, both included."""
-        return ChainCells(*(values[first : last + 1] for values in vars(self).values()))
+        return ChainCells(**{name: values[first : last + 1] for name, values in vars(self).items()})
 
 
 def rasterize_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> ChainCells:

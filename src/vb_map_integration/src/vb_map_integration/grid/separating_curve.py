@@ -141,7 +141,8 @@ def _stops(
     """
     # the outermost cell is beyond the map's rim, so there is always one; if the end is off the map, maybe only one
     indices = np.flatnonzero(beyond >= -tolerance)[::outwards]
-    indices = indices if len(indices) else np.array([0 if outwards < 0 else len(beyond) - 1])
+    if not len(indices):
+        indices = np.array([0 if outwards < 0 else len(beyond) - 1])
     hit = cells[trace.rows[indices] + 1, trace.columns[indices] + 1] != _FREE
     hit[1:] &= ~hit[:-1]
     ahead = []
@@ -176,8 +177,8 @@ def _stops_on_one_piece(cells: np.ndarray, starts: List[_Stop], ends: List[_Stop
         met = value(stop)
         if met == other:
             fill(stop, _MET_BY_BOTH)
-            met_by_both = (next(stop for stop in stops if value(stop) == _MET_BY_BOTH) for stops in (starts, ends))
-            return tuple(met_by_both)  # type: ignore[return-value]
+            start, end = (next(each for each in stops if value(each) == _MET_BY_BOTH) for stops in (starts, ends))
+            return start, end
         if met == _BLOCKED:
             fill(stop, mark)
     return None

@@ -184,11 +184,16 @@ class CommandGate:
             v, w, code = request
             max_turn_rate = self.profile.limits.max_turn_rate
             w = min(max(w, -max_turn_rate), max_turn_rate)
-            max_speed, reason = self._speed_limit(now, source, v, w) if v != 0.0 else (math.inf, "")
-            if abs(v) > max_speed:
-                # the arc has been checked, so only the speed is reduced; a round robot can always turn in place
-                scale = max_speed / abs(v)
-                v, w, code = (scale * v, scale * w, reason) if max_speed >= 0.02 else (0.0, w, reason)
+            if v != 0.0:
+                max_speed, reason = self._speed_limit(now, source, v, w)
+                if abs(v) > max_speed:
+                    code = reason
+                    # the arc has been checked, so only the speed is reduced. A round robot can always turn in place
+                    scale = max_speed / abs(v)
+                    if max_speed >= 0.02:
+                        v, w = scale * v, scale * w
+                    else:
+                        v = 0.0
             scale, missing_code = self._age_factor(now, source, v, w)
             if missing_code:
                 return VelocityRequest(0.0, 0.0, missing_code)
