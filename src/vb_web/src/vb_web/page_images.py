@@ -159,11 +159,11 @@ def draw_floor(grid: GridMap, images: Sequence[CeilingImage]) -> EncodedImage:
     rows, columns = (int(np.ceil(size / cells)) for size in grid.shape)
     centers = np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), axis=-1).reshape(-1, 2)
     positions = grid.grid_to_world(centers * cells - 0.5)
-    project_to_floor = np.column_stack([positions, np.zeros(len(positions))])
+    floor_points = np.column_stack([positions, np.zeros(len(positions))])
     total = np.zeros((rows, columns, 3), np.float32)
     weights = np.zeros((rows, columns), np.float32)
     for image in images:
-        points = transform_points(image.pose, project_to_floor)
+        points = transform_points(image.pose, floor_points)
         in_front = points[:, 2] > 0.05
         points[~in_front] = (0.0, 0.0, 1.0)
         pixels = image.camera.project(points).astype(np.float32)

@@ -115,10 +115,10 @@ class FloorImage:
         rows, columns = np.indices(canvas.shape[:2], sparse=True)
         is_stripe = ((rows - columns) // max(1, int(_STRIPE * self._scale))) % 2 == 0
         corners = region.world_to_grid(self._low + np.array([[0, 0], [1, 0], [0, 1]]) / self._scale)
-        base_to_map = np.column_stack([corners[1] - corners[0], corners[2] - corners[0], corners[0]])
+        canvas_to_cells = np.column_stack([corners[1] - corners[0], corners[2] - corners[0], corners[0]])
         flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
         cells = (region.data > 0).astype(np.uint8)
-        inside = cv2.warpAffine(cells, base_to_map, (canvas.shape[1], canvas.shape[0]), flags=flags) > 0
+        inside = cv2.warpAffine(cells, canvas_to_cells, (canvas.shape[1], canvas.shape[0]), flags=flags) > 0
         canvas[inside & is_stripe] = self._shade(color, level)
 
 

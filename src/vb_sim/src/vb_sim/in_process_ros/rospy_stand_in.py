@@ -18,7 +18,7 @@ from vb_sim.in_process_ros.connections import Publisher, Service, ServiceProxy, 
 from vb_sim.in_process_ros.threading_stand_in import Scheduler, StandIns, master_stand_ins, replaced
 
 _CONNECTIONS = (Publisher, Subscriber, Service, ServiceProxy, Timer)
-LOG = logging.getLogger("vb_evaluation.nodes")
+LOG = logging.getLogger("vb_sim.nodes")
 _LEVELS = {word: getattr(logging, word.upper()) for word in ("debug", "info", "warn", "error", "fatal")}
 _LEVELS["err"] = logging.ERROR
 
