@@ -88,7 +88,7 @@ def integrator(root=None, grid=GRID, **params):
 
 def status_of_first(keeper):
     """Returns whether the first border is in force, and the reason if it is not, or is to be confirmed."""
-    status = next(iter(keeper.in_force.statuses.values()))
+    status = next(iter(keeper.borders_in_force.statuses.values()))
     return status.is_in_force, status.reason
 
 

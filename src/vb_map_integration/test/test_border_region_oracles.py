@@ -90,7 +90,7 @@ def test_a_traced_chain_leaves_no_gap(chain):
 def test_painting_raises_what_is_under_the_mask_and_lowers_nothing(cells, mask, value, covers_unknown):
     painted = np.array(cells, np.int8).reshape(3, 4)
     covered = 255 * np.array(mask, np.uint8).reshape(3, 4)
-    Region((slice(0, 3), slice(0, 4)), covered, value, covers_unknown, 1.0).apply(painted)
+    Region((slice(0, 3), slice(0, 4)), covered, value, covers_unknown, 1.0).raise_cells(painted)
     wanted = [max(cell, value) if under and (cell >= 0 or covers_unknown) else cell for cell, under in zip(cells, mask)]
     assert painted.ravel().tolist() == wanted
 
@@ -110,7 +110,9 @@ def test_a_wall_covers_half_its_width_on_each_side_of_its_chain(points, noise):
     for row, column in core:
         wanted[max(0, row - reach) : row + reach + 1, max(0, column - reach) : column + reach + 1] = True
     assume(core and (wanted & (cells == 0)).any())
-    assert (compute_region(grid, VirtualBorder(chain, None, wall=True)).restricted_cells == wanted & (cells == 0)).all()
+    assert (
+        compute_region(grid, VirtualBorder(chain, None, is_wall=True)).restricted_cells == wanted & (cells == 0)
+    ).all()
 
 
 def nearest(allowed, seed, radius):

@@ -50,14 +50,14 @@ class Region:
     Attributes:
         window: the part of the map that contains it.
         mask: (h, w) uint8 of that window, 0 or 255; obstacles are left out.
-        value: 0 .. 100, the occupancy that the cells are raised to.
+        cell_value: 0 .. 100, the occupancy that the cells are raised to.
         covers_unknown: whether unknown cells are raised too.
         area_m2: [m^2].
     """
 
     window: raster.CellWindow
     mask: np.ndarray = field(repr=False)
-    value: int
+    cell_value: int
     covers_unknown: bool
     area_m2: float
 
@@ -68,9 +68,9 @@ class Region:
         rows, columns = self.window
         return grid.grid_to_world(largest.reshape(-1, 2) + np.array([columns.start, rows.start], float))
 
-    def apply(self, cells: np.ndarray) -> None:
+    def raise_cells(self, cells: np.ndarray) -> None:
         """Raises the cells (H, W) int8 of the map in place; none is lowered."""
-        part, level = cells[self.window], np.uint8(self.value)
+        part, level = cells[self.window], np.uint8(self.cell_value)
         if self.covers_unknown:  # as int8, unknown is -1, the lowest value
             np.maximum(part, np.bitwise_or(np.invert(self.mask), level).view(np.int8), out=part)
         else:  # as uint8 it is 255, the highest value
@@ -116,7 +116,7 @@ class BorderRegion(Region):
     @property
     def restricted_cells(self) -> np.ndarray:
         """(H, W) bool, the cells that the border restricts, without obstacles."""
-        cells = raster.filled(self.prior.shape, 0).view(bool)
+        cells = np.full(self.prior.shape, 0, np.uint8).view(bool)
         cells[self.window] = self.mask != 0
         return cells
 
@@ -127,12 +127,12 @@ def apply_regions(grid: GridMap, regions: Sequence[Region]) -> GridMap:
         return grid
     cells = np.array(grid.data, order="C")
     for region in regions:
-        region.apply(cells)
+        region.raise_cells(cells)
     return grid.with_data(cells)
 
 
 def join_regions(possible: Sequence[Optional[Region]]) -> Optional[Region]:
-    """Joins the regions that are not None into one, with the value of the first; returns None if there is none."""
+    """Joins the regions that are not None into one, with the cell value of the first; returns None if there is none."""
     regions = [region for region in possible if region is not None]
     if len(regions) < 2:
         return regions[0] if regions else None
@@ -140,14 +140,14 @@ def join_regions(possible: Sequence[Optional[Region]]) -> Optional[Region]:
         slice(min(region.window[axis].start for region in regions), max(region.window[axis].stop for region in regions))
         for axis in (0, 1)
     )
-    mask = raster.filled((window[0].stop - window[0].start, window[1].stop - window[1].start), 0)
+    mask = np.full((window[0].stop - window[0].start, window[1].stop - window[1].start), 0, np.uint8)
     for region in regions:
         part = tuple(slice(own.start - out.start, own.stop - out.start) for own, out in zip(region.window, window))
         np.maximum(mask[part], region.mask, out=mask[part])
     first = regions[0]
     cell = max(region.area_m2 / max(1, cv2.countNonZero(region.mask)) for region in regions)
     area = cell * cv2.countNonZero(mask)
-    return Region(window, mask, first.value, first.covers_unknown, area)  # type: ignore[arg-type]
+    return Region(window, mask, first.cell_value, first.covers_unknown, area)  # type: ignore[arg-type]
 
 
 def compute_region(prior: GridMap, border: VirtualBorder) -> BorderRegion:
@@ -193,7 +193,7 @@ class _BorderOnGrid:
         """Computes the region that the border restricts."""
         border, line = self.border, self.border.points
         self.check_shape()
-        if border.wall:
+        if border.is_wall:
             window, mask = self.fill_wall()
         elif border.closed:
             window, mask = self.fill_polygon()
@@ -208,8 +208,8 @@ class _BorderOnGrid:
         return BorderRegion(
             window=window,
             mask=mask,
-            value=border.value,
-            covers_unknown=border.closed is True and border.value >= OCCUPIED_THRESHOLD,
+            cell_value=border.cell_value,
+            covers_unknown=border.closed is True and border.cell_value >= OCCUPIED_THRESHOLD,
             area_m2=restricted * self.prior.resolution**2,
             prior=self.prior,
             border=border,
@@ -222,10 +222,10 @@ class _BorderOnGrid:
         border, limit = self.border, np.array(self.prior.shape[::-1]) - 0.5
         if ((self.points < -0.5) | (self.points >= limit)).any():
             self.warn("outside_map")
-        if not border.wall and ((self.seed < -0.5) | (self.seed >= limit)).any():
+        if not border.is_wall and ((self.seed < -0.5) | (self.seed >= limit)).any():
             raise IntegrationError("seed_outside_map")
         chain = np.concatenate([border.points, border.points[:1]]) if border.closed else border.points
-        if not border.wall and not shapely.linestrings(chain).is_simple:
+        if not border.is_wall and not shapely.linestrings(chain).is_simple:
             self.warn("border_self_intersects")
 
     def fill_polygon(self) -> Tuple[raster.CellWindow, np.ndarray]:
@@ -240,7 +240,7 @@ class _BorderOnGrid:
             mask, part = inner, cells[window]
             cv2.subtract(mask, cv2.inRange(part, threshold, 127), dst=mask)  # unknown cells, 255, stay
             if threshold <= cells[row, column] <= 127:
-                barred = raster.filled(cells.shape, 255)
+                barred = np.full(cells.shape, 255, np.uint8)
                 np.invert(mask, out=barred[window])
                 self.find_free_cell(barred)
             return window, mask
@@ -268,7 +268,7 @@ class _BorderOnGrid:
         reach = int(WALL_WIDTH / 2.0 / self.prior.resolution + 1e-6)
         top, left = max(0, int(rows.min()) - reach), max(0, int(columns.min()) - reach)
         window = slice(top, int(rows.max()) + reach + 1), slice(left, int(columns.max()) + reach + 1)
-        mask = raster.filled(cells[window].shape, 0)
+        mask = np.full(cells[window].shape, 0, np.uint8)
         mask[rows - top, columns - left] = 255
         if reach:
             mask = cv2.dilate(mask, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
@@ -280,18 +280,20 @@ class _BorderOnGrid:
         prior = self.prior
         fit, tolerance = EXTENSION_FIT_LENGTH / prior.resolution, WALL_SNAP_DISTANCE / prior.resolution
         # no fill may enter obstacles, unknown cells, or the frame round the map
-        framed = raster.filled((prior.shape[0] + 2, prior.shape[1] + 2), 255)
+        framed = np.full((prior.shape[0] + 2, prior.shape[1] + 2), 255, np.uint8)
         cv2.inRange(self.cells, OCCUPIED_THRESHOLD, 255, dst=framed[1:-1, 1:-1])
-        cut = separating_curve.cut_free_space(framed, self.points, fit, tolerance, self.seed, self.find_free_cell)
+        cut = separating_curve.cut_free_space(framed, self.points, fit, tolerance)
+        start = self.find_free_cell(framed[1:-1, 1:-1], cut.direction_to(self.seed))
+        window, mask = cut.fill_side(start)
         line = prior.grid_to_world(cut.line)
-        for (row, column), side, index in zip(cut.stops, ("$line_start", "$line_end"), (0, -1)):
-            length = float(np.linalg.norm(line[index] - self.border.points[index]))
+        extensions = np.linalg.norm(line[[0, -1]] - self.border.points[[0, -1]], axis=1)
+        for (row, column), length, side in zip(cut.ends, extensions, ("$line_start", "$line_end")):
             on_map = 0 <= row < prior.shape[0] and 0 <= column < prior.shape[1]
             if not on_map or self.cells[row, column] > 127:
                 self.warn("no_wall_found")
             elif length > LONG_EXTENSION:
                 self.warn("extended_far", length=f"{length:.1f}", side=side)
-        return cut.window, cut.region, line
+        return window, mask, line
 
     def find_free_cell(self, barred: np.ndarray, away: Optional[np.ndarray] = None) -> Tuple[int, int]:
         """Returns the seed's cell (row, column), or the nearest one not barred, on the side `away` points to if given.

@@ -106,7 +106,7 @@ class MapIntegratorNode:
         rospy.Service(names.LIST_BORDERS, srv.ListBorders, self._list)
         rospy.Service(names.SAVE_MAP, srv.SaveMap, self._save)
         self._maps: node.Mailbox = node.Mailbox()
-        node.Worker(self._maps, self._take_map)
+        node.Worker(self._maps, self._on_map)
         options = {"queue_size": 1, "buff_size": 2**24, "tcp_nodelay": True}
         rospy.Subscriber(names.PHYSICAL_MAP, messages.NumpyOccupancyGrid, self._maps.put, **options)
         node.log_missing_input(f"the map on {names.PHYSICAL_MAP}", lambda: self._integrator.has_map)
@@ -118,7 +118,7 @@ class MapIntegratorNode:
             self._integrator.close()
 
     # ------------------------------------------------------------- the physical map
-    def _take_map(self, message: Any) -> None:
+    def _on_map(self, message: Any) -> None:
         frame = message.header.frame_id.lstrip("/")
         try:
             if frame and frame != names.MAP_FRAME:
@@ -198,7 +198,7 @@ class MapIntegratorNode:
 
     def _warn_if_soft_cost_is_ignored(self, border: VirtualBorder) -> Tuple[Notice, ...]:
         """Warns if a running move_base treats every soft value as free (its default, trinary_costmap)."""
-        if border.value in (0, 100):
+        if border.cell_value in (0, 100):
             return ()
         bases = [f"/{name}/move_base" for name in self._robot_maps] or ["/move_base"]
         costmaps = [f"{base}/{which}_costmap" for base in bases for which in ("global", "local")]
@@ -265,7 +265,7 @@ class MapIntegratorNode:
         stamp = self._last_stamp = next_stamp(rospy.Time.now(), self._last_stamp)
         self._show_notices()
         self._borders_out.publish(self._borders_message(stamp))
-        in_force = self._integrator.in_force
+        in_force = self._integrator.borders_in_force
         grids = [(self._map_out, in_force.map_with_borders)]
         grids += [(out, self._integrator.map_with_borders_for(name)) for name, out in self._robot_maps.items()]
         self._had_speeds |= bool(in_force.slow_zones)
@@ -288,7 +288,7 @@ class MapIntegratorNode:
             worst = max(about_all, key=lambda notice: (notice.code in asks, notice.severity))
             array.code, array.message = worst.code, worst.sentence()
             array.values = messages.values_from_mapping(worst.values)
-        in_force = self._integrator.in_force
+        in_force = self._integrator.borders_in_force
         for key, status in in_force.statuses.items():
             values = status.area_m2, status.is_in_force, status.reason, in_force.outlines(key)
             array.borders.append(message_from_border(status.map_border, *values))

@@ -1,7 +1,8 @@
 """Polygons, chains and regions on the cells of a grid, and the parts into which borders split its free floor.
 
 Coordinates are (column, row) as from `GridMap.world_to_grid`: whole numbers are the centres of cells.
-Masks are uint8, 0 or 255, as OpenCV uses them. Most cover only a window of the map, as all of a large map is slow.
+Masks are uint8, 0 or 255, as OpenCV uses them. Most cover only a window of the map, as all of a large map is slow,
+and none is made by numpy.zeros, whose small memory pages cost a page fault each.
 """
 
 from __future__ import annotations
@@ -26,11 +27,6 @@ MAX_CELLS = 2_000_000
 MIN_PART = 0.1
 
 
-def filled(shape: Tuple[int, int], value: int) -> np.ndarray:
-    """Allocates (H, W) uint8 of one value. Not numpy.zeros: its small memory pages cost a page fault each."""
-    return np.full(shape, value, np.uint8)
-
-
 def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[CellWindow, np.ndarray]:
     """Finds the cells whose centre is in a polygon, clipped to the map.
 
@@ -49,7 +45,7 @@ def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[CellWind
     corners = np.array([vertices.min(axis=0), vertices.max(axis=0) + 1.0])
     (left, top), (right, bottom) = np.ceil(np.minimum(np.maximum(corners, 0.0), shape[::-1])).astype(int).tolist()
     window = slice(top, bottom), slice(left, right)
-    mask = filled((bottom - top, right - left), 0)
+    mask = np.full((bottom - top, right - left), 0, np.uint8)
     start = vertices - (left, top)
     end = np.concatenate([start[1:], start[:1]])
     y0, y1 = start[:, 1], end[:, 1]

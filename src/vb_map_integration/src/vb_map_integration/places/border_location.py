@@ -21,7 +21,7 @@ from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.places.registration import WallMap, compare_walls, refine, subsample
 from vb_map_integration.places.transform import Transform
-from vb_map_integration.storage.border_database import KnownMap
+from vb_map_integration.storage.border_database import StoredMap
 
 _SEEN = 0.5  # share of a border's points that the map must know before a person is asked about the border
 WALL_RADIUS = 3.0  # [m] walls this near a border decide where it is; others may be distorted differently
@@ -55,7 +55,7 @@ class BorderLocation:
         border: the border at its position on this map.
         walls_agree: whether the walls round it confirm the position.
         floor_is_known: whether the map knows the floor there; until it does, no person is asked about the border.
-        others: the border at other possible positions, until a person says where it is.
+        alternatives: the border at other possible positions, until a person says where it is.
         accepted: the border as a person accepted it, on `accepted_map`; None if that is the current map.
         accepted_map: the map on which it was accepted.
         transform: transform from that map's frame to the current one's.
@@ -64,7 +64,7 @@ class BorderLocation:
     border: VirtualBorder
     walls_agree: bool = True
     floor_is_known: bool = True
-    others: Tuple[VirtualBorder, ...] = ()
+    alternatives: Tuple[VirtualBorder, ...] = ()
     accepted: Optional[VirtualBorder] = None
     accepted_map: Optional[GridMap] = None
     transform: Transform = Transform()
@@ -83,7 +83,7 @@ class BorderLocator:
 
     grid: GridMap
     map_id: str
-    stored_maps: Mapping[str, KnownMap]
+    stored_maps: Mapping[str, StoredMap]
     transform: Transform
     other_transform: Optional[Transform]
 
@@ -95,24 +95,24 @@ class BorderLocator:
         """Locates a stored border: where the walls round it are if these settle its position, else where it is expected."""
         stored = self.stored_maps.get(border.map_id) or next(iter(self.stored_maps.values()), None)
         if stored is None or stored.fingerprint == self.map_id:
-            return BorderLocation(border.moved(self.transform))
-        accepted = border.moved(stored.transform)
+            return BorderLocation(border.transform(self.transform))
+        accepted = border.transform(stored.transform)
         expected = self.transform.after(stored.transform.inverse)
         fit = fit_locally(wall_map_of(stored), self._walls, expected, accepted.points)
         points = expected.apply(np.concatenate([accepted.points, [accepted.seed]]))
         floor_is_known = float(self._walls.is_known(points).mean()) >= _SEEN
         walls_agree = fit is not None and fit.is_certain
-        others = [accepted.moved(fit.transform)] if fit is not None and fit.is_possible and not walls_agree else []
-        others += [border.moved(self.other_transform)] if self.other_transform is not None else []
+        others = [accepted.transform(fit.transform)] if fit is not None and fit.is_possible and not walls_agree else []
+        others += [border.transform(self.other_transform)] if self.other_transform is not None else []
         transform = fit.transform if fit is not None and walls_agree else expected
-        here = accepted.moved(transform)
+        here = accepted.transform(transform)
         return BorderLocation(here, walls_agree, floor_is_known, tuple(others), accepted, stored.grid, transform)
 
 
 @lru_cache(maxsize=64)
-def wall_map_of(known_map: KnownMap) -> WallMap:
+def wall_map_of(stored_map: StoredMap) -> WallMap:
     """Returns the walls of a stored map."""
-    return WallMap(known_map.grid)
+    return WallMap(stored_map.grid)
 
 
 @dataclass(frozen=True)
@@ -122,14 +122,14 @@ class LocalFit:
     Attributes:
         transform: from the old map's frame to the new one's, for this border.
         agreement: shares of the walls round it that are found again, of both directions, the lower one first.
-        known: share of the old map's walls there that are in the known part of the new map.
+        known_share: share of the old map's walls there that are in the known part of the new map.
         margin: 0 .. 1, how much lower the score of the next best position is, as a share.
         moved_m: [m] distance from the expected position.
     """
 
     transform: Transform
     agreement: Tuple[float, float]
-    known: float
+    known_share: float
     margin: float
     moved_m: float
 
@@ -141,7 +141,7 @@ class LocalFit:
             is_found = lower >= _MIN_AGREEMENT_ELSEWHERE and self.margin >= _MIN_MARGIN_ELSEWHERE
         else:
             is_found = higher >= _MIN_HIGHER_AGREEMENT and lower >= _MIN_LOWER_AGREEMENT and self.margin >= _MIN_MARGIN
-        return is_found and self.known >= _MIN_KNOWN
+        return is_found and self.known_share >= _MIN_KNOWN
 
     @property
     def is_ambiguous(self) -> bool:
@@ -151,7 +151,7 @@ class LocalFit:
     @property
     def is_possible(self) -> bool:
         """Whether the walls allow that the border is there."""
-        return self.known >= _MIN_KNOWN and self.agreement[1] >= _MIN_HIGHER_AGREEMENT
+        return self.known_share >= _MIN_KNOWN and self.agreement[1] >= _MIN_HIGHER_AGREEMENT
 
 
 def fit_locally(old: WallMap, new: WallMap, expected: Transform, outline: np.ndarray) -> Optional[LocalFit]:
@@ -184,10 +184,10 @@ def _fit(radius: float, old: WallMap, new: WallMap, expected: Transform, outline
         best, margin = _search(sample, new, expected, center)
         new_walls = new.walls_near(best.apply(outline), radius)
         best = refine(old, new, best, (sample, new_walls), center, _REACHES)
-    forward, known = compare_walls(best.apply(walls), new)
+    forward, known_share = compare_walls(best.apply(walls), new)
     backward, _ = compare_walls(best.inverse.apply(new.walls_near(best.apply(outline), radius)), old)
     moved = float(np.linalg.norm(best.apply(center)[0] - expected.apply(center)[0]))
-    return LocalFit(best, (min(forward, backward), max(forward, backward)), known, margin, moved)
+    return LocalFit(best, (min(forward, backward), max(forward, backward)), known_share, margin, moved)
 
 
 def _search(walls: np.ndarray, new: WallMap, expected: Transform, center: np.ndarray) -> Tuple[Transform, float]:

@@ -18,7 +18,7 @@ from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_map_integration.places.border_location import BorderLocator, wall_map_of
 from vb_map_integration.places.registration import Registration, WallMap, evaluate_transform, register_maps
 from vb_map_integration.places.transform import IDENTITY, Transform
-from vb_map_integration.storage.border_database import Database, KnownMap
+from vb_map_integration.storage.border_database import Database, StoredMap
 
 # how many of a place's maps are compared: the first and the newest ones
 _COMPARED = 3
@@ -94,7 +94,7 @@ class PlaceRecognizer:
         stored, named = self._database.find_map(map_id), self._database.find_place(self._name)
         # if the stored place has no borders, the map may still show the named place, which has some
         if stored is not None and (named in (0, stored.place) or self._database.borders(stored.place)):
-            name = self._database.get_name(stored.place)
+            name = self._database.place_name(stored.place)
             return PlaceRecognition(stored.place, stored.transform, not self._name or name in ("", self._name))
         candidates = self._candidates()
         if not candidates:
@@ -103,7 +103,7 @@ class PlaceRecognizer:
         wall_map = WallMap(grid)
         if before is not None and recognition.place in candidates and is_extension(before, grid):
             maps = candidates[recognition.place]
-            if recognition.is_certain and self._agrees(maps, wall_map, recognition.transform):
+            if recognition.is_certain and self._agrees_with_any(maps, wall_map, recognition.transform):
                 return replace(recognition, floor_cells=floor)
             if not recognition.is_certain and floor < _GROWN * recognition.floor_cells:
                 return recognition
@@ -117,24 +117,24 @@ class PlaceRecognizer:
             recognition = replace(recognition, is_certain=most_agree)
         return recognition
 
-    def _candidates(self) -> Dict[int, List[KnownMap]]:
+    def _candidates(self) -> Dict[int, List[StoredMap]]:
         """Returns, for each place with borders that the current map may show, the place's maps."""
-        places: Dict[int, List[KnownMap]] = {}
-        for known_map in self._database.maps():
-            if self._database.borders(known_map.place):
-                places.setdefault(known_map.place, []).append(known_map)
+        places: Dict[int, List[StoredMap]] = {}
+        for stored_map in self._database.maps():
+            if self._database.borders(stored_map.place):
+                places.setdefault(stored_map.place, []).append(stored_map)
         if not self._name:
             return places
         name = self._name if self._database.find_place(self._name) else ""
-        return {place: maps for place, maps in places.items() if self._database.get_name(place) == name}
+        return {place: maps for place, maps in places.items() if self._database.place_name(place) == name}
 
-    def _agrees(self, maps: List[KnownMap], wall_map: WallMap, transform: Transform) -> bool:
+    def _agrees_with_any(self, maps: List[StoredMap], wall_map: WallMap, transform: Transform) -> bool:
         """Returns whether a map agrees, at its expected transform, with one of a place's stored maps."""
-        starts = ((wall_map_of(known_map), transform.after(known_map.transform.inverse)) for known_map in maps)
-        return any(evaluate_transform(reference, wall_map, start).agrees for reference, start in starts)
+        starts = ((wall_map_of(stored_map), transform.after(stored_map.transform.inverse)) for stored_map in maps)
+        return any(evaluate_transform(reference, wall_map, start).walls_agree for reference, start in starts)
 
     def _register(
-        self, places: Dict[int, List[KnownMap]], wall_map: WallMap, recognition: PlaceRecognition
+        self, places: Dict[int, List[StoredMap]], wall_map: WallMap, recognition: PlaceRecognition
     ) -> PlaceRecognition:
         """Recognises a map by registration in maps of places; the search starts at an earlier recognition."""
         best: Dict[int, _Candidate] = {}
@@ -159,7 +159,7 @@ class PlaceRecognizer:
         unsure = best[place].recognition if place in best else PlaceRecognition(place)
         return replace(unsure, is_certain=False)
 
-    def _compare(self, stored_map: KnownMap, wall_map: WallMap, start: PlaceRecognition) -> Optional[_Candidate]:
+    def _compare(self, stored_map: StoredMap, wall_map: WallMap, start: PlaceRecognition) -> Optional[_Candidate]:
         """Registers one stored map in the new map; returns None if one of them has no walls."""
         reference = wall_map_of(stored_map)
         guesses = [IDENTITY, start.transform.after(stored_map.transform.inverse)]

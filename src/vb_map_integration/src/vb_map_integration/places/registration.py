@@ -84,7 +84,7 @@ class Registration:
     @property
     def is_certain(self) -> bool:
         """Whether borders may be moved by it without asking a person: walls agree, and no other transform comes near."""
-        return self.agrees and self.walls_m >= MIN_WALL_LENGTH and self.margin >= MIN_MARGIN
+        return self.walls_agree and self.walls_m >= MIN_WALL_LENGTH and self.margin >= MIN_MARGIN
 
     @property
     def is_clearly_best(self) -> bool:
@@ -92,7 +92,7 @@ class Registration:
         return self.margin >= MIN_MARGIN_ALONE and self.overlap >= MIN_OVERLAP and self.walls_m >= MIN_WALL_LENGTH
 
     @property
-    def agrees(self) -> bool:
+    def walls_agree(self) -> bool:
         """Whether the maps agree at this transform, however well they do at others."""
         return self.agreement >= MIN_AGREEMENT and self.overlap >= MIN_OVERLAP
 

@@ -41,7 +41,7 @@ Change = Tuple[BorderChange, ...]
 
 
 @dataclass(frozen=True)
-class KnownMap:
+class StoredMap:
     """A map that the database knows.
 
     Attributes:
@@ -80,18 +80,18 @@ class Database(DurableValues):
     """Borders by place, with their history; each method makes its changes completely or not at all."""
 
     # ------------------------------------------------------------- maps
-    def maps(self) -> List[KnownMap]:
+    def maps(self) -> List[StoredMap]:
         """Lists all maps, the oldest first."""
         return [
-            KnownMap(values["id"], values["place"], key, Transform(*values["transform"]), values)
+            StoredMap(values["id"], values["place"], key, Transform(*values["transform"]), values)
             for key, values in self.values_of_kind("maps").items()
         ]
 
-    def maps_of(self, place: int) -> Dict[str, KnownMap]:
+    def maps_of(self, place: int) -> Dict[str, StoredMap]:
         """Returns the maps of a place by fingerprint, the oldest first."""
         return {record.fingerprint: record for record in self.maps() if record.place == place}
 
-    def find_map(self, map_id: str) -> Optional[KnownMap]:
+    def find_map(self, map_id: str) -> Optional[StoredMap]:
         """Finds the map with a fingerprint; None if it is not known."""
         return next((record for record in self.maps() if record.fingerprint == map_id), None)
 
@@ -118,10 +118,10 @@ class Database(DurableValues):
         changes[_PLACE] = place
         if name:
             changes.update(self._name_changes(place, name))
-        self.change(changes)
+        self.write(changes)
         return place
 
-    def get_name(self, place: int) -> str:
+    def place_name(self, place: int) -> str:
         """Returns a place's name; "" if it has none."""
         return str(self.get(f"names/{place}", ""))
 
@@ -132,9 +132,9 @@ class Database(DurableValues):
 
     def rename_place(self, place: int, name: str) -> None:
         """Names a place; raises CodedError "name_taken" or "bad_name"."""
-        if self.get_name(place) != name:
+        if self.place_name(place) != name:
             self.check_name(name, place)
-            self.change(self._name_changes(place, name))
+            self.write(self._name_changes(place, name))
 
     def _name_changes(self, place: int, name: str) -> Dict[str, Any]:
         """Returns the changes that name a place; a place without borders that has the name loses it."""
@@ -156,17 +156,17 @@ class Database(DurableValues):
     def remember_place(self, place: int) -> None:
         """Records the last place in force."""
         if self.last_place != place:
-            self.change({_PLACE: place})
+            self.write({_PLACE: place})
 
     # ------------------------------------------------------------- borders
     def borders(self, place: int) -> Tuple[VirtualBorder, ...]:
         """Returns the borders of a place in its frame, the oldest first."""
-        ids = sorted(self.names(f"borders/{place}"), key=lambda border_id: int(border_id[1:]))
+        ids = sorted(self.names_of_kind(f"borders/{place}"), key=lambda border_id: int(border_id[1:]))
         return tuple(_read_border(self._values[f"borders/{place}/{border_id}"]) for border_id in ids)
 
-    def find(self, border_id: str) -> Tuple[int, VirtualBorder]:
+    def find_border(self, border_id: str) -> Tuple[int, VirtualBorder]:
         """Finds a border of any place by its id, and returns its place with it; raises CodedError "unknown_border"."""
-        for place, key in (name.split("/") for name in self.names("borders")):
+        for place, key in (name.split("/") for name in self.names_of_kind("borders")):
             if key == border_id:
                 return int(place), _read_border(self._values[f"borders/{place}/{border_id}"])
         raise CodedError("unknown_border", id=border_id)
@@ -180,7 +180,7 @@ class Database(DurableValues):
         if border.id:
             raise CodedError("id_not_empty", id=border.id)
         taken = {other.name for other in self.borders(place)}
-        unnamed = (f"{'wall' if border.wall else 'border'} {i}" for i in itertools.count(1))
+        unnamed = (f"{'wall' if border.is_wall else 'border'} {i}" for i in itertools.count(1))
         name = border.name or next(name for name in unnamed if name not in taken)
         return border.replace(id=f"b{self.get(_NEXT, 1)}", name=name, created=now, modified=now)
 
@@ -199,9 +199,9 @@ class Database(DurableValues):
             changes[f"borders/{place}/{entry.id}"] = entry.after and border_to_feature(entry.after)
         if request_id:
             changes[f"requests/{request_id}"] = change[0].id
-            changes.update({f"requests/{old}": None for old in self.names("requests")[:-MAX_REQUESTS]})
+            changes.update({f"requests/{old}": None for old in self.names_of_kind("requests")[:-MAX_REQUESTS]})
         next_number = max(int(entry.id[1:]) + 1 for entry in change)
-        self.change({**changes, _NEXT: max(next_number, self.get(_NEXT, 1))})
+        self.write({**changes, _NEXT: max(next_number, self.get(_NEXT, 1))})
 
     def _history(self, place: int, change: Change, kind: str) -> Dict[str, Any]:
         """Returns the values that record a change, so that it can be undone or redone."""
@@ -231,7 +231,7 @@ class Database(DurableValues):
             raise CodedError(f"nothing_to_{kind}")
         return (max if kind == "undo" else min)(numbers, key=int)
 
-    def prepare(self, kind: str, place: int) -> Change:
+    def prepare_undo_or_redo(self, kind: str, place: int) -> Change:
         """Prepares the change that reverts the last one ("undo"), or repeats the last undone one ("redo").
 
         Raises:

@@ -85,15 +85,15 @@ class DurableValues:
         """Returns the value of a key, or the default."""
         return _parse(self._values[key]) if key in self._values else default
 
-    def names(self, kind: str) -> List[str]:
+    def names_of_kind(self, kind: str) -> List[str]:
         """Lists the names of one kind, the oldest first."""
         return [key[len(kind) + 1 :] for key in self._values if key.startswith(f"{kind}/")]
 
     def values_of_kind(self, kind: str) -> Dict[str, Any]:
         """Returns the values of one kind by their names."""
-        return {name: self.get(f"{kind}/{name}") for name in self.names(kind)}
+        return {name: self.get(f"{kind}/{name}") for name in self.names_of_kind(kind)}
 
-    def change(self, changes: Mapping[str, Any]) -> None:
+    def write(self, changes: Mapping[str, Any]) -> None:
         """Sets values, all or none of them; None removes a value.
 
         Raises:
@@ -112,10 +112,10 @@ class DurableValues:
             except OSError as error:
                 raise CodedError("cannot_write", what=FILE, reason=error.strerror or error) from None
             try:
-                self._write(self._folder, content)
+                self._write_files(self._folder, content)
             except CodedError:
                 with contextlib.suppress(CodedError):  # one of the files may already have the new content
-                    self._write(self._folder, _Content(self.revision, self._values))
+                    self._write_files(self._folder, _Content(self.revision, self._values))
                 raise
         self.revision, self._values = content
 
@@ -144,7 +144,7 @@ class DurableValues:
             if content is not None:
                 self.revision, self._values = content
                 if not (content == _read_or_none(folder / FILE) == _read_or_none(self._copy(folder))):
-                    self._write(folder, content)
+                    self._write_files(folder, content)
         except (OSError, CodedError) as error:
             self._report_read_only(str(error))
 
@@ -163,7 +163,7 @@ class DurableValues:
     def _copy(self, folder: Path) -> Path:
         return folder / "copies" / f"borders-{self._today().isoformat()}.jsonl"
 
-    def _write(self, folder: Path, content: _Content) -> None:
+    def _write_files(self, folder: Path, content: _Content) -> None:
         lines = (f"{json.dumps(key)}\t{value}" for key, value in content.values.items())
         rest = "\n".join([json.dumps([FORMAT, content.revision]), *lines, ""]).encode()
         whole, copy = _checksum(rest) + b"\n" + rest, self._copy(folder)
