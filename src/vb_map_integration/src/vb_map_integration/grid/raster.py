@@ -43,32 +43,44 @@ def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[CellWind
         IntegrationError: "too_complex" for an outline that crosses more than MAX_CROSSINGS rows.
     """
     corners = np.array([vertices.min(axis=0), vertices.max(axis=0) + 1.0])
-    (left, top), (right, bottom) = np.ceil(np.minimum(np.maximum(corners, 0.0), shape[::-1])).astype(int).tolist()
+    corners = np.minimum(np.maximum(corners, 0.0), shape[::-1])
+    (left, top), (right, bottom) = np.ceil(corners).astype(int).tolist()
     window = slice(top, bottom), slice(left, right)
     mask = np.full((bottom - top, right - left), 0, np.uint8)
     start = vertices - (left, top)
     end = np.concatenate([start[1:], start[:1]])
     y0, y1 = start[:, 1], end[:, 1]
-    reach = np.array([np.minimum(y0, y1), np.maximum(y0, y1)])
-    low, high = np.ceil(np.minimum(np.maximum(reach, 0.0), len(mask))).astype(np.int64)
-    counts = high - low
-    total = int(counts.sum())
-    if total > MAX_CROSSINGS:
-        raise IntegrationError("too_complex")
-    edge = np.repeat(np.arange(len(start)), counts)
-    row = np.arange(total) - (np.cumsum(counts) - counts - low)[edge]
-    slope = np.divide(end[:, 0] - start[:, 0], y1 - y0, out=np.zeros(len(start)), where=counts > 0)
+    # each edge crosses the centres of the rows from `first` to the one before `beyond`
+    extent = np.minimum(np.maximum(np.sort([y0, y1], axis=0), 0.0), len(mask))
+    first, beyond = np.ceil(extent).astype(np.int64)
+    edge, number = _enumerate_runs(beyond - first)
+    row = first[edge] + number
+    slope = np.divide(end[:, 0] - start[:, 0], y1 - y0, out=np.zeros(len(start)), where=beyond > first)
     x = start[edge, 0] + (row - y0[edge]) * slope[edge]
     order = np.lexsort((x, row))
     row = row[order]
-    x = x[order]
-    winding = np.cumsum(np.where(y1 > y0, 1, -1)[edge[order]])
-    # in each row the windings add up to zero, so no span reaches into the next one
+    column = np.ceil(np.minimum(np.maximum(x[order], 0.0), mask.shape[1])).astype(np.int64)
+    direction = np.where(y1 > y0, 1, -1)
+    winding = np.cumsum(direction[edge[order]])
+    # in each row the directions add up to zero, so no span reaches into the next one
     spans = np.flatnonzero(winding[:-1] != 0)
-    column = np.ceil(np.minimum(np.maximum(x, 0.0), mask.shape[1])).astype(np.int64)
-    for r, a, b in zip(row[spans].tolist(), column[spans].tolist(), column[spans + 1].tolist()):
-        mask[r, a:b] = 255
+    for r, left, right in zip(row[spans].tolist(), column[spans].tolist(), column[spans + 1].tolist()):
+        mask[r, left:right] = 255
     return window, mask
+
+
+def _enumerate_runs(lengths: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """Numbers the elements of runs of given lengths (N,): returns the run (K,) and the number there (K,) of each.
+
+    Raises:
+        IntegrationError: "too_complex" for more than MAX_CROSSINGS elements.
+    """
+    total = int(lengths.sum())
+    if total > MAX_CROSSINGS:
+        raise IntegrationError("too_complex")
+    run = np.repeat(np.arange(len(lengths)), lengths)
+    run_start = np.cumsum(lengths) - lengths
+    return run, np.arange(total) - run_start[run]
 
 
 @dataclass(frozen=True)
@@ -76,14 +88,13 @@ class ChainCells:
     """The cells that a chain runs through; neighbours share an edge, except where the chain was outside the map.
 
     Attributes:
-        rows, columns: (K,) int64; they reach one cell beyond the map's rim.
+        cells: (K, 2) int64 (row, column); they reach one cell beyond the map's rim.
         points: (K, 2) (column, row), a point of the chain in the cell.
         segment: (K,) int64, the chain's segment that the point is on.
         arc: (K,) [cells] arc length along the chain to the point.
     """
 
-    rows: np.ndarray
-    columns: np.ndarray
+    cells: np.ndarray
     points: np.ndarray
     segment: np.ndarray
     arc: np.ndarray
@@ -100,40 +111,37 @@ def rasterize_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> ChainCells:
     length = np.hypot(step[:, 0], step[:, 1])
     arc_start = np.cumsum(length) - length
     # the part of each segment within the map and its rim (Liang and Barsky's clipping)
-    low, high = np.array([-1.0, -1.0]), np.array([shape[1], shape[0]], dtype=float)
+    low = np.array([-1.0, -1.0])
+    high = np.array([shape[1], shape[0]], dtype=float)
     with np.errstate(divide="ignore", invalid="ignore"):
-        t_low, t_high = (low - start) / step, (high - start) / step
-    still = step == 0.0
-    within = (start >= low) & (start <= high)
-    enter = np.where(still, np.where(within, -np.inf, np.inf), np.minimum(t_low, t_high))
-    leave = np.where(still, np.inf, np.maximum(t_low, t_high))
-    t0 = np.maximum(enter.max(axis=1), 0.0)
-    t1 = np.minimum(leave.min(axis=1), 1.0)
+        t_low = (low - start) / step
+        t_high = (high - start) / step
+    is_still = step == 0.0
+    is_within = (start >= low) & (start <= high)
+    t_enter = np.where(is_still, np.where(is_within, -np.inf, np.inf), np.minimum(t_low, t_high))
+    t_leave = np.where(is_still, np.inf, np.maximum(t_low, t_high))
+    t0 = np.maximum(t_enter.max(axis=1), 0.0)
+    t1 = np.minimum(t_leave.min(axis=1), 1.0)
     # two samples per cell: the cells of neighbouring samples are the same or touch
-    part = np.maximum(t1 - t0, 0.0)
-    counts = np.where(t1 >= t0, np.ceil(2.0 * part * length).astype(np.int64) + 1, 0)
-    total = int(counts.sum())
-    if total > MAX_CROSSINGS:
-        raise IntegrationError("too_complex")
-    segment = np.repeat(np.arange(len(step)), counts)
-    index = np.arange(total) - (np.cumsum(counts) - counts)[segment]
-    t = t0[segment] + (part / np.maximum(counts - 1, 1))[segment] * index
-    columns, rows = (np.floor(s[segment] + t * d[segment] + 0.5).astype(np.int64) for s, d in zip(start.T, step.T))
-    distance = np.full(total, 2)
-    np.add(np.abs(rows[1:] - rows[:-1]), np.abs(columns[1:] - columns[:-1]), out=distance[1:])
-    new = np.flatnonzero(distance)
-    # a diagonal step gets one of the two cells beside it, so that no fill slips through, unless the chain was off the map
-    distance = distance[new]
-    corner = (distance == 2) & (rows[new] != rows[new - 1]) & (columns[new] != columns[new - 1])
-    corner[:1] = False
-    times = 1 + corner
-    twice = np.repeat(new, times)
-    extra = np.flatnonzero(times == 2)
-    extra = extra + np.arange(len(extra))  # the first of each pair is the added cell
-    rows, columns, segment, t = rows[twice], columns[twice], segment[twice], t[twice]
-    rows[extra] = rows[extra - 1]
+    share = np.maximum(t1 - t0, 0.0)
+    counts = np.where(t1 >= t0, np.ceil(2.0 * share * length).astype(np.int64) + 1, 0)
+    segment, number = _enumerate_runs(counts)
+    interval = share / np.maximum(counts - 1, 1)
+    t = t0[segment] + interval[segment] * number
     points = start[segment] + t[:, None] * step[segment]
-    return ChainCells(rows, columns, points, segment, arc_start[segment] + t * length[segment])
+    arc = arc_start[segment] + t * length[segment]
+    cells = np.floor(points + 0.5).astype(np.int64)[:, ::-1]
+    moves = np.abs(np.diff(cells, axis=0))
+    is_new = np.full(len(cells), True)
+    is_new[1:] = moves.any(axis=1)
+    # a diagonal step gets one of the two cells beside it, so that no fill slips through, unless the chain was off the map
+    is_diagonal = np.full(len(cells), False)
+    is_diagonal[1:] = (moves == 1).all(axis=1)
+    samples = np.repeat(np.arange(len(cells)), is_new.astype(int) + is_diagonal)
+    cells = cells[samples]
+    added = np.flatnonzero(samples[1:] == samples[:-1])  # the first of each pair
+    cells[added, 0] = cells[added - 1, 0]
+    return ChainCells(cells, points[samples], segment[samples], arc[samples])
 
 
 def count_free_parts(grid: GridMap, radius: float) -> int:

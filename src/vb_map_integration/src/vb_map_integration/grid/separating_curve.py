@@ -81,12 +81,12 @@ class CurveCut:
     @property
     def ends(self) -> List[Tuple[int, int]]:
         """The (row, column) of the blocked cells at its start and at its end; may be one beyond the map's rim."""
-        return [(int(self.trace.rows[k]), int(self.trace.columns[k])) for k in (0, -1)]
+        return [tuple(cell) for cell in self.trace.cells[[0, -1]].tolist()]
 
     def direction_to(self, seed: np.ndarray) -> Optional[np.ndarray]:
         """Returns the unit vector (2,) from the curve to a seed (2,) in one of its cells; None for any other seed."""
-        column, row = np.floor(seed + 0.5)
-        hits = np.flatnonzero((self.trace.columns == column) & (self.trace.rows == row))
+        seed_cell = np.floor(seed[::-1] + 0.5)
+        hits = np.flatnonzero((self.trace.cells == seed_cell).all(axis=1))
         if not len(hits):
             return None
         segment = self.trace.segment[hits[0]]
@@ -104,12 +104,15 @@ class CurveCut:
             IntegrationError: "seed_on_both_sides", "no_separation".
         """
         start_in_frame = start[1] + 1, start[0] + 1
-        _, _, _, (left, top, width, depth) = cv2.floodFill(self.cells, None, start_in_frame, _FILLED, flags=4)
-        self._fill_own_cells(self._find_filled_side())
+        _, _, _, box = cv2.floodFill(self.cells, None, start_in_frame, _FILLED, flags=4)
+        side = self._find_filled_side()
+        self._fill_own_cells(side)
+        left, top, width, depth = box
+        map_cells = self.cells[1:-1, 1:-1]
         # one cell wider all round, for the curve's own cells, and converted from the frame's coordinates to the map's
-        rows = slice(max(top - 2, 0), min(top + depth, self.cells.shape[0] - 2))
-        columns = slice(max(left - 2, 0), min(left + width, self.cells.shape[1] - 2))
-        return (rows, columns), cv2.inRange(self.cells[1:-1, 1:-1][rows, columns], _FILLED, _FILLED)
+        rows = slice(max(top - 2, 0), min(top + depth, map_cells.shape[0]))
+        columns = slice(max(left - 2, 0), min(left + width, map_cells.shape[1]))
+        return (rows, columns), cv2.inRange(map_cells[rows, columns], _FILLED, _FILLED)
 
     def _find_filled_side(self) -> float:
         """Finds on which side of the curve cells were filled: 1 on the left, -1 on the right."""
@@ -135,13 +138,13 @@ class CurveCut:
 
     def _fill_own_cells(self, side: float) -> None:
         """Fills the curve's own cells whose centre is on the filled side, and that touch filled ones."""
-        trace = self.trace
-        normals = self._normals[trace.segment]
-        offsets = (self._normals * self.chain[:-1]).sum(axis=1)[trace.segment]
-        heights = trace.columns * normals[:, 0] + trace.rows * normals[:, 1] - offsets
-        is_filled = (heights * side > 0.0) & self.was_free
-        rows = trace.rows[is_filled] + 1
-        columns = trace.columns[is_filled] + 1
+        normals = self._normals[self.trace.segment]
+        offsets = (self._normals * self.chain[:-1]).sum(axis=1)
+        rows, columns = self.trace.cells.T
+        heights = columns * normals[:, 0] + rows * normals[:, 1] - offsets[self.trace.segment]
+        is_on_side = (heights * side > 0.0) & self.was_free
+        rows = rows[is_on_side] + 1
+        columns = columns[is_on_side] + 1
         row_steps, column_steps = np.indices((3, 3)).reshape(2, 9) - 1
         neighbours = self.cells[rows[:, None] + row_steps, columns[:, None] + column_steps]
         touches_filled = (neighbours == _FILLED).any(axis=1)
@@ -195,21 +198,21 @@ def cut_free_space(cells: np.ndarray, points: np.ndarray, fit_length: float, tol
     """
     shape = (cells.shape[0] - 2, cells.shape[1] - 2)
     reach = 2.0 * sum(shape) + float(np.abs(points).max())
-    before_start = points[0] + reach * end_direction(points[::-1], fit_length)
-    beyond_end = points[-1] + reach * end_direction(points, fit_length)
-    chain = np.vstack([before_start, points, beyond_end])
+    first = points[0] + reach * end_direction(points[::-1], fit_length)
+    last = points[-1] + reach * end_direction(points, fit_length)
+    chain = np.vstack([first, points, last])
     trace = raster.rasterize_chain(chain, shape)
     steps = np.diff(points, axis=0)
     drawn_length = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
-    before = -(trace.arc - reach)  # [cells] how far each cell lies before the drawn start
-    beyond = -before - drawn_length  # [cells] how far it lies beyond the drawn end
-    on_map = (trace.rows >= 0) & (trace.rows < shape[0]) & (trace.columns >= 0) & (trace.columns < shape[1])
-    if not (on_map & (before <= 1.0) & (beyond <= 1.0)).any():
+    before_start = reach - trace.arc  # [cells] how far each cell lies before the drawn start
+    beyond_end = trace.arc - reach - drawn_length  # [cells] and beyond the drawn end
+    is_drawn = (before_start <= 1.0) & (beyond_end <= 1.0)
+    is_on_map = ((trace.cells >= 0) & (trace.cells < shape)).all(axis=1)
+    if not (is_drawn & is_on_map).any():
         raise IntegrationError("outside_map")
     tolerance = min(tolerance, 0.25 * drawn_length)
-    trace_cells = np.column_stack([trace.rows, trace.columns])
-    starts = _find_ends(cells, trace_cells[::-1], before[::-1], points[0], tolerance)
-    ends = _find_ends(cells, trace_cells, beyond, points[-1], tolerance)
+    starts = _find_ends(cells, trace.cells[::-1], before_start[::-1], points[0], tolerance)
+    ends = _find_ends(cells, trace.cells, beyond_end, points[-1], tolerance)
     start, end = _ends_on_one_piece(cells, starts, ends) or (starts[0], ends[0])
     # to a cell beside the drawn end, the curve goes straight
     if start.inset is None:
@@ -219,8 +222,9 @@ def cut_free_space(cells: np.ndarray, points: np.ndarray, fit_length: float, tol
     if start.inset is None or end.inset is None:
         trace = raster.rasterize_chain(chain, shape)
     trace = trace.between(start.inset or 0, len(trace.arc) - 1 - (end.inset or 0))
-    was_free = cells[trace.rows + 1, trace.columns + 1] == _FREE
-    cells[trace.rows + 1, trace.columns + 1] = _BLOCKED
+    rows, columns = trace.cells.T + 1
+    was_free = cells[rows, columns] == _FREE
+    cells[rows, columns] = _BLOCKED
     return CurveCut(cells, chain, trace, was_free)
 
 
@@ -239,9 +243,9 @@ def _find_ends(
     if not len(candidates):
         candidates = np.array([len(beyond) - 1])
     rows, columns = trace_cells[candidates].T
-    is_met = cells[rows + 1, columns + 1] != _FREE
-    is_met[1:] &= ~is_met[:-1]  # only the first cell of each obstacle
-    met = candidates[is_met] if is_met.any() else candidates[-1:]
+    is_blocked = cells[rows + 1, columns + 1] != _FREE
+    is_blocked[1:] &= ~is_blocked[:-1]  # only the first cell of each obstacle
+    met = candidates[is_blocked] if is_blocked.any() else candidates[-1:]
     ends = []
     for k in met.tolist():
         row, column = trace_cells[k].tolist()
@@ -249,12 +253,13 @@ def _find_ends(
     reach = int(tolerance)
     left = max(int(point[0] + 0.5) - reach, 0)
     top = max(int(point[1] + 0.5) - reach, 0)
-    rows, columns = np.nonzero(cells[1:-1, 1:-1][top : top + 2 * reach + 1, left : left + 2 * reach + 1])
-    rows, columns = rows + top, columns + left
-    distances = np.hypot(rows - point[1], columns - point[0])
+    around = cells[1:-1, 1:-1][top : top + 2 * reach + 1, left : left + 2 * reach + 1]
+    beside = np.argwhere(around) + (top, left)
+    distances = np.hypot(beside[:, 0] - point[1], beside[:, 1] - point[0])
     for k in np.argsort(distances, kind="stable"):
         if distances[k] <= tolerance:
-            ends.append(_CurveEnd(tolerance, (int(rows[k]), int(columns[k])), None))
+            row, column = beside[k].tolist()
+            ends.append(_CurveEnd(tolerance, (row, column), None))
     return sorted(ends, key=lambda end: end.extension)
 
 
