@@ -103,7 +103,8 @@ class VirtualBorder:
             points = points[np.concatenate([[True], (np.diff(points, axis=0) != 0.0).any(axis=1)])]
         closed = False if self.is_wall else self.closed
         if closed is None:
-            closed = _looks_closed(points)
+            gap = float(np.linalg.norm(points[-1] - points[0])) if len(points) > 2 else math.inf
+            closed = gap <= CLOSING_SHARE * geometry.chain_length(points)
         if closed and len(points) > 1 and (points[0] == points[-1]).all():
             points = points[:-1]
         least = 3 if closed else 2
@@ -199,13 +200,6 @@ def _number(value: object, code: str, **values: object) -> float:
     if not math.isfinite(number):
         raise IntegrationError(code, **values)
     return number
-
-
-def _looks_closed(points: np.ndarray) -> bool:
-    if len(points) < 3:
-        return False
-    gap = float(np.linalg.norm(points[-1] - points[0]))
-    return gap <= CLOSING_SHARE * geometry.chain_length(points)
 
 
 # ------------------------------------------------------------------ GeoJSON

@@ -251,7 +251,7 @@ class _BorderOnGrid:
         column = self.seed_cell[1] - window[1].start
         if 0 <= row < inner.shape[0] and 0 <= column < inner.shape[1] and inner[row, column]:
             obstacles = cv2.inRange(cells[window], OCCUPIED_THRESHOLD, 127)  # unknown cells, 255, stay
-            mask = cv2.subtract(inner, obstacles)
+            mask = cv2.subtract(inner, obstacles, dst=inner)
             if OCCUPIED_THRESHOLD <= cells[self.seed_cell] <= 127:
                 barred = np.full(cells.shape, 255, np.uint8)
                 barred[window] = np.invert(mask)

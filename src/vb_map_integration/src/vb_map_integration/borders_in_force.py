@@ -185,16 +185,12 @@ def _decide_status(stored: VirtualBorder, location: BorderLocation, grid: GridMa
     possible = [current, *(_find_region(grid, other)[0] for other in location.alternatives)]
     if not cause:
         return BorderStatus(stored, border, region=join_regions(possible), region_after=current)
-    region = _join_while_waiting(before, possible)
-    return BorderStatus(stored, border, TO_BE_CONFIRMED if region else DOES_NOT_FIT, cause, region, before, current)
-
-
-def _join_while_waiting(before: Optional[Region], possible: List[Optional[Region]]) -> Optional[Region]:
-    """Joins what is in force until a person answers: `before`, and each possible region that is not much larger."""
-    if before is None:
-        return join_regions(possible)
-    max_area = _MAX_GROWTH_WHILE_WAITING * before.area_m2
-    return join_regions([before, *(region for region in possible if region is not None and region.area_m2 <= max_area)])
+    if before is not None:  # until a person answers, what it restricted there, and nothing that is much larger
+        max_area = _MAX_GROWTH_WHILE_WAITING * before.area_m2
+        possible = [before, *(region for region in possible if region is not None and region.area_m2 <= max_area)]
+    region = join_regions(possible)
+    code = TO_BE_CONFIRMED if region else DOES_NOT_FIT
+    return BorderStatus(stored, border, code, cause, region, before, current)
 
 
 def _find_region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[Region], str]:
@@ -232,12 +228,10 @@ def find_notices(statuses: Sequence[BorderStatus], is_certain: bool, place_name:
         place_name: the place's name; "" if it has none.
     """
     notices = []
+    borders = [status.map_border for status in statuses]
     waiting = [status.map_border for status in statuses if status.can_be_confirmed]
     if not is_certain:
-        values = {
-            "count": str(len(statuses)),
-            **_describe_place(place_name, [status.map_border for status in statuses]),
-        }
+        values = {"count": str(len(borders)), **_describe_place(place_name, borders)}
         notices.append(Notice("borders_unconfirmed", Severity.WARNING, values=values))
     elif waiting:
         values = {"count": str(len(waiting)), "borders": _names(waiting)}

@@ -203,7 +203,7 @@ class MapIntegrator:
         grid, recognition = self.physical_map, self._recognition
         if map_id and map_id != self.map_id:
             raise CodedError("map_changed")
-        stored_map = self._database.find_map(self.map_id)
+        stored_map = self._database.maps().get(self.map_id)
         transform = recognition.transform if same else Transform()
         place = recognition.place if same else 0
         self._database.check_name(name, place)
@@ -359,8 +359,7 @@ class MapIntegrator:
     def _store_map(self) -> None:
         """Stores the map on which a person draws, unless its place has it: later maps are compared with it."""
         place, transform = self._recognition.place, self._recognition.transform
-        stored_map = self._database.find_map(self.map_id)
-        if stored_map is None or stored_map.place != place:
+        if self.map_id not in self._locator.stored_maps:  # type: ignore[union-attr]
             name = "" if place or self._database.find_place(self._expected_name) else self._expected_name
             place = self._database.add_map(self.physical_map, self.map_id, place, transform, name)
             self._set_recognition(self.physical_map, PlaceRecognition(place, transform))

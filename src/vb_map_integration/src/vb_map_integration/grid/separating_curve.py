@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import List, Optional, Tuple
 
 import cv2
@@ -45,38 +44,24 @@ class CurveCut:
     Attributes:
         cells: (H + 2, W + 2) uint8, the map in a frame of blocked cells; `fill_side` fills cells in it.
         chain: (N, 2) (column, row) the drawn chain, and one more point beyond each end.
+        normals: (N - 1, 2) the unit normal of each segment of the chain, to the left.
+        drawn_arcs: (N - 2,) [cells] arc length along the chain to each drawn point.
         trace: the chain's cells from end to end.
         was_free: (K,) bool, which of them were free.
     """
 
     cells: np.ndarray
     chain: np.ndarray
+    normals: np.ndarray
+    drawn_arcs: np.ndarray
     trace: raster.ChainCells
     was_free: np.ndarray
-
-    @cached_property
-    def _lengths(self) -> np.ndarray:
-        """(N - 1,) [cells] the length of each segment of the chain."""
-        steps = np.diff(self.chain, axis=0)
-        return np.maximum(np.hypot(steps[:, 0], steps[:, 1]), 1e-12)
-
-    @cached_property
-    def _normals(self) -> np.ndarray:
-        """(N - 1, 2) the unit normal of each segment of the chain, to the left."""
-        steps = np.diff(self.chain, axis=0)
-        return steps[:, ::-1] * (-1.0, 1.0) / self._lengths[:, None]
-
-    @cached_property
-    def _drawn_arcs(self) -> np.ndarray:
-        """(N - 2,) [cells] arc length along the chain to each drawn point."""
-        return np.cumsum(self._lengths[:-1])
 
     @property
     def line(self) -> np.ndarray:
         """(M, 2) (column, row) the curve with its extensions."""
-        first, last = self.trace.arc[0], self.trace.arc[-1]
-        drawn = self.chain[1:-1][(self._drawn_arcs > first) & (self._drawn_arcs < last)]
-        return np.concatenate([self.trace.points[:1], drawn, self.trace.points[-1:]])
+        is_between = (self.drawn_arcs > self.trace.arc[0]) & (self.drawn_arcs < self.trace.arc[-1])
+        return np.vstack([self.trace.points[0], self.chain[1:-1][is_between], self.trace.points[-1]])
 
     @property
     def ends(self) -> List[Tuple[int, int]]:
@@ -90,7 +75,7 @@ class CurveCut:
         if not len(hits):
             return None
         segment = self.trace.segment[hits[0]]
-        normal = self._normals[segment]
+        normal = self.normals[segment]
         height = float((seed - self.chain[segment]) @ normal)
         return math.copysign(1.0, height) * normal if abs(height) > 0.01 else None
 
@@ -116,10 +101,10 @@ class CurveCut:
 
     def _find_filled_side(self) -> float:
         """Finds on which side of the curve cells were filled: 1 on the left, -1 on the right."""
-        near_drawn = (self.trace.arc >= self._drawn_arcs[0] - 1.0) & (self.trace.arc <= self._drawn_arcs[-1] + 1.0)
+        near_drawn = (self.trace.arc >= self.drawn_arcs[0] - 1.0) & (self.trace.arc <= self.drawn_arcs[-1] + 1.0)
         is_sampled = near_drawn & self.was_free
         points = self.trace.points[is_sampled]
-        to_left = _ASIDE * self._normals[self.trace.segment[is_sampled]]
+        to_left = _ASIDE * self.normals[self.trace.segment[is_sampled]]
         samples = np.array([points + to_left, points - to_left])
         # from the map's coordinates to the frame's; the frame's own cells are neither free nor filled
         last = self.cells.shape[1] - 1, self.cells.shape[0] - 1
@@ -138,8 +123,8 @@ class CurveCut:
 
     def _fill_own_cells(self, side: float) -> None:
         """Fills the curve's own cells whose centre is on the filled side, and that touch filled ones."""
-        normals = self._normals[self.trace.segment]
-        offsets = (self._normals * self.chain[:-1]).sum(axis=1)
+        normals = self.normals[self.trace.segment]
+        offsets = (self.normals * self.chain[:-1]).sum(axis=1)
         rows, columns = self.trace.cells.T
         heights = columns * normals[:, 0] + rows * normals[:, 1] - offsets[self.trace.segment]
         is_on_side = (heights * side > 0.0) & self.was_free
@@ -225,7 +210,10 @@ def cut_free_space(cells: np.ndarray, points: np.ndarray, fit_length: float, tol
     rows, columns = trace.cells.T + 1
     was_free = cells[rows, columns] == _FREE
     cells[rows, columns] = _BLOCKED
-    return CurveCut(cells, chain, trace, was_free)
+    steps = np.diff(chain, axis=0)
+    lengths = np.maximum(np.hypot(steps[:, 0], steps[:, 1]), 1e-12)
+    normals = steps[:, ::-1] * (-1.0, 1.0) / lengths[:, None]
+    return CurveCut(cells, chain, normals, np.cumsum(lengths[:-1]), trace, was_free)
 
 
 def _find_ends(

@@ -102,11 +102,16 @@ class BorderLocator:
         points = expected.apply(np.concatenate([accepted.points, [accepted.seed]]))
         floor_is_known = float(self._walls.is_known(points).mean()) >= _SEEN
         walls_agree = fit is not None and fit.is_certain
-        others = [accepted.transform(fit.transform)] if fit is not None and fit.is_possible and not walls_agree else []
-        others += [border.transform(self.other_transform)] if self.other_transform is not None else []
-        transform = fit.transform if fit is not None and walls_agree else expected
+        transform = expected
+        alternatives = []
+        if fit is not None and fit.is_certain:
+            transform = fit.transform
+        elif fit is not None and fit.is_possible:
+            alternatives.append(accepted.transform(fit.transform))
+        if self.other_transform is not None:
+            alternatives.append(border.transform(self.other_transform))
         here = accepted.transform(transform)
-        return BorderLocation(here, walls_agree, floor_is_known, tuple(others), accepted, stored.grid, transform)
+        return BorderLocation(here, walls_agree, floor_is_known, tuple(alternatives), accepted, stored.grid, transform)
 
 
 @lru_cache(maxsize=64)
@@ -185,9 +190,11 @@ def _fit(radius: float, old: WallMap, new: WallMap, expected: Transform, outline
         new_walls = new.walls_near(best.apply(outline), radius)
         best = refine(old, new, best, (sample, new_walls), center, _REACHES)
     forward, known_share = compare_walls(best.apply(walls), new)
-    backward, _ = compare_walls(best.inverse.apply(new.walls_near(best.apply(outline), radius)), old)
+    new_walls = new.walls_near(best.apply(outline), radius)
+    backward, _ = compare_walls(best.inverse.apply(new_walls), old)
+    agreement = min(forward, backward), max(forward, backward)
     moved = float(np.linalg.norm(best.apply(center)[0] - expected.apply(center)[0]))
-    return LocalFit(best, (min(forward, backward), max(forward, backward)), known_share, margin, moved)
+    return LocalFit(best, agreement, known_share, margin, moved)
 
 
 def _search(walls: np.ndarray, new: WallMap, expected: Transform, center: np.ndarray) -> Tuple[Transform, float]:
@@ -196,12 +203,14 @@ def _search(walls: np.ndarray, new: WallMap, expected: Transform, center: np.nda
     count = round(_SEARCH_REACH / _SEARCH_STEP)
     steps = np.arange(-count, count + 1) * _SEARCH_STEP
     shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    transforms = [Transform.rotation_about(center, expected_center, expected.yaw + turn) for turn in _SEARCH_YAWS]
+    yaws = expected.yaw + _SEARCH_YAWS
+    transforms = [Transform.rotation_about(center, expected_center, yaw) for yaw in yaws]
     scores = np.array([_scores(walls, new, transform, shifts) for transform in transforms])
-    turn, shift = np.unravel_index(int(np.argmax(scores)), scores.shape)
-    is_apart = np.linalg.norm(shifts - shifts[shift], axis=1) > _MIN_SEPARATION
-    margin = 1.0 - float(scores[:, is_apart].max()) / max(1e-9, float(scores[turn, shift]))
-    return Transform.rotation_about(center, expected_center + shifts[shift], expected.yaw + _SEARCH_YAWS[turn]), margin
+    best_yaw, best_shift = np.unravel_index(int(np.argmax(scores)), scores.shape)
+    best_score = float(scores[best_yaw, best_shift])
+    is_apart = np.linalg.norm(shifts - shifts[best_shift], axis=1) > _MIN_SEPARATION
+    margin = 1.0 - float(scores[:, is_apart].max()) / max(1e-9, best_score)
+    return Transform.rotation_about(center, expected_center + shifts[best_shift], yaws[best_yaw]), margin
 
 
 def _scores(walls: np.ndarray, new: WallMap, transform: Transform, shifts: np.ndarray) -> np.ndarray:
@@ -209,5 +218,6 @@ def _scores(walls: np.ndarray, new: WallMap, transform: Transform, shifts: np.nd
     points = transform.apply(walls)[None] + shifts[:, None]
     distances, is_known = new.distances(points.reshape(-1, 2))
     nearness = np.maximum(0.0, 1.0 - np.square(distances / _SCORED_DISTANCE)) * is_known
+    sums = nearness.reshape(len(shifts), -1).sum(axis=1)
     known_counts = is_known.reshape(len(shifts), -1).sum(axis=1)
-    return nearness.reshape(len(shifts), -1).sum(axis=1) / np.maximum(known_counts, _MIN_KNOWN * len(walls))
+    return sums / np.maximum(known_counts, _MIN_KNOWN * len(walls))

@@ -83,17 +83,18 @@ class PlaceRecognizer:
         self._name = name
 
     def recognize(
-        self, grid: GridMap, map_id: str, before: Optional[GridMap], recognition: PlaceRecognition
+        self, grid: GridMap, map_id: str, previous_map: Optional[GridMap], recognition: PlaceRecognition
     ) -> PlaceRecognition:
         """Recognises which place a map shows.
 
         Args:
-            before: the previous map since this program was started; None for the first.
+            previous_map: the previous map since this program was started; None for the first.
             recognition: what the previous map was recognised as; the search starts there.
         """
-        stored, named = self._database.find_map(map_id), self._database.find_place(self._name)
+        stored = self._database.maps().get(map_id)
+        named_place = self._database.find_place(self._name)
         # if the stored place has no borders, the map may still show the named place, which has some
-        if stored is not None and (named in (0, stored.place) or self._database.borders(stored.place)):
+        if stored is not None and (named_place in (0, stored.place) or self._database.borders(stored.place)):
             name = self._database.place_name(stored.place)
             return PlaceRecognition(stored.place, stored.transform, not self._name or name in ("", self._name))
         candidates = self._candidates()
@@ -101,7 +102,7 @@ class PlaceRecognizer:
             return PlaceRecognition()
         floor = int(np.count_nonzero((grid.data >= 0) & (grid.data < OCCUPIED_THRESHOLD)))
         wall_map = WallMap(grid)
-        if before is not None and recognition.place in candidates and is_extension(before, grid):
+        if previous_map is not None and recognition.place in candidates and is_extension(previous_map, grid):
             maps = candidates[recognition.place]
             if recognition.is_certain and self._agrees_with_any(maps, wall_map, recognition.transform):
                 return replace(recognition, floor_cells=floor)
@@ -120,7 +121,7 @@ class PlaceRecognizer:
     def _candidates(self) -> Dict[int, List[StoredMap]]:
         """Returns, for each place with borders that the current map may show, the place's maps."""
         places: Dict[int, List[StoredMap]] = {}
-        for stored_map in self._database.maps():
+        for stored_map in self._database.maps().values():
             if self._database.borders(stored_map.place):
                 places.setdefault(stored_map.place, []).append(stored_map)
         if not self._name:
@@ -130,8 +131,11 @@ class PlaceRecognizer:
 
     def _agrees_with_any(self, maps: List[StoredMap], wall_map: WallMap, transform: Transform) -> bool:
         """Returns whether a map agrees, at its expected transform, with one of a place's stored maps."""
-        starts = ((wall_map_of(stored_map), transform.after(stored_map.transform.inverse)) for stored_map in maps)
-        return any(evaluate_transform(reference, wall_map, start).walls_agree for reference, start in starts)
+        for stored_map in maps:
+            expected = transform.after(stored_map.transform.inverse)
+            if evaluate_transform(wall_map_of(stored_map), wall_map, expected).walls_agree:
+                return True
+        return False
 
     def _register(
         self, places: Dict[int, List[StoredMap]], wall_map: WallMap, recognition: PlaceRecognition
@@ -193,18 +197,18 @@ class PlaceRecognizer:
         return proposed, None
 
 
-def is_extension(before: GridMap, after: GridMap) -> bool:
+def is_extension(previous: GridMap, current: GridMap) -> bool:
     """Returns whether a map is the previous one, grown: on the same lattice of cells, and with its obstacles."""
-    if abs(before.resolution - after.resolution) > 1e-6 or abs(before.origin[2] - after.origin[2]) > 1e-9:
+    if abs(previous.resolution - current.resolution) > 1e-6 or abs(previous.origin[2] - current.origin[2]) > 1e-9:
         return False
-    offset = after.world_to_grid(before.cell_to_world([[0, 0]]))[0]
+    offset = current.world_to_grid(previous.cell_to_world([[0, 0]]))[0]
     column, row = np.rint(offset).astype(int)
     if np.abs(offset - (column, row)).max() > 1e-3:
         return False
-    obstacles = np.argwhere(before.data >= OCCUPIED_THRESHOLD) + (row, column)
-    on_map = obstacles[after.contains_cells(obstacles)]
-    count = np.count_nonzero(after.data[tuple(on_map.T)] >= OCCUPIED_THRESHOLD)
-    return len(obstacles) > 0 and count >= _CONTINUED * len(obstacles)
+    obstacles = np.argwhere(previous.data >= OCCUPIED_THRESHOLD) + (row, column)
+    on_map = obstacles[current.contains_cells(obstacles)]
+    is_still_there = current.data[tuple(on_map.T)] >= OCCUPIED_THRESHOLD
+    return len(obstacles) > 0 and np.count_nonzero(is_still_there) >= _CONTINUED * len(obstacles)
 
 
 def _snap(transform: Transform, expected: Transform, grid: GridMap) -> Transform:

@@ -164,11 +164,14 @@ class DurableValues:
         return folder / "copies" / f"borders-{self._today().isoformat()}.jsonl"
 
     def _write_files(self, folder: Path, content: _Content) -> None:
-        lines = (f"{json.dumps(key)}\t{value}" for key, value in content.values.items())
-        rest = "\n".join([json.dumps([FORMAT, content.revision]), *lines, ""]).encode()
-        whole, copy = _checksum(rest) + b"\n" + rest, self._copy(folder)
+        lines = [json.dumps([FORMAT, content.revision])]
+        lines += [f"{json.dumps(key)}\t{value}" for key, value in content.values.items()]
+        rest = "\n".join([*lines, ""]).encode()
+        whole = _checksum(rest) + b"\n" + rest
+        copy = self._copy(folder)
         files.write_together({folder / FILE: whole, copy: whole})
-        for old in sorted(path for path in copy.parent.glob("*.jsonl") if path != copy)[: 1 - MAX_COPIES]:
+        other_copies = sorted(path for path in copy.parent.glob("*.jsonl") if path != copy)
+        for old in other_copies[: 1 - MAX_COPIES]:
             with contextlib.suppress(OSError):
                 old.unlink()
         self.notices = [notice for notice in self.notices if notice.code != "database_read_only"]
