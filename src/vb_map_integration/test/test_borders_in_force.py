@@ -1,5 +1,7 @@
 """The status of each border when the map changes: it stays, is to be confirmed, or does not fit; never silently."""
 
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
 import pytest
@@ -226,5 +228,6 @@ def test_a_border_that_no_longer_fits_where_accepted_waits():
     accepted = keeper.borders[0].replace(seed=(-50.0, -50.0))
     place = BorderLocation(keeper.borders[0], accepted=accepted, accepted_map=flat())
     assert transfer_accepted_region(place, flat(seed=1)) is None
-    in_force = compute_borders_in_force(flat(seed=1), [keeper.borders[0]], lambda _border: place)
+    locator = SimpleNamespace(grid=flat(seed=1), locate=lambda _border: place)
+    in_force = compute_borders_in_force([keeper.borders[0]], locator)
     assert in_force.statuses["b1"].code == "to_be_confirmed" and in_force.outlines("b1")[0].shape == (0, 2)

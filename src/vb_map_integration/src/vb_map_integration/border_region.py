@@ -85,13 +85,11 @@ class Region:
         cells = cells[((cells >= 0) & (cells < self.mask.shape)).all(axis=1)]
         return bool(self.mask[tuple(cells.T)].any())
 
-    def iou(self, other: Optional["Region"]) -> float:
+    def iou(self, other: "Region") -> float:
         """Returns the intersection over union of the two regions' cells, 0 .. 1."""
-        if other is None:
-            return 0.0
-        first, second = cv2.countNonZero(self.mask), cv2.countNonZero(other.mask)
+        counts = cv2.countNonZero(self.mask) + cv2.countNonZero(other.mask)
         union = cv2.countNonZero(join_regions([self, other]).mask)  # type: ignore[union-attr]
-        return (first + second - union) / max(1, union)
+        return (counts - union) / max(1, union)
 
 
 @dataclass(frozen=True)
@@ -301,7 +299,8 @@ class _BorderOnGrid:
         window, mask = cut.fill_side(start)
         line = prior.grid_to_world(cut.line)
         extensions = np.linalg.norm(line[[0, -1]] - self.border.points[[0, -1]], axis=1)
-        for (row, column), length, side in zip(cut.ends, extensions, ("$line_start", "$line_end")):
+        ends = cut.trace.cells[[0, -1]].tolist()
+        for (row, column), length, side in zip(ends, extensions, ("$line_start", "$line_end")):
             on_map = 0 <= row < prior.shape[0] and 0 <= column < prior.shape[1]
             if not on_map or self.cells[row, column] > 127:
                 self.warn("no_wall_found")

@@ -13,7 +13,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -22,7 +22,7 @@ from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.notices import Notice, Severity
 from vb_map_integration.border import IntegrationError, VirtualBorder
 from vb_map_integration.border_region import BorderRegion, Region, apply_regions, compute_region, join_regions
-from vb_map_integration.places.border_location import BorderLocation
+from vb_map_integration.places.border_location import BorderLocation, BorderLocator
 
 # status codes: the border waits for a person, or is not in force
 TO_BE_CONFIRMED, DOES_NOT_FIT = "to_be_confirmed", "inactive_on_this_map"
@@ -138,19 +138,17 @@ class BordersInForce:
 
 
 def compute_borders_in_force(
-    grid: GridMap,
     borders: Iterable[VirtualBorder],
-    locate: Callable[[VirtualBorder], BorderLocation],
+    locator: BorderLocator,
     previous: Optional[BordersInForce] = None,
     drawn: Optional[BorderRegion] = None,
 ) -> BordersInForce:
     """Computes which borders are in force on a map, and what they restrict there.
 
     Args:
-        grid: the physical map.
         borders: the stored borders, in the frame of their place.
-        locate: finds where a border is on the map.
-        previous: the previous result for the same map and `locate`, from which unchanged borders take their statuses.
+        locator: has the physical map, and finds where the borders are on it.
+        previous: the previous result for the same locator, from which unchanged borders take their statuses.
         drawn: the region of the border that was just drawn on this map, if it is one of these.
     """
     statuses: Dict[str, BorderStatus] = {}
@@ -161,9 +159,9 @@ def compute_borders_in_force(
                 region = drawn if border.enabled else None
                 status = BorderStatus(border, drawn.border, region=region, region_after=region)
             else:
-                status = _decide_status(border, locate(border), grid)
+                status = _decide_status(border, locator.locate(border), locator.grid)
         statuses[border.id] = status
-    return BordersInForce(grid, statuses)
+    return BordersInForce(locator.grid, statuses)
 
 
 def _decide_status(stored: VirtualBorder, location: BorderLocation, grid: GridMap) -> BorderStatus:
@@ -180,8 +178,9 @@ def _decide_status(stored: VirtualBorder, location: BorderLocation, grid: GridMa
     if not cause and location.floor_is_known and not location.walls_agree:
         cause = PLACE
     # they are the same object if the line alone decides: then there is nothing to compare
-    if not cause and before is not current and (before is None or before.iou(current) < _SAME_EFFECT):
-        cause = EFFECT
+    if current is not None and before is not current and not cause:
+        if before is None or before.iou(current) < _SAME_EFFECT:
+            cause = EFFECT
     possible = [current, *(_find_region(grid, other)[0] for other in location.alternatives)]
     if not cause:
         return BorderStatus(stored, border, region=join_regions(possible), region_after=current)

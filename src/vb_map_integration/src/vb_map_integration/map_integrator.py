@@ -173,7 +173,7 @@ class MapIntegrator:
         """Puts a place's borders in force on a map: a new one, or the same one after a person's answer about it."""
         self._set_recognition(grid, recognition)
         self._borders_in_force = None
-        self._recompute_borders(grid)
+        self._recompute_borders()
 
     def _set_recognition(self, grid: GridMap, recognition: PlaceRecognition) -> None:
         """Sets what the current map was recognised as, and with it the locator of borders on it."""
@@ -181,11 +181,10 @@ class MapIntegrator:
         self._locator = BorderLocator(grid, self.map_id, maps, recognition.transform, recognition.other_transform)
         self._recognition = recognition
 
-    def _recompute_borders(self, grid: GridMap, drawn: Optional[BorderRegion] = None) -> None:
+    def _recompute_borders(self, drawn: Optional[BorderRegion] = None) -> None:
         """Puts in force the borders that the database has now; see `compute_borders_in_force` for `drawn`."""
         borders = self._database.borders(self._recognition.place)
-        locate = self._locator.locate  # type: ignore[union-attr]
-        self._borders_in_force = compute_borders_in_force(grid, borders, locate, self._borders_in_force, drawn)
+        self._borders_in_force = compute_borders_in_force(borders, self._locator, self._borders_in_force, drawn)
         self._free_parts = None
 
     # ------------------------------------------------------------- which place the map shows
@@ -307,7 +306,11 @@ class MapIntegrator:
         check = self.check(after.transform(transform), robot_positions)
         if not self._recognition.is_certain:  # a border would belong to no place
             raise IntegrationError("confirm_map_first")
-        self._store_map()
+        place = self._recognition.place
+        if self.map_id not in self._locator.stored_maps:  # later maps are compared with those on which a person draws
+            name = "" if place or self._database.find_place(self._expected_name) else self._expected_name
+            place = self._database.add_map(self.physical_map, self.map_id, place, transform, name)
+            self._set_recognition(self.physical_map, PlaceRecognition(place, transform))
         return self._make_change((BorderChange(border.id, before, after),), request_id=request_id, check=check)
 
     def set_enabled(self, border_id: str, enabled: bool, now: float, expected_revision: int = 0) -> ChangeResult:
@@ -356,14 +359,6 @@ class MapIntegrator:
         if expected_revision and expected_revision != self.revision:
             raise CodedError("revision_conflict")
 
-    def _store_map(self) -> None:
-        """Stores the map on which a person draws, unless its place has it: later maps are compared with it."""
-        place, transform = self._recognition.place, self._recognition.transform
-        if self.map_id not in self._locator.stored_maps:  # type: ignore[union-attr]
-            name = "" if place or self._database.find_place(self._expected_name) else self._expected_name
-            place = self._database.add_map(self.physical_map, self.map_id, place, transform, name)
-            self._set_recognition(self.physical_map, PlaceRecognition(place, transform))
-
     def _make_change(
         self,
         change: Change,
@@ -377,12 +372,11 @@ class MapIntegrator:
         Args:
             check: the check of a single border; None for changes whose warnings are the statuses of their borders.
         """
-        physical = self.physical_map
         place = place or self._recognition.place
         self._database.commit(place, change, kind, request_id)
         issues = ()
         if place == self._recognition.place:
-            self._recompute_borders(physical, check.region if check else None)
+            self._recompute_borders(check.region if check else None)
             statuses = [self.borders_in_force.statuses[entry.id] for entry in change if entry.after is not None]
             issues = tuple(warning(status.code, **status.sentence_values) for status in statuses if status.code)
         return ChangeResult(tuple(entry.id for entry in change), check.issues if check else issues)

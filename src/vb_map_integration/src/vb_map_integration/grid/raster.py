@@ -151,19 +151,13 @@ def count_free_parts(grid: GridMap, radius: float) -> int:
     cell = grid.resolution * factor
     reach = radius / cell
     if factor > 1:
-        free = _coarser(free, factor)
         # a coarse cell is free only if all its cells are: obstacles have grown by half a coarse cell already
+        kernel = np.ones((factor, factor), np.uint8)
+        eroded = cv2.erode(free, kernel, anchor=(0, 0), borderType=cv2.BORDER_CONSTANT, borderValue=0)
+        free = np.ascontiguousarray(eroded[::factor, ::factor])
         reach = max(0.0, reach - 0.5)
     if reach > 1.0:
         framed = cv2.copyMakeBorder(free, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
         free = (cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1] > reach).astype(np.uint8)
     _, _, stats, _ = cv2.connectedComponentsWithStats(free, connectivity=4)
     return int((stats[1:, cv2.CC_STAT_AREA] * cell**2 >= MIN_PART).sum())
-
-
-def _coarser(free: np.ndarray, factor: int) -> np.ndarray:
-    """Makes a mask (H, W) uint8 with cells `factor` times as large; a coarse cell is set only if all its cells are."""
-    rows, columns = (-(-size // factor) for size in free.shape)
-    below, right = rows * factor - free.shape[0], columns * factor - free.shape[1]
-    padded = cv2.copyMakeBorder(free, 0, below, 0, right, cv2.BORDER_CONSTANT, value=0)
-    return cv2.inRange(cv2.resize(padded, (columns, rows), interpolation=cv2.INTER_AREA), 255, 255)

@@ -46,7 +46,7 @@ class CurveCut:
         chain: (N, 2) (column, row) the drawn chain, and one more point beyond each end.
         normals: (N - 1, 2) the unit normal of each segment of the chain, to the left.
         drawn_arcs: (N - 2,) [cells] arc length along the chain to each drawn point.
-        trace: the chain's cells from end to end.
+        trace: the chain's cells from the blocked cell at its start to that at its end, maybe one beyond the map's rim.
         was_free: (K,) bool, which of them were free.
     """
 
@@ -62,11 +62,6 @@ class CurveCut:
         """(M, 2) (column, row) the curve with its extensions."""
         is_between = (self.drawn_arcs > self.trace.arc[0]) & (self.drawn_arcs < self.trace.arc[-1])
         return np.vstack([self.trace.points[0], self.chain[1:-1][is_between], self.trace.points[-1]])
-
-    @property
-    def ends(self) -> List[Tuple[int, int]]:
-        """The (row, column) of the blocked cells at its start and at its end; may be one beyond the map's rim."""
-        return [tuple(cell) for cell in self.trace.cells[[0, -1]].tolist()]
 
     def direction_to(self, seed: np.ndarray) -> Optional[np.ndarray]:
         """Returns the unit vector (2,) from the curve to a seed (2,) in one of its cells; None for any other seed."""

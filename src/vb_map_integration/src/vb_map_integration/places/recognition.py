@@ -170,31 +170,20 @@ class PlaceRecognizer:
         registration = register_maps(reference, wall_map, guesses)
         if registration is None:
             return None
-        other = None
+        other_transform = None
         if not (registration.is_certain or registration.is_clearly_best):
-            registration, other = self._prefer_unmoved(reference, wall_map, registration, guesses)
-        other = other.after(stored_map.transform) if other else None
+            # borders stay where they are, unless another transform is plausible and fits clearly better
+            unmoved = [evaluate_transform(reference, wall_map, guess) for guess in guesses]
+            still = max(unmoved, key=lambda candidate: candidate.agreement)
+            moves = registration.agreement >= max(_PLAUSIBLE_AGREEMENT, still.agreement + _DOUBT)
+            registration, other = (registration, still) if moves else (still, registration)
+            if other.agreement >= _POSSIBLE_AGREEMENT and other.transform != registration.transform:
+                other_transform = other.transform.after(stored_map.transform)
         transform = registration.transform.after(stored_map.transform)
         transform = _snap(transform, start.transform, wall_map.grid)
-        recognition = PlaceRecognition(stored_map.place, transform, registration.is_certain, other_transform=other)
+        certain = registration.is_certain
+        recognition = PlaceRecognition(stored_map.place, transform, certain, other_transform=other_transform)
         return _Candidate(recognition, registration)
-
-    @staticmethod
-    def _prefer_unmoved(
-        reference: WallMap, wall_map: WallMap, registration: Registration, guesses: List[Transform]
-    ) -> Tuple[Registration, Optional[Transform]]:
-        """Leaves borders where they are, unless another transform is plausible and fits clearly better.
-
-        Returns:
-            The proposed registration, and the other transform if it is possible too.
-        """
-        unmoved = [evaluate_transform(reference, wall_map, guess) for guess in guesses]
-        still = max(unmoved, key=lambda registration: registration.agreement)
-        moves = registration.agreement >= max(_PLAUSIBLE_AGREEMENT, still.agreement + _DOUBT)
-        proposed, other = (registration, still) if moves else (still, registration)
-        if other.agreement >= _POSSIBLE_AGREEMENT and other.transform != proposed.transform:
-            return proposed, other.transform
-        return proposed, None
 
 
 def is_extension(previous: GridMap, current: GridMap) -> bool:
