@@ -136,10 +136,10 @@ class VirtualBorder:
                 raise IntegrationError("bad_name", key=key)
         points.setflags(write=False)
         seed.setflags(write=False)
-        robots = (self.robots,) if isinstance(self.robots, str) else self.robots
+        given_robots = (self.robots,) if isinstance(self.robots, str) else self.robots
+        robots = tuple(str(robot) for robot in given_robots if str(robot))
         checked = {"points": points, "seed": seed[0], "occupancy": occupancy, "zone": zone, "max_speed": speed}
-        checked.update(closed=bool(closed), enabled=bool(self.enabled), is_wall=bool(self.is_wall))
-        checked.update(robots=tuple(str(robot) for robot in robots if str(robot)))
+        checked.update(closed=bool(closed), enabled=bool(self.enabled), robots=robots, is_wall=bool(self.is_wall))
         for key, value in checked.items():
             object.__setattr__(self, key, value)
 
@@ -170,8 +170,7 @@ class VirtualBorder:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, VirtualBorder):
             return NotImplemented
-        plain = [field.name for field in dataclasses.fields(self) if field.name not in ("points", "seed")]
-        return self.has_same_area(other) and all(getattr(self, key) == getattr(other, key) for key in plain)
+        return self.has_same_area(other) and all(getattr(self, key) == getattr(other, key) for key in _PROPERTIES)
 
     __hash__ = None  # type: ignore[assignment]
 

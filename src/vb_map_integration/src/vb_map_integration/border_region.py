@@ -71,13 +71,10 @@ class Region:
     def raise_cells(self, cells: np.ndarray) -> None:
         """Raises the cells (H, W) int8 of the map in place; none is lowered."""
         part = cells[self.window]
-        level = np.uint8(self.cell_value)
-        if self.covers_unknown:  # as int8, unknown is -1, the lowest value
-            levels = np.bitwise_or(np.invert(self.mask), level)
-            np.maximum(part, levels.view(np.int8), out=part)
-        else:  # as uint8 it is 255, the highest value
-            as_bytes = part.view(np.uint8)
-            np.maximum(as_bytes, np.bitwise_and(self.mask, level), out=as_bytes)
+        is_raised = self.mask != 0
+        if not self.covers_unknown:
+            is_raised &= part >= 0
+        np.maximum(part, np.int8(self.cell_value), out=part, where=is_raised)
 
     def contains_any(self, cells: np.ndarray) -> bool:
         """Returns whether any of the cells (N, 2) (row, column), on the map or not, belongs to it."""
@@ -187,8 +184,7 @@ class _BorderOnGrid:
         grid = prior.world_to_grid(np.concatenate([border.points, [border.seed]]))
         self.points = grid[:-1]
         self.seed = grid[-1]
-        column, row = np.floor(self.seed + 0.5).astype(int).tolist()
-        self.seed_cell = row, column
+        self.seed_cell = tuple(prior.world_to_cell(border.seed)[0].tolist())
         self.cells = np.ascontiguousarray(prior.data).view(np.uint8)
         self.issues: List[Notice] = []
 

@@ -7,8 +7,7 @@ and none is made by numpy.zeros, whose small memory pages cost a page fault each
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Tuple
+from typing import NamedTuple, Tuple
 
 import cv2
 import numpy as np
@@ -83,8 +82,7 @@ def _enumerate_runs(lengths: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     return run, np.arange(total) - run_start[run]
 
 
-@dataclass(frozen=True)
-class ChainCells:
+class ChainCells(NamedTuple):
     """The cells that a chain runs through; neighbours share an edge, except where the chain was outside the map.
 
     Attributes:
@@ -98,10 +96,6 @@ class ChainCells:
     points: np.ndarray
     segment: np.ndarray
     arc: np.ndarray
-
-    def between(self, first: int, last: int) -> "ChainCells":
-        """Returns the part from one cell to another, both included."""
-        return ChainCells(**{name: values[first : last + 1] for name, values in vars(self).items()})
 
 
 def rasterize_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> ChainCells:

@@ -118,13 +118,10 @@ class CurveCut:
 
     def _fill_own_cells(self, side: float) -> None:
         """Fills the curve's own cells whose centre is on the filled side, and that touch filled ones."""
-        normals = self.normals[self.trace.segment]
-        offsets = (self.normals * self.chain[:-1]).sum(axis=1)
-        rows, columns = self.trace.cells.T
-        heights = columns * normals[:, 0] + rows * normals[:, 1] - offsets[self.trace.segment]
+        from_segment = self.trace.cells[:, ::-1] - self.chain[self.trace.segment]
+        heights = (from_segment * self.normals[self.trace.segment]).sum(axis=1)
         is_on_side = (heights * side > 0.0) & self.was_free
-        rows = rows[is_on_side] + 1
-        columns = columns[is_on_side] + 1
+        rows, columns = self.trace.cells[is_on_side].T + 1
         row_steps, column_steps = np.indices((3, 3)).reshape(2, 9) - 1
         neighbours = self.cells[rows[:, None] + row_steps, columns[:, None] + column_steps]
         touches_filled = (neighbours == _FILLED).any(axis=1)
@@ -201,7 +198,8 @@ def cut_free_space(cells: np.ndarray, points: np.ndarray, fit_length: float, tol
         chain[-1] = end.cell[::-1]
     if start.inset is None or end.inset is None:
         trace = raster.rasterize_chain(chain, shape)
-    trace = trace.between(start.inset or 0, len(trace.arc) - 1 - (end.inset or 0))
+    part = slice(start.inset or 0, len(trace.arc) - (end.inset or 0))
+    trace = raster.ChainCells(*(values[part] for values in trace))
     rows, columns = trace.cells.T + 1
     was_free = cells[rows, columns] == _FREE
     cells[rows, columns] = _BLOCKED

@@ -282,20 +282,15 @@ def _search(old: WallMap, new: WallMap) -> List[Transform]:
     cell = max(_MIN_COARSE_CELL, 2.0 * extent / _MAX_COARSE_CELLS)
     old_image, new_image = old.draw_evidence(cell), new.draw_evidence(cell)
     size = cv2.getOptimalDFTSize(len(old_image) + len(new_image))
-
-    def spectrum(image: np.ndarray) -> np.ndarray:
-        padded = np.zeros((size, size), np.float32)
-        padded[: len(image), : len(image)] = image
-        return cv2.dft(padded)
-
-    new_spectrum = spectrum(new_image)
+    new_spectrum = cv2.dft(np.pad(new_image, (0, size - len(new_image))))
     middle = len(old_image) // 2
     peaks: List[Tuple[float, Transform]] = []  # the correlation's maxima
     for angle in np.arange(_ANGLES) * (360.0 / _ANGLES):
         # OpenCV's angles are for images whose rows go down; here rows go up, as y does
         rotation = cv2.getRotationMatrix2D((middle, middle), -angle, 1.0)
         turned = cv2.warpAffine(old_image, rotation, old_image.shape[::-1])
-        product = cv2.mulSpectrums(new_spectrum, spectrum(turned), 0, conjB=True)
+        old_spectrum = cv2.dft(np.pad(turned, (0, size - len(turned))))
+        product = cv2.mulSpectrums(new_spectrum, old_spectrum, 0, conjB=True)
         scores = cv2.dft(product, flags=cv2.DFT_INVERSE | cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT)
         for _ in range(3):
             _, score, _, cell_of_peak = cv2.minMaxLoc(scores)

@@ -189,14 +189,13 @@ class DurableValues:
             try:
                 fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 return
-            except OSError as error:
-                busy = isinstance(error, BlockingIOError)
-                if busy and time.monotonic() < end:
-                    time.sleep(0.05)
-                    continue
-                self.close()
-                if busy:
+            except BlockingIOError:
+                if time.monotonic() >= end:
+                    self.close()
                     raise CodedError("database_in_use", what=str(folder)) from None
+                time.sleep(0.05)
+            except OSError:
+                self.close()
                 raise
 
     def _report(self, code: str, severity: Severity, **values: Any) -> None:
