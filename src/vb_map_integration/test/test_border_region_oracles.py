@@ -110,9 +110,8 @@ def test_a_wall_covers_half_its_width_on_each_side_of_its_chain(points, noise):
     for row, column in core:
         wanted[max(0, row - reach) : row + reach + 1, max(0, column - reach) : column + reach + 1] = True
     assume(core and (wanted & (cells == 0)).any())
-    assert (
-        compute_region(grid, VirtualBorder(chain, None, is_wall=True)).restricted_cells == wanted & (cells == 0)
-    ).all()
+    region = compute_region(grid, VirtualBorder(chain, None, is_wall=True))
+    assert (region.restricted_cells == wanted & (cells == 0)).all()
 
 
 def nearest(allowed, seed, radius):

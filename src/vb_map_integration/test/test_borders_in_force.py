@@ -1,7 +1,5 @@
 """The status of each border when the map changes: it stays, is to be confirmed, or does not fit; never silently."""
 
-from types import SimpleNamespace
-
 import cv2
 import numpy as np
 import pytest
@@ -10,8 +8,8 @@ from integrators import closed_at, closed_off, flat, integrator, keep_out, statu
 from refusals import refused
 from vb_core.errors import CodedError
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders_in_force import compute_borders_in_force, transfer_accepted_region
-from vb_map_integration.places.border_location import BorderLocation
+from vb_map_integration.borders_in_force import transfer_accepted_region
+from vb_map_integration.places.border_location import BorderLocation, BorderLocator
 from vb_map_integration.places.transform import Transform
 from vb_map_integration.storage.border_database import MAX_MAPS
 
@@ -221,13 +219,14 @@ def test_what_is_in_force_is_a_function_of_what_is_stored(restart):
         assert state(keeper) == before
 
 
-def test_a_border_that_no_longer_fits_where_accepted_waits():
+def test_a_border_that_no_longer_fits_where_accepted_waits(monkeypatch):
     """Earlier versions allowed other limits; the database may still have borders accepted with them."""
     keeper = integrator(grid=flat())
     keeper.add(DOOR, 1.0)
     accepted = keeper.borders[0].replace(seed=(-50.0, -50.0))
     place = BorderLocation(keeper.borders[0], accepted=accepted, accepted_map=flat())
     assert transfer_accepted_region(place, flat(seed=1)) is None
-    locator = SimpleNamespace(grid=flat(seed=1), locate=lambda _border: place)
-    in_force = compute_borders_in_force([keeper.borders[0]], locator)
-    assert in_force.statuses["b1"].code == "to_be_confirmed" and in_force.outlines("b1")[0].shape == (0, 2)
+    monkeypatch.setattr(BorderLocator, "locate", lambda *_: place)
+    keeper.set_map(flat(seed=1))
+    assert status_of_first(keeper) == (True, "to_be_confirmed")
+    assert keeper.borders_in_force.outlines("b1")[0].shape == (0, 2)

@@ -171,9 +171,8 @@ def test_a_place_without_borders_keeps_neither_its_name_nor_the_named_place_from
         assert closed_off(keeper) and keeper.map_name == "upstairs"
         assert keeper.notices == [] and [border.name for border in keeper.borders] == ["rug"]
     keeper.add(keep_out(Transform(6.4, 0.0, 0.0)), 3.0)  # now the first map belongs to that place
-    assert {stored_map.place for stored_map in keeper._database.maps().values()} == {
-        keeper._database.find_place("upstairs")
-    }
+    places = {stored_map.place for stored_map in keeper._database.maps().values()}
+    assert places == {keeper._database.find_place("upstairs")}
 
 
 def test_a_map_that_grows_cell_by_cell_stays_confirmed(restart):

@@ -84,8 +84,7 @@ class BorderStatus:
         values = {"border": self.map_border.name, "why": self.cause}
         if self.region_before:
             area_now = self.region_after.area_m2 if self.region_after else 0.0
-            values["before"] = f"{self.region_before.area_m2:.1f}"
-            values["now"] = f"{area_now:.1f}"
+            values.update(before=f"{self.region_before.area_m2:.1f}", now=f"{area_now:.1f}")
         return values
 
 
@@ -235,11 +234,11 @@ def find_notices(statuses: Sequence[BorderStatus], is_certain: bool, place_name:
     elif waiting:
         values = {"count": str(len(waiting)), "borders": _names(waiting)}
         notices.append(Notice("borders_to_confirm", Severity.WARNING, values=values))
-    return notices + [
-        Notice(status.code, Severity.WARNING, border_id=status.map_border.id, values=status.sentence_values)
-        for status in statuses
-        if status.code
-    ]
+    for status in statuses:
+        if status.code:
+            border_id = status.map_border.id
+            notices.append(Notice(status.code, Severity.WARNING, border_id=border_id, values=status.sentence_values))
+    return notices
 
 
 def _describe_place(name: str, borders: Iterable[VirtualBorder]) -> Dict[str, str]:

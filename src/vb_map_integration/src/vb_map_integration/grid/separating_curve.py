@@ -152,7 +152,7 @@ class _CurveEnd:
 
     Attributes:
         extension: [cells] how far the drawn end must be extended to reach it; 0 if it is within the drawn chain.
-        cell: (row, column) of the blocked cell.
+        cell: (row, column) of the blocked cell, in the frame's coordinates.
         inset: how many cells of the trace lie farther out; None if it is beside the drawn end and not on the trace.
     """
 
@@ -193,9 +193,9 @@ def cut_free_space(cells: np.ndarray, points: np.ndarray, fit_length: float, tol
     start, end = _ends_on_one_piece(cells, starts, ends) or (starts[0], ends[0])
     # to a cell beside the drawn end, the curve goes straight
     if start.inset is None:
-        chain[0] = start.cell[::-1]
+        chain[0] = np.subtract(start.cell[::-1], 1)
     if end.inset is None:
-        chain[-1] = end.cell[::-1]
+        chain[-1] = np.subtract(end.cell[::-1], 1)
     if start.inset is None or end.inset is None:
         trace = raster.rasterize_chain(chain, shape)
     part = slice(start.inset or 0, len(trace.arc) - (end.inset or 0))
@@ -223,13 +223,13 @@ def _find_ends(
     candidates = np.flatnonzero(beyond >= -tolerance)
     if not len(candidates):
         candidates = np.array([len(beyond) - 1])
-    rows, columns = trace_cells[candidates].T
-    is_blocked = cells[rows + 1, columns + 1] != _FREE
+    rows, columns = trace_cells[candidates].T + 1
+    is_blocked = cells[rows, columns] != _FREE
     is_blocked[1:] &= ~is_blocked[:-1]  # only the first cell of each obstacle
     met = candidates[is_blocked] if is_blocked.any() else candidates[-1:]
     ends = []
     for k in met.tolist():
-        row, column = trace_cells[k].tolist()
+        row, column = (trace_cells[k] + 1).tolist()
         ends.append(_CurveEnd(max(float(beyond[k]), 0.0), (row, column), len(beyond) - 1 - k))
     reach = int(tolerance)
     left = max(int(point[0] + 0.5) - reach, 0)
@@ -239,7 +239,7 @@ def _find_ends(
     distances = np.hypot(beside[:, 0] - point[1], beside[:, 1] - point[0])
     for k in np.argsort(distances, kind="stable"):
         if distances[k] <= tolerance:
-            row, column = beside[k].tolist()
+            row, column = (beside[k] + 1).tolist()
             ends.append(_CurveEnd(tolerance, (row, column), None))
     return sorted(ends, key=lambda end: end.extension)
 
@@ -251,22 +251,15 @@ def _ends_on_one_piece(
 
     Both ends grow at the same pace, and mark each piece that they meet.
     """
-
-    def mark_of(end: _CurveEnd) -> int:
-        return int(cells[end.cell[0] + 1, end.cell[1] + 1])
-
-    def fill(end: _CurveEnd, mark: int) -> None:
-        cv2.floodFill(cells, None, (end.cell[1] + 1, end.cell[0] + 1), mark, flags=8)
-
     by_start = [(start, _MET_BY_START, _MET_BY_END) for start in starts]
     by_end = [(end, _MET_BY_END, _MET_BY_START) for end in ends]
     for candidate, mark, other_mark in sorted(by_start + by_end, key=lambda entry: entry[0].extension):
-        met = mark_of(candidate)
-        if met == other_mark:
-            fill(candidate, _MET_BY_BOTH)
-            start = next(each for each in starts if mark_of(each) == _MET_BY_BOTH)
-            end = next(each for each in ends if mark_of(each) == _MET_BY_BOTH)
+        met_mark = cells[candidate.cell]
+        if met_mark == other_mark:
+            cv2.floodFill(cells, None, candidate.cell[::-1], _MET_BY_BOTH, flags=8)
+            start = next(each for each in starts if cells[each.cell] == _MET_BY_BOTH)
+            end = next(each for each in ends if cells[each.cell] == _MET_BY_BOTH)
             return start, end
-        if met == _BLOCKED:
-            fill(candidate, mark)
+        if met_mark == _BLOCKED:
+            cv2.floodFill(cells, None, candidate.cell[::-1], mark, flags=8)
     return None

@@ -17,7 +17,7 @@ import numpy as np
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_map_integration.places.border_location import BorderLocator, wall_map_of
 from vb_map_integration.places.registration import Registration, WallMap, evaluate_transform, register_maps
-from vb_map_integration.places.transform import IDENTITY, Transform
+from vb_map_integration.places.transform import Transform
 from vb_map_integration.storage.border_database import Database, StoredMap
 
 # how many of a place's maps are compared: the first and the newest ones
@@ -48,7 +48,7 @@ class PlaceRecognition:
     """
 
     place: int = 0
-    transform: Transform = IDENTITY
+    transform: Transform = Transform()
     is_certain: bool = True
     floor_cells: int = 0
     other_transform: Optional[Transform] = None
@@ -103,11 +103,12 @@ class PlaceRecognizer:
         floor = int(np.count_nonzero((grid.data >= 0) & (grid.data < OCCUPIED_THRESHOLD)))
         wall_map = WallMap(grid)
         if previous_map is not None and recognition.place in candidates and is_extension(previous_map, grid):
-            maps = candidates[recognition.place]
-            if recognition.is_certain and self._agrees_with_any(maps, wall_map, recognition.transform):
-                return replace(recognition, floor_cells=floor)
             if not recognition.is_certain and floor < _GROWN * recognition.floor_cells:
                 return recognition
+            for stored_map in candidates[recognition.place] if recognition.is_certain else ():
+                expected = recognition.transform.after(stored_map.transform.inverse)
+                if evaluate_transform(wall_map_of(stored_map), wall_map, expected).walls_agree:
+                    return replace(recognition, floor_cells=floor)
         recognition = replace(self._register(candidates, wall_map, recognition), floor_cells=floor)
         if recognition.is_likely:
             maps = self._database.maps_of(recognition.place)
@@ -128,14 +129,6 @@ class PlaceRecognizer:
             return places
         name = self._name if self._database.find_place(self._name) else ""
         return {place: maps for place, maps in places.items() if self._database.place_name(place) == name}
-
-    def _agrees_with_any(self, maps: List[StoredMap], wall_map: WallMap, transform: Transform) -> bool:
-        """Returns whether a map agrees, at its expected transform, with one of a place's stored maps."""
-        for stored_map in maps:
-            expected = transform.after(stored_map.transform.inverse)
-            if evaluate_transform(wall_map_of(stored_map), wall_map, expected).walls_agree:
-                return True
-        return False
 
     def _register(
         self, places: Dict[int, List[StoredMap]], wall_map: WallMap, recognition: PlaceRecognition
@@ -166,7 +159,7 @@ class PlaceRecognizer:
     def _compare(self, stored_map: StoredMap, wall_map: WallMap, start: PlaceRecognition) -> Optional[_Candidate]:
         """Registers one stored map in the new map; returns None if one of them has no walls."""
         reference = wall_map_of(stored_map)
-        guesses = [IDENTITY, start.transform.after(stored_map.transform.inverse)]
+        guesses = [Transform(), start.transform.after(stored_map.transform.inverse)]
         registration = register_maps(reference, wall_map, guesses)
         if registration is None:
             return None
@@ -202,7 +195,7 @@ def is_extension(previous: GridMap, current: GridMap) -> bool:
 
 def _snap(transform: Transform, expected: Transform, grid: GridMap) -> Transform:
     """Snaps a transform to the identity or the expected one if it is within half a cell + 0.2 % of the map's size."""
-    for target in (IDENTITY, expected):
+    for target in (Transform(), expected):
         distance = np.linalg.norm(transform.apply(grid.corners()) - target.apply(grid.corners()), axis=1).max()
         if distance < 0.5 * grid.resolution + 0.002 * np.ptp(grid.corners(), axis=0).max():
             return target

@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
-from vb_map_integration.places.transform import IDENTITY, Transform
+from vb_map_integration.places.transform import Transform
 
 # [m] a wall is found again if there is one this near: two cells of a usual map, and SLAM's distortion of a few cm
 TOLERANCE = 0.12
@@ -236,7 +236,7 @@ def _known_part(grid: GridMap) -> GridMap:
     return GridMap(np.ascontiguousarray(cells), grid.resolution, (x, y, grid.origin[2]))
 
 
-def register_maps(old: WallMap, new: WallMap, guesses: Sequence[Transform] = (IDENTITY,)) -> Optional[Registration]:
+def register_maps(old: WallMap, new: WallMap, guesses: Sequence[Transform] = (Transform(),)) -> Optional[Registration]:
     """Finds the old map in the new one and returns the best hypothesis, or None if one of the maps has no walls.
 
     Args:

@@ -19,7 +19,7 @@ import numpy as np
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import MAX_NAME, VirtualBorder, border_from_feature, border_to_feature
-from vb_map_integration.places.transform import IDENTITY, Transform
+from vb_map_integration.places.transform import Transform
 from vb_map_integration.storage.durable_values import DurableValues
 
 MAX_CHANGES = 100  # changes that are kept and can be undone
@@ -91,9 +91,7 @@ class Database(DurableValues):
         """Returns the maps of a place by fingerprint, the oldest first."""
         return {key: stored_map for key, stored_map in self.maps().items() if stored_map.place == place}
 
-    def add_map(
-        self, grid: GridMap, map_id: str, place: int = 0, transform: Transform = IDENTITY, name: str = ""
-    ) -> int:
+    def add_map(self, grid: GridMap, map_id: str, place: int, transform: Transform, name: str) -> int:
         """Stores a map of a place (0: a new one), which becomes the last place; returns the place's number."""
         maps = self.maps()
         highest = max((stored_map.number for stored_map in maps.values()), default=0)
