@@ -121,9 +121,7 @@ class BordersInForce:
         """Returns the outlines (N, 2) [m] before and after confirmation; empty unless the border waits for it."""
         status = self.statuses[border_id]
         regions = (status.region_before, status.region_after) if status.code == TO_BE_CONFIRMED else (None, None)
-        return tuple(  # type: ignore[return-value]
-            region.outline(self.physical_map) if region else np.zeros((0, 2)) for region in regions
-        )
+        return tuple(region.outline(self.physical_map) if region else np.zeros((0, 2)) for region in regions)
 
     @property
     def speed_limits(self) -> GridMap:

@@ -133,7 +133,8 @@ class MapIntegratorNode:
             if not self._integrator.set_map(grid):
                 self._show_notices()  # the last map may have been refused
                 return
-            size, count = " x ".join(map(str, grid.shape)), len(self._integrator.borders)
+            size = " x ".join(map(str, grid.shape))
+            count = len(self._integrator.borders)
             rospy.loginfo("%s: a map of %s cells, %d border(s)", rospy.get_name(), size, count)
             self._publish()
 
@@ -243,7 +244,8 @@ class MapIntegratorNode:
         for issue in result.issues:
             rospy.logwarn("%s: %s [%s]", rospy.get_name(), issue.message, issue.code)
         rospy.loginfo("%s: changed: %s", rospy.get_name(), ", ".join(result.ids) or "the map's place")
-        issues, changed_id = messages_from_issues(result.issues), next(iter(result.ids), "")
+        issues = messages_from_issues(result.issues)
+        changed_id = next(iter(result.ids), "")
         return _set_fields(response, success=True, code="ok", id=changed_id, issues=issues, revision=revision)
 
     def _refuse(self, response: Any, error: CodedError) -> Any:

@@ -45,35 +45,32 @@ def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[CellWind
     corners = np.minimum(np.maximum(corners, 0.0), shape[::-1])
     (left, top), (right, bottom) = np.ceil(corners).astype(int).tolist()
     window = slice(top, bottom), slice(left, right)
-    mask = np.full((bottom - top, right - left), 0, np.uint8)
-    start = vertices - (left, top)
-    end = np.concatenate([start[1:], start[:1]])
-    y0, y1 = start[:, 1], end[:, 1]
+    height, width = bottom - top, right - left
+    mask = np.full((height, width), 0, np.uint8)
+    starts = vertices - (left, top)
+    x0, y0 = starts.T
+    x1, y1 = np.roll(starts, -1, axis=0).T
     # each edge crosses the centres of the rows from `first` to the one before `beyond`
-    extent = np.minimum(np.maximum(np.sort([y0, y1], axis=0), 0.0), len(mask))
+    extent = np.minimum(np.maximum(np.sort([y0, y1], axis=0), 0.0), height)
     first, beyond = np.ceil(extent).astype(np.int64)
     edge, number = _enumerate_runs(beyond - first)
     row = first[edge] + number
-    slope = np.divide(end[:, 0] - start[:, 0], y1 - y0, out=np.zeros(len(start)), where=beyond > first)
-    x = start[edge, 0] + (row - y0[edge]) * slope[edge]
+    slope = np.divide(x1 - x0, y1 - y0, out=np.zeros(len(starts)), where=beyond > first)
+    x = x0[edge] + (row - y0[edge]) * slope[edge]
     order = np.lexsort((x, row))
-    row = row[order]
-    column = np.ceil(np.minimum(np.maximum(x[order], 0.0), mask.shape[1])).astype(np.int64)
+    row = row[order].tolist()
+    x_on_map = np.minimum(np.maximum(x[order], 0.0), width)
+    column = np.ceil(x_on_map).astype(int).tolist()
     direction = np.where(y1 > y0, 1, -1)
     winding = np.cumsum(direction[edge[order]])
     # in each row the directions add up to zero, so no span reaches into the next one
-    spans = np.flatnonzero(winding[:-1] != 0)
-    for r, left, right in zip(row[spans].tolist(), column[spans].tolist(), column[spans + 1].tolist()):
-        mask[r, left:right] = 255
+    for k in np.flatnonzero(winding[:-1]).tolist():
+        mask[row[k], column[k] : column[k + 1]] = 255
     return window, mask
 
 
 def _enumerate_runs(lengths: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """Numbers the elements of runs of given lengths (N,): returns the run (K,) and the number there (K,) of each.
-
-    Raises:
-        IntegrationError: "too_complex" for more than MAX_CROSSINGS elements.
-    """
+    """Numbers the elements of runs of lengths (N,): returns each one's run (K,) and number there (K,). Refuses too many."""
     total = int(lengths.sum())
     if total > MAX_CROSSINGS:
         raise IntegrationError("too_complex")

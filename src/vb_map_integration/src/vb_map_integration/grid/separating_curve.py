@@ -29,6 +29,7 @@ from vb_map_integration.grid import raster
 # the seed's area touches a side of the curve if at least this share of the free samples on that side were filled
 _TOUCHES = 0.1
 _ASIDE = 1.6  # [cells] how far from the curve the samples on both sides are
+_STEPS_ROUND = np.argwhere(np.ones((3, 3))) - 1  # (row, column) from a cell to itself and its eight neighbours
 # where the end of a chain is sampled to find its direction, as shares of the fitted length
 _SAMPLES = np.linspace(0.0, 1.0, 16)
 # values of cells in the working copy of the map: free, reached from the seed and blocked
@@ -83,8 +84,8 @@ class CurveCut:
         Raises:
             IntegrationError: "seed_on_both_sides", "no_separation".
         """
-        start_in_frame = start[1] + 1, start[0] + 1
-        _, _, _, box = cv2.floodFill(self.cells, None, start_in_frame, _FILLED, flags=4)
+        row, column = start
+        _, _, _, box = cv2.floodFill(self.cells, None, (column + 1, row + 1), _FILLED, flags=4)
         side = self._find_filled_side()
         self._fill_own_cells(side)
         left, top, width, depth = box
@@ -92,7 +93,8 @@ class CurveCut:
         # one cell wider all round, for the curve's own cells, and converted from the frame's coordinates to the map's
         rows = slice(max(top - 2, 0), min(top + depth, map_cells.shape[0]))
         columns = slice(max(left - 2, 0), min(left + width, map_cells.shape[1]))
-        return (rows, columns), cv2.inRange(map_cells[rows, columns], _FILLED, _FILLED)
+        window = rows, columns
+        return window, cv2.inRange(map_cells[window], _FILLED, _FILLED)
 
     def _find_filled_side(self) -> float:
         """Finds on which side of the curve cells were filled: 1 on the left, -1 on the right."""
@@ -118,14 +120,16 @@ class CurveCut:
 
     def _fill_own_cells(self, side: float) -> None:
         """Fills the curve's own cells whose centre is on the filled side, and that touch filled ones."""
-        from_segment = self.trace.cells[:, ::-1] - self.chain[self.trace.segment]
-        heights = (from_segment * self.normals[self.trace.segment]).sum(axis=1)
+        segment = self.trace.segment
+        segment_heights = (self.chain[:-1] * self.normals).sum(axis=1)
+        cell_heights = (self.trace.cells[:, ::-1] * self.normals[segment]).sum(axis=1)
+        heights = cell_heights - segment_heights[segment]
         is_on_side = (heights * side > 0.0) & self.was_free
-        rows, columns = self.trace.cells[is_on_side].T + 1
-        row_steps, column_steps = np.indices((3, 3)).reshape(2, 9) - 1
-        neighbours = self.cells[rows[:, None] + row_steps, columns[:, None] + column_steps]
-        touches_filled = (neighbours == _FILLED).any(axis=1)
-        self.cells[rows[touches_filled], columns[touches_filled]] = _FILLED
+        own_cells = self.trace.cells[is_on_side] + 1
+        neighbour_rows, neighbour_columns = (own_cells[:, None] + _STEPS_ROUND).T
+        touches_filled = (self.cells[neighbour_rows, neighbour_columns] == _FILLED).any(axis=0)
+        rows, columns = own_cells[touches_filled].T
+        self.cells[rows, columns] = _FILLED
 
 
 def end_direction(points: np.ndarray, length: float) -> np.ndarray:
@@ -134,11 +138,13 @@ def end_direction(points: np.ndarray, length: float) -> np.ndarray:
     The last two points alone would follow hand tremor.
     """
     back = points[::-1, 0] + 1j * points[::-1, 1]
-    arc = np.concatenate([[0.0], np.cumsum(np.abs(back[1:] - back[:-1]))])
+    lengths = np.abs(np.diff(back))
+    arc = np.concatenate([[0.0], np.cumsum(lengths)])
     tail = np.interp(min(length, arc[-1]) * _SAMPLES, arc, back)
     chord = complex(tail[0] - tail[-1])
     # the squares of complex numbers add up to a vector of twice the angle of the tail's main axis
-    axis = complex(np.sqrt(np.square(tail - tail.sum() / len(tail)).sum()))
+    offsets = tail - tail.sum() / len(tail)
+    axis = complex(np.sqrt(np.square(offsets).sum()))
     if abs(axis) < 1e-12:
         axis = chord or 1.0 + 0.0j
     if (axis * chord.conjugate()).real < 0.0:

@@ -28,8 +28,9 @@ WALL_RADIUS = 3.0  # [m] walls this near a border decide where it is; others may
 WIDER_WALL_RADIUS = 4.5  # [m] the same, where those are ambiguous
 _MAX_WALLS = 300  # wall cells that are compared: `count` of `registration.subsample`
 _MIN_WALLS = 10  # with fewer wall cells round it, a border cannot be located
-_SEARCH_REACH = 1.0  # [m] how far from the expected position the walls are searched for
-_SEARCH_STEP = 0.1  # [m]
+# [m] from the expected position, in x and in y, at which walls are searched for
+_SEARCH_STEPS = np.arange(-10, 11) * 0.1
+_SEARCH_SHIFTS = np.stack(np.meshgrid(_SEARCH_STEPS, _SEARCH_STEPS), axis=-1).reshape(-1, 2)
 _SEARCH_YAWS = np.radians([-8.0, -5.3, -2.7, 0.0, 2.7, 5.3, 8.0])  # [rad]
 _REACHES = (0.6, 0.4, 0.3, 0.2, 0.15, 0.15)  # [m] `reaches` of `registration.refine`
 _SCORED_DISTANCE = 0.25  # [m] a wall cell this far from the new map's nearest wall scores 0
@@ -200,24 +201,24 @@ def _fit(radius: float, old: WallMap, new: WallMap, expected: Transform, outline
 def _search(walls: np.ndarray, new: WallMap, expected: Transform, center: np.ndarray) -> Tuple[Transform, float]:
     """Searches a grid of positions round the expected one; returns the best transform, and its `LocalFit.margin`."""
     expected_center = expected.apply(center)[0]
-    count = round(_SEARCH_REACH / _SEARCH_STEP)
-    steps = np.arange(-count, count + 1) * _SEARCH_STEP
-    shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     yaws = expected.yaw + _SEARCH_YAWS
     transforms = [Transform.rotation_about(center, expected_center, yaw) for yaw in yaws]
-    scores = np.array([_scores(walls, new, transform, shifts) for transform in transforms])
-    best_yaw, best_shift = np.unravel_index(int(np.argmax(scores)), scores.shape)
-    best_score = float(scores[best_yaw, best_shift])
-    is_apart = np.linalg.norm(shifts - shifts[best_shift], axis=1) > _MIN_SEPARATION
-    margin = 1.0 - float(scores[:, is_apart].max()) / max(1e-9, best_score)
-    return Transform.rotation_about(center, expected_center + shifts[best_shift], yaws[best_yaw]), margin
+    scores = np.array([_scores(walls, new, transform, _SEARCH_SHIFTS) for transform in transforms])
+    yaw_index, shift_index = np.unravel_index(int(np.argmax(scores)), scores.shape)
+    best_shift = _SEARCH_SHIFTS[shift_index]
+    is_apart = np.linalg.norm(_SEARCH_SHIFTS - best_shift, axis=1) > _MIN_SEPARATION
+    best_apart = float(scores[:, is_apart].max())
+    margin = 1.0 - best_apart / max(1e-9, float(scores[yaw_index, shift_index]))
+    return Transform.rotation_about(center, expected_center + best_shift, yaws[yaw_index]), margin
 
 
 def _scores(walls: np.ndarray, new: WallMap, transform: Transform, shifts: np.ndarray) -> np.ndarray:
     """Scores (K,), 0 .. 1, how near walls (N, 2) are to the new map's, at each of the shifts (K, 2) [m]."""
-    points = transform.apply(walls)[None] + shifts[:, None]
+    points = transform.apply(walls) + shifts[:, None]
     distances, is_known = new.distances(points.reshape(-1, 2))
-    nearness = np.maximum(0.0, 1.0 - np.square(distances / _SCORED_DISTANCE)) * is_known
-    sums = nearness.reshape(len(shifts), -1).sum(axis=1)
-    known_counts = is_known.reshape(len(shifts), -1).sum(axis=1)
-    return sums / np.maximum(known_counts, _MIN_KNOWN * len(walls))
+    nearness = np.maximum(0.0, 1.0 - np.square(distances / _SCORED_DISTANCE))
+    shape = len(shifts), len(walls)
+    sums = (nearness * is_known).reshape(shape).sum(axis=1)
+    known_counts = is_known.reshape(shape).sum(axis=1)
+    min_count = _MIN_KNOWN * len(walls)
+    return sums / np.maximum(known_counts, min_count)

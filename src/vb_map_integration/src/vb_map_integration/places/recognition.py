@@ -103,12 +103,13 @@ class PlaceRecognizer:
         floor = int(np.count_nonzero((grid.data >= 0) & (grid.data < OCCUPIED_THRESHOLD)))
         wall_map = WallMap(grid)
         if previous_map is not None and recognition.place in candidates and is_extension(previous_map, grid):
-            if not recognition.is_certain and floor < _GROWN * recognition.floor_cells:
+            if recognition.is_certain:
+                for stored_map in candidates[recognition.place]:
+                    expected = recognition.transform.after(stored_map.transform.inverse)
+                    if evaluate_transform(wall_map_of(stored_map), wall_map, expected).walls_agree:
+                        return replace(recognition, floor_cells=floor)
+            elif floor < _GROWN * recognition.floor_cells:
                 return recognition
-            for stored_map in candidates[recognition.place] if recognition.is_certain else ():
-                expected = recognition.transform.after(stored_map.transform.inverse)
-                if evaluate_transform(wall_map_of(stored_map), wall_map, expected).walls_agree:
-                    return replace(recognition, floor_cells=floor)
         recognition = replace(self._register(candidates, wall_map, recognition), floor_cells=floor)
         if recognition.is_likely:
             maps = self._database.maps_of(recognition.place)

@@ -196,7 +196,8 @@ class WallMap:
         middle = side // 2
 
         def count(points: np.ndarray) -> np.ndarray:
-            columns, rows = np.floor((points - self.center) / cell + 0.5).astype(int).T + middle
+            cells = np.floor((points - self.center) / cell + 0.5).astype(int) + middle
+            columns, rows = cells.T
             return np.bincount(rows * side + columns, minlength=side * side).reshape(side, side)
 
         per_cell = max(1.0, cell / self.grid.resolution)  # wall cells that make a cell of the drawing a wall

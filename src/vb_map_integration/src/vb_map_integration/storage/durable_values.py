@@ -68,7 +68,7 @@ class DurableValues:
         try:
             self._take_folder(folder, LOCK_TIMEOUT)
         except OSError as error:
-            self._report_read_only(str(error))
+            self._report("database_read_only", Severity.ERROR, what=str(folder), reason=error)
         try:
             self._load(folder)
         except CodedError:
@@ -120,7 +120,8 @@ class DurableValues:
         self.revision, self._values = content
 
     def _load(self, folder: Path) -> None:
-        path, content, read_error = folder / FILE, None, None
+        path = folder / FILE
+        content, read_error = None, None
         try:
             content = _read(path)
         except OSError as error:  # it may be undamaged, and readable later
@@ -146,7 +147,7 @@ class DurableValues:
                 if not (content == _read_or_none(folder / FILE) == _read_or_none(self._copy(folder))):
                     self._write_files(folder, content)
         except (OSError, CodedError) as error:
-            self._report_read_only(str(error))
+            self._report("database_read_only", Severity.ERROR, what=str(folder), reason=error)
 
     def _choose_copy(self, folder: Path, copies: Mapping[Path, Optional[_Content]]) -> Optional[_Content]:
         """Returns the content of the copy with the highest revision; dates are for people, since clocks go wrong."""
@@ -200,9 +201,6 @@ class DurableValues:
 
     def _report(self, code: str, severity: Severity, **values: Any) -> None:
         self.notices.append(Notice.from_error(CodedError(code, **values), severity))
-
-    def _report_read_only(self, reason: str) -> None:
-        self._report("database_read_only", Severity.ERROR, what=str(self._folder), reason=reason)
 
 
 def _read(path: Path) -> Optional[_Content]:
