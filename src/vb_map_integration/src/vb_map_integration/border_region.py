@@ -142,11 +142,10 @@ def join_regions(possible: Sequence[Optional[Region]]) -> Optional[Region]:
         rows, columns = region.window
         part = mask[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
         np.maximum(part, region.mask, out=part)
-    first = regions[0]
     cell_area = max(region.area_m2 / max(1, cv2.countNonZero(region.mask)) for region in regions)
     area = cell_area * cv2.countNonZero(mask)
     window = slice(top, bottom), slice(left, right)
-    return Region(window, mask, first.cell_value, first.covers_unknown, area)
+    return Region(window, mask, regions[0].cell_value, regions[0].covers_unknown, area)
 
 
 def compute_region(prior: GridMap, border: VirtualBorder) -> BorderRegion:

@@ -274,8 +274,8 @@ class MapIntegrator:
         if earlier:
             return ChangeResult((earlier,))
         self._check_revision(expected_revision)
-        new_border = self._database.new_border(border, now, self._recognition.place)
-        return self._draw(new_border, None, robot_positions, request_id)
+        border = self._database.new_border(border, now, self._recognition.place, self.map_id)
+        return self._draw(border, None, robot_positions, request_id)
 
     def update(
         self, border: VirtualBorder, now: float, robot_positions: Positions = (), expected_revision: int = 0
@@ -288,7 +288,8 @@ class MapIntegrator:
         place, before = self._database.find_border(border.id)
         if place != self._recognition.place:
             raise CodedError("on_another_map", id=border.id)
-        border = border.replace(name=border.name or before.name, created=before.created, modified=now)
+        name = border.name or before.name
+        border = border.replace(name=name, created=before.created, modified=now, map_id=self.map_id)
         if not border.has_same_area(self.borders_in_force.statuses[border.id].map_border):
             return self._draw(border, before, robot_positions)
         self._check_robots(border)
@@ -300,7 +301,7 @@ class MapIntegrator:
     ) -> ChangeResult:
         """Adds a border that was drawn on the current map, or replaces `before` by it."""
         transform = self._recognition.transform
-        after = border.replace(map_id=self.map_id).transform(transform.inverse)
+        after = border.transform(transform.inverse)
         # A preview is not enough: the map, the borders or the robots may have changed since. What is checked is the border
         # as it will be read back, which a rounding error may have changed on its way to its place's frame and back.
         check = self.check(after.transform(transform), robot_positions)

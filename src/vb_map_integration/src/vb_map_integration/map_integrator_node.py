@@ -134,8 +134,7 @@ class MapIntegratorNode:
                 self._show_notices()  # the last map may have been refused
                 return
             size = " x ".join(map(str, grid.shape))
-            count = len(self._integrator.borders)
-            rospy.loginfo("%s: a map of %s cells, %d border(s)", rospy.get_name(), size, count)
+            rospy.loginfo("%s: a map of %s cells, %d border(s)", rospy.get_name(), size, len(self._integrator.borders))
             self._publish()
 
     # ------------------------------------------------------------- one border

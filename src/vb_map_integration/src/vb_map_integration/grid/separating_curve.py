@@ -49,6 +49,7 @@ class CurveCut:
         drawn_arcs: (N - 2,) [cells] arc length along the chain to each drawn point.
         trace: the chain's cells from the blocked cell at its start to that at its end, maybe one beyond the map's rim.
         was_free: (K,) bool, which of them were free.
+        line: (M, 2) (column, row) the curve with its extensions.
     """
 
     cells: np.ndarray
@@ -57,12 +58,7 @@ class CurveCut:
     drawn_arcs: np.ndarray
     trace: raster.ChainCells
     was_free: np.ndarray
-
-    @property
-    def line(self) -> np.ndarray:
-        """(M, 2) (column, row) the curve with its extensions."""
-        is_between = (self.drawn_arcs > self.trace.arc[0]) & (self.drawn_arcs < self.trace.arc[-1])
-        return np.vstack([self.trace.points[0], self.chain[1:-1][is_between], self.trace.points[-1]])
+    line: np.ndarray
 
     def direction_to(self, seed: np.ndarray) -> Optional[np.ndarray]:
         """Returns the unit vector (2,) from the curve to a seed (2,) in one of its cells; None for any other seed."""
@@ -179,6 +175,24 @@ def cut_free_space(cells: np.ndarray, points: np.ndarray, fit_length: float, tol
     Raises:
         IntegrationError: "outside_map", "too_complex".
     """
+    chain, trace = _extend(cells, points, fit_length, tolerance)
+    rows, columns = trace.cells.T + 1
+    was_free = cells[rows, columns] == _FREE
+    cells[rows, columns] = _BLOCKED
+    steps = np.diff(chain, axis=0)
+    lengths = np.maximum(np.hypot(steps[:, 0], steps[:, 1]), 1e-12)
+    to_left = steps[:, ::-1] * (-1.0, 1.0)
+    normals = to_left / lengths[:, None]
+    drawn_arcs = np.cumsum(lengths[:-1])
+    is_between = (drawn_arcs > trace.arc[0]) & (drawn_arcs < trace.arc[-1])
+    line = np.vstack([trace.points[0], points[is_between], trace.points[-1]])
+    return CurveCut(cells, chain, normals, drawn_arcs, trace, was_free, line)
+
+
+def _extend(
+    cells: np.ndarray, points: np.ndarray, fit_length: float, tolerance: float
+) -> Tuple[np.ndarray, raster.ChainCells]:
+    """Extends a drawn chain to two blocked cells, on one connected piece if it can; returns `CurveCut.chain` and `trace`."""
     shape = (cells.shape[0] - 2, cells.shape[1] - 2)
     reach = 2.0 * sum(shape) + float(np.abs(points).max())
     first = points[0] + reach * end_direction(points[::-1], fit_length)
@@ -205,14 +219,7 @@ def cut_free_space(cells: np.ndarray, points: np.ndarray, fit_length: float, tol
     if start.inset is None or end.inset is None:
         trace = raster.rasterize_chain(chain, shape)
     part = slice(start.inset or 0, len(trace.arc) - (end.inset or 0))
-    trace = raster.ChainCells(*(values[part] for values in trace))
-    rows, columns = trace.cells.T + 1
-    was_free = cells[rows, columns] == _FREE
-    cells[rows, columns] = _BLOCKED
-    steps = np.diff(chain, axis=0)
-    lengths = np.maximum(np.hypot(steps[:, 0], steps[:, 1]), 1e-12)
-    normals = steps[:, ::-1] * (-1.0, 1.0) / lengths[:, None]
-    return CurveCut(cells, chain, normals, np.cumsum(lengths[:-1]), trace, was_free)
+    return chain, raster.ChainCells(*(values[part] for values in trace))
 
 
 def _find_ends(

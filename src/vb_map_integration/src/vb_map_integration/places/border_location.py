@@ -103,11 +103,9 @@ class BorderLocator:
         points = expected.apply(np.concatenate([accepted.points, [accepted.seed]]))
         floor_is_known = float(self._walls.is_known(points).mean()) >= _SEEN
         walls_agree = fit is not None and fit.is_certain
-        transform = expected
+        transform = fit.transform if fit is not None and walls_agree else expected
         alternatives = []
-        if fit is not None and fit.is_certain:
-            transform = fit.transform
-        elif fit is not None and fit.is_possible:
+        if fit is not None and fit.is_possible and not walls_agree:
             alternatives.append(accepted.transform(fit.transform))
         if self.other_transform is not None:
             alternatives.append(border.transform(self.other_transform))
@@ -150,11 +148,6 @@ class LocalFit:
         return is_found and self.known_share >= _MIN_KNOWN
 
     @property
-    def is_ambiguous(self) -> bool:
-        """Whether the walls are found, but fit other positions about as well."""
-        return self.is_possible and self.margin < _MIN_MARGIN
-
-    @property
     def is_possible(self) -> bool:
         """Whether the walls allow that the border is there."""
         return self.known_share >= _MIN_KNOWN and self.agreement[1] >= _MIN_HIGHER_AGREEMENT
@@ -168,7 +161,8 @@ def fit_locally(old: WallMap, new: WallMap, expected: Transform, outline: np.nda
         outline: (N, 2) [m] the border's, in the old map's frame.
     """
     near = _fit(WALL_RADIUS, old, new, expected, outline)
-    if near is not None and not near.is_ambiguous:
+    # if the walls are found, but fit other positions about as well, or if there are too few, more walls may decide
+    if near is not None and not (near.is_possible and near.margin < _MIN_MARGIN):
         return near
     wider = _fit(WIDER_WALL_RADIUS, old, new, expected, outline)
     return wider if wider is not None and wider.is_certain and wider.moved_m <= _EXPECTED_DISTANCE else near

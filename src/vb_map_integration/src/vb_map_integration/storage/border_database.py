@@ -166,8 +166,8 @@ class Database(DurableValues):
                 return int(place), _read_border(self._values[f"borders/{name}"])
         raise CodedError("unknown_border", id=border_id)
 
-    def new_border(self, border: VirtualBorder, now: float, place: int) -> VirtualBorder:
-        """Gives a border an id (taken when `commit` succeeds), timestamps and, if unnamed, a name free in its place.
+    def new_border(self, border: VirtualBorder, now: float, place: int, map_id: str) -> VirtualBorder:
+        """Gives a border an id (taken when `commit` succeeds), timestamps, its map and, if unnamed, a name free in its place.
 
         Raises:
             CodedError: "id_not_empty".
@@ -178,7 +178,7 @@ class Database(DurableValues):
         kind = "wall" if border.is_wall else "border"
         numbered = (f"{kind} {number}" for number in itertools.count(1))
         name = border.name or next(name for name in numbered if name not in taken)
-        return border.replace(id=f"b{self.get(_NEXT, 1)}", name=name, created=now, modified=now)
+        return border.replace(id=f"b{self.get(_NEXT, 1)}", name=name, created=now, modified=now, map_id=map_id)
 
     def commit(self, place: int, change: Change, kind: str = "new", request_id: str = "") -> None:
         """Makes a change of borders of one place.
