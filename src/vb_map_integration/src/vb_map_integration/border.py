@@ -70,7 +70,7 @@ class VirtualBorder:
         enabled: the user's switch.
         created, modified: [s] ROS time.
         robots: names of the robots that it applies to; empty: all.
-        is_wall: whether it is a virtual wall: the open chain itself may not be crossed, both sides stay usable, the seed is not used.
+        is_wall: a virtual wall: the open chain itself may not be crossed, both sides stay usable, the seed is not used.
         zone: what the area means for robots (vb_core.zones); may be given by its name.
         max_speed: [m/s] in a zone that limits it; 0 elsewhere.
         map_id: fingerprint of the map on which a person accepted it; "" until then.
@@ -238,10 +238,10 @@ def borders_from_geojson(text: str) -> List[VirtualBorder]:
     except ValueError as error:
         raise CodedError("bad_border_file", reason="$file_format", format="JSON", detail=str(error)) from None
     if not isinstance(document, dict):
-        raise _wrong("type", "FeatureCollection", document)
+        raise _file_error("type", "FeatureCollection", document)
     features = document.get("features") if document.get("type") == "FeatureCollection" else [document]
     if not isinstance(features, list):
-        raise _wrong("features", "[...]", features)
+        raise _file_error("features", "[...]", features)
     borders = []
     for number, feature in enumerate(features, 1):
         try:
@@ -251,7 +251,7 @@ def borders_from_geojson(text: str) -> List[VirtualBorder]:
     return borders
 
 
-def _wrong(key: str, expected: str, found: Any) -> CodedError:
+def _file_error(key: str, expected: str, found: Any) -> CodedError:
     return CodedError("bad_border_file", reason="$file_value", key=key, expected=expected, found=repr(found))
 
 
@@ -262,14 +262,14 @@ def border_from_feature(feature: Any) -> VirtualBorder:
         CodedError: "bad_border_file", or as `VirtualBorder`.
     """
     if not isinstance(feature, dict) or feature.get("type") != "Feature":
-        raise _wrong("type", "Feature", feature)
+        raise _file_error("type", "Feature", feature)
     try:
         shape = shapely.geometry.shape(feature.get("geometry"))
     except (shapely.errors.ShapelyError, ValueError, TypeError, LookupError, AttributeError) as error:
         detail = str(error).strip()
         raise CodedError("bad_border_file", reason="$file_format", format="GeoJSON", detail=detail) from None
     if shape.geom_type not in ("Polygon", "LineString"):
-        raise _wrong("geometry", "Polygon | LineString", shape.geom_type)
+        raise _file_error("geometry", "Polygon | LineString", shape.geom_type)
     closed = shape.geom_type == "Polygon"
     if closed and shape.interiors:
         raise CodedError("bad_border_file", reason="$file_polygon_has_holes", found=1 + len(shape.interiors))

@@ -29,10 +29,10 @@ TO_BE_CONFIRMED, DOES_NOT_FIT = "to_be_confirmed", "inactive_on_this_map"
 # causes of waiting, besides the codes of `IntegrationError`
 PLACE, EFFECT = "$place_uncertain", "$closes_something_else"
 # a border closes off the same floor if the IoU of what it closed off and closes off now is at least this
-_SAME_EFFECT = 0.5
+_MIN_SAME_FLOOR_IOU = 0.5
 # while it waits, what it closes off now is in force only up to this many times the area that was accepted
 _MAX_GROWTH_WHILE_WAITING = 2.0
-_NAMED = 3  # how many borders are named to describe a place
+_MAX_NAMES = 3  # how many borders are named to describe a place
 
 
 @dataclass(frozen=True)
@@ -176,7 +176,7 @@ def _decide_status(stored: VirtualBorder, location: BorderLocation, grid: GridMa
         cause = PLACE
     # they are the same object if the line alone decides: then there is nothing to compare
     if current is not None and before is not current and not cause:
-        if before is None or before.iou(current) < _SAME_EFFECT:
+        if before is None or before.iou(current) < _MIN_SAME_FLOOR_IOU:
             cause = EFFECT
     possible = [current, *(_find_region(grid, other)[0] for other in location.alternatives)]
     if not cause:
@@ -230,7 +230,7 @@ def find_notices(statuses: Sequence[BorderStatus], is_certain: bool, place_name:
         values = {"count": str(len(borders)), **_describe_place(place_name, borders)}
         notices.append(Notice("borders_unconfirmed", Severity.WARNING, values=values))
     elif waiting:
-        values = {"count": str(len(waiting)), "borders": _names(waiting)}
+        values = {"count": str(len(waiting)), "borders": _list_names(waiting)}
         notices.append(Notice("borders_to_confirm", Severity.WARNING, values=values))
     for status in statuses:
         if status.code:
@@ -247,12 +247,12 @@ def _describe_place(name: str, borders: Iterable[VirtualBorder]) -> Dict[str, st
     if not drawn:
         return {"place": "$place_before"}
     date = time.strftime("%Y-%m-%d", time.localtime(drawn[0].created))
-    return {"place": "$place_of_borders", "borders": _names(drawn), "date": date}
+    return {"place": "$place_of_borders", "borders": _list_names(drawn), "date": date}
 
 
-def _names(borders: Sequence[VirtualBorder]) -> str:
+def _list_names(borders: Sequence[VirtualBorder]) -> str:
     """Lists the names of the first few borders."""
-    listed = [border.name for border in borders[:_NAMED]]
-    if len(borders) > _NAMED:
+    listed = [border.name for border in borders[:_MAX_NAMES]]
+    if len(borders) > _MAX_NAMES:
         listed.append("...")
     return ", ".join(listed)

@@ -188,11 +188,11 @@ class MapIntegrator:
         self._free_parts = None
 
     # ------------------------------------------------------------- which place the map shows
-    def confirm(self, same: bool, name: str, map_id: str = "") -> ChangeResult:
+    def confirm(self, is_same_place: bool, name: str, map_id: str = "") -> ChangeResult:
         """Adopts a person's answer about what the current map shows.
 
         Args:
-            same: it is the place whose borders are in force, and they are right as shown; else a new place without any.
+            is_same_place: it is the place whose borders are in force, and they are right as shown; else a new place.
             name: the place's new name; empty: unchanged.
             map_id: id of the map that the answer is about; empty: whichever is current.
 
@@ -203,19 +203,19 @@ class MapIntegrator:
         if map_id and map_id != self.map_id:
             raise CodedError("map_changed")
         stored_map = self._database.maps().get(self.map_id)
-        transform = recognition.transform if same else Transform()
-        place = recognition.place if same else 0
+        transform = recognition.transform if is_same_place else Transform()
+        place = recognition.place if is_same_place else 0
         self._database.check_name(name, place)
-        if same and place and stored_map is not None and stored_map.place == place:
+        if is_same_place and place and stored_map is not None and stored_map.place == place:
             if name:
                 self._database.rename_place(place, name)
             self._database.remember_place(place)
         else:
             is_places_first = stored_map is not None and stored_map.number == stored_map.place
-            if is_places_first and not same and self._database.borders(stored_map.place):
+            if is_places_first and not is_same_place and self._database.borders(stored_map.place):
                 raise CodedError("drawn_on_this_map")
             place = self._database.add_map(grid, self.map_id, place, transform, name)
-        waiting = [status for status in self._statuses if same and status.can_be_confirmed]
+        waiting = [status for status in self._statuses if is_same_place and status.can_be_confirmed]
         self._adopt_map(grid, PlaceRecognition(place, transform))
         changes = []
         for status in waiting:  # from now on, what these borders close off here counts as accepted
@@ -275,7 +275,7 @@ class MapIntegrator:
             return ChangeResult((earlier,))
         self._check_revision(expected_revision)
         border = self._database.new_border(border, now, self._recognition.place, self.map_id)
-        return self._draw(border, None, robot_positions, request_id)
+        return self._store_drawn_border(border, None, robot_positions, request_id)
 
     def update(
         self, border: VirtualBorder, now: float, robot_positions: Positions = (), expected_revision: int = 0
@@ -291,19 +291,19 @@ class MapIntegrator:
         name = border.name or before.name
         border = border.replace(name=name, created=before.created, modified=now, map_id=self.map_id)
         if not border.has_same_area(self.borders_in_force.statuses[border.id].map_border):
-            return self._draw(border, before, robot_positions)
+            return self._store_drawn_border(border, before, robot_positions)
         self._check_robots(border)
         after = border.replace(points=before.points, seed=before.seed, map_id=before.map_id)
         return self._make_change((BorderChange(border.id, before, after),))
 
-    def _draw(
+    def _store_drawn_border(
         self, border: VirtualBorder, before: Optional[VirtualBorder], robot_positions: Positions, request_id: str = ""
     ) -> ChangeResult:
         """Adds a border that was drawn on the current map, or replaces `before` by it."""
         transform = self._recognition.transform
         after = border.transform(transform.inverse)
-        # A preview is not enough: the map, the borders or the robots may have changed since. What is checked is the border
-        # as it will be read back, which a rounding error may have changed on its way to its place's frame and back.
+        # A preview is not enough: the map, the borders or the robots may have changed since. The border is checked as it
+        # will be read back: a rounding error may change it on its way to its place's frame and back.
         check = self.check(after.transform(transform), robot_positions)
         if not self._recognition.is_certain:  # a border would belong to no place
             raise IntegrationError("confirm_map_first")

@@ -165,7 +165,7 @@ class MapIntegratorNode:
             result = self._integrator.add(border, now, robots, request.expected_revision, request.request_id)
             return ChangeResult(result.ids, result.issues + self._warn_if_soft_cost_is_ignored(border))
 
-        return self._change(add, srv.AddBorderResponse())
+        return self._carry_out(add, srv.AddBorderResponse())
 
     def _update(self, request: srv.UpdateBorderRequest) -> srv.UpdateBorderResponse:
         def update() -> ChangeResult:
@@ -174,7 +174,7 @@ class MapIntegratorNode:
             result = self._integrator.update(border, now, robots, request.expected_revision)
             return ChangeResult(result.ids, result.issues + self._warn_if_soft_cost_is_ignored(border))
 
-        return self._change(update, srv.UpdateBorderResponse())
+        return self._carry_out(update, srv.UpdateBorderResponse())
 
     def _read_border(self, request: Any) -> VirtualBorder:
         """Reads the border of a request to preview, add or update one; raises IntegrationError if it is invalid."""
@@ -208,34 +208,34 @@ class MapIntegratorNode:
     # ------------------------------------------------------------- other changes
     def _remove(self, request: srv.RemoveBorderRequest) -> srv.RemoveBorderResponse:
         remove = partial(self._integrator.remove, request.id, request.expected_revision)
-        return self._change(remove, srv.RemoveBorderResponse())
+        return self._carry_out(remove, srv.RemoveBorderResponse())
 
     def _set_enabled(self, request: srv.SetBorderEnabledRequest) -> srv.SetBorderEnabledResponse:
-        change = request.id, request.enabled, rospy.get_time(), request.expected_revision
-        return self._change(partial(self._integrator.set_enabled, *change), srv.SetBorderEnabledResponse())
+        arguments = request.id, request.enabled, rospy.get_time(), request.expected_revision
+        return self._carry_out(partial(self._integrator.set_enabled, *arguments), srv.SetBorderEnabledResponse())
 
     def _rename(self, request: srv.RenameBorderRequest) -> srv.RenameBorderResponse:
-        change = request.id, request.name, rospy.get_time(), request.expected_revision
-        return self._change(partial(self._integrator.rename, *change), srv.RenameBorderResponse())
+        arguments = request.id, request.name, rospy.get_time(), request.expected_revision
+        return self._carry_out(partial(self._integrator.rename, *arguments), srv.RenameBorderResponse())
 
     def _confirm(self, request: srv.ConfirmMapRequest) -> srv.ConfirmMapResponse:
-        same = request.answer == srv.ConfirmMapRequest.SAME_PLACE
-        confirm = partial(self._integrator.confirm, same, request.name, request.map_id)
-        return self._change(confirm, srv.ConfirmMapResponse())
+        is_same_place = request.answer == srv.ConfirmMapRequest.SAME_PLACE
+        confirm = partial(self._integrator.confirm, is_same_place, request.name, request.map_id)
+        return self._carry_out(confirm, srv.ConfirmMapResponse())
 
     def _undo_or_redo(self, request: srv.UndoRedoRequest) -> srv.UndoRedoResponse:
         step = self._integrator.redo if request.redo else self._integrator.undo
-        return self._change(partial(step, request.request_id), srv.UndoRedoResponse())
+        return self._carry_out(partial(step, request.request_id), srv.UndoRedoResponse())
 
     def _trigger(self, redo: bool) -> TriggerResponse:
         answer = self._undo_or_redo(srv.UndoRedoRequest(redo=redo))
         return TriggerResponse(answer.success, answer.message or answer.code)
 
-    def _change(self, change: Callable[[], ChangeResult], response: Any) -> Any:
-        """Makes a change, publishes the map with it, and fills in the response; if it is refused, only the response."""
+    def _carry_out(self, command: Callable[[], ChangeResult], response: Any) -> Any:
+        """Carries out a command, publishes the map, and fills in the response; if it is refused, only the response."""
         try:
             with self._lock:
-                result = change()
+                result = command()
                 self._publish()
                 revision = self._integrator.revision
         except CodedError as error:

@@ -23,7 +23,7 @@ MAX_CROSSINGS = 4_000_000
 # larger maps are checked in coarser cells: the check is about doors and rooms, and people wait for its result
 MAX_CELLS = 2_000_000
 # [m^2] smaller parts, by the area that the robot's centre can reach, are not counted
-MIN_PART = 0.1
+MIN_PART_AREA = 0.1
 
 
 def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[CellWindow, np.ndarray]:
@@ -70,7 +70,7 @@ def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[CellWind
 
 
 def _enumerate_runs(lengths: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """Numbers the elements of runs of lengths (N,): returns each one's run (K,) and number there (K,). Refuses too many."""
+    """Numbers the elements of runs of lengths (N,): returns each one's run (K,) and its number there (K,)."""
     total = int(lengths.sum())
     if total > MAX_CROSSINGS:
         raise IntegrationError("too_complex")
@@ -151,4 +151,4 @@ def count_free_parts(grid: GridMap, radius: float) -> int:
         framed = cv2.copyMakeBorder(free, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
         free = (cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1] > reach).astype(np.uint8)
     _, _, stats, _ = cv2.connectedComponentsWithStats(free, connectivity=4)
-    return int((stats[1:, cv2.CC_STAT_AREA] * cell**2 >= MIN_PART).sum())
+    return int((stats[1:, cv2.CC_STAT_AREA] * cell**2 >= MIN_PART_AREA).sum())

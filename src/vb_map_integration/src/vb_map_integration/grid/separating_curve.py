@@ -27,8 +27,8 @@ from vb_map_integration.border import IntegrationError
 from vb_map_integration.grid import raster
 
 # the seed's area touches a side of the curve if at least this share of the free samples on that side were filled
-_TOUCHES = 0.1
-_ASIDE = 1.6  # [cells] how far from the curve the samples on both sides are
+_MIN_FILLED_SHARE = 0.1
+_SAMPLE_DISTANCE = 1.6  # [cells] how far from the curve the samples on both sides are
 _STEPS_ROUND = np.argwhere(np.ones((3, 3))) - 1  # (row, column) from a cell to itself and its eight neighbours
 # where the end of a chain is sampled to find its direction, as shares of the fitted length
 _SAMPLES = np.linspace(0.0, 1.0, 16)
@@ -97,7 +97,7 @@ class CurveCut:
         near_drawn = (self.trace.arc >= self.drawn_arcs[0] - 1.0) & (self.trace.arc <= self.drawn_arcs[-1] + 1.0)
         is_sampled = near_drawn & self.was_free
         points = self.trace.points[is_sampled]
-        to_left = _ASIDE * self.normals[self.trace.segment[is_sampled]]
+        to_left = _SAMPLE_DISTANCE * self.normals[self.trace.segment[is_sampled]]
         samples = np.array([points + to_left, points - to_left])
         # from the map's coordinates to the frame's; the frame's own cells are neither free nor filled
         last = self.cells.shape[1] - 1, self.cells.shape[0] - 1
@@ -108,7 +108,7 @@ class CurveCut:
         if not sample_counts.all():
             raise IntegrationError("no_separation")
         left, right = filled_counts / sample_counts
-        if left >= _TOUCHES and right >= _TOUCHES:
+        if left >= _MIN_FILLED_SHARE and right >= _MIN_FILLED_SHARE:
             raise IntegrationError("seed_on_both_sides")
         if left == right == 0.0:
             raise IntegrationError("no_separation")
@@ -192,7 +192,7 @@ def cut_free_space(cells: np.ndarray, points: np.ndarray, fit_length: float, tol
 def _extend(
     cells: np.ndarray, points: np.ndarray, fit_length: float, tolerance: float
 ) -> Tuple[np.ndarray, raster.ChainCells]:
-    """Extends a drawn chain to two blocked cells, on one connected piece if it can; returns `CurveCut.chain` and `trace`."""
+    """Extends a drawn chain to blocked cells, of one piece if possible; returns `CurveCut.chain` and `CurveCut.trace`."""
     shape = (cells.shape[0] - 2, cells.shape[1] - 2)
     reach = 2.0 * sum(shape) + float(np.abs(points).max())
     first = points[0] + reach * end_direction(points[::-1], fit_length)

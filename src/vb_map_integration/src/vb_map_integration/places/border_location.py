@@ -23,7 +23,7 @@ from vb_map_integration.places.registration import WallMap, compare_walls, refin
 from vb_map_integration.places.transform import Transform
 from vb_map_integration.storage.border_database import StoredMap
 
-_SEEN = 0.5  # share of a border's points that the map must know before a person is asked about the border
+_MIN_SEEN_SHARE = 0.5  # share of a border's points that the map must know before a person is asked about the border
 WALL_RADIUS = 3.0  # [m] walls this near a border decide where it is; others may be distorted differently
 WIDER_WALL_RADIUS = 4.5  # [m] the same, where those are ambiguous
 _MAX_WALLS = 300  # wall cells that are compared: `count` of `registration.subsample`
@@ -101,7 +101,7 @@ class BorderLocator:
         expected = self.transform.after(stored.transform.inverse)
         fit = fit_locally(wall_map_of(stored), self._walls, expected, accepted.points)
         points = expected.apply(np.concatenate([accepted.points, [accepted.seed]]))
-        floor_is_known = float(self._walls.is_known(points).mean()) >= _SEEN
+        floor_is_known = float(self._walls.is_known(points).mean()) >= _MIN_SEEN_SHARE
         walls_agree = fit is not None and fit.is_certain
         transform = fit.transform if fit is not None and walls_agree else expected
         alternatives = []

@@ -21,17 +21,17 @@ from vb_map_integration.places.transform import Transform
 from vb_map_integration.storage.border_database import Database, StoredMap
 
 # how many of a place's maps are compared: the first and the newest ones
-_COMPARED = 3
+_MAPS_COMPARED = 3
 # a registration with a lower agreement is no evidence of where the borders are
 _PLAUSIBLE_AGREEMENT = 0.8
 # from this agreement on, borders may be where a registration puts them
 _POSSIBLE_AGREEMENT = 0.5
 # smaller differences in agreement between hypotheses mean nothing if none is certain
-_DOUBT = 0.15
+_MIN_LEAD = 0.15
 # a map continues the previous one if this share of the previous one's obstacles are still in the same cells
-_CONTINUED = 0.95
+_MIN_KEPT_SHARE = 0.95
 # a map that was not recognised for certain is registered again once its known floor has grown by this factor
-_GROWN = 1.25
+_GROWTH = 1.25
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class PlaceRecognizer:
                     expected = recognition.transform.after(stored_map.transform.inverse)
                     if evaluate_transform(wall_map_of(stored_map), wall_map, expected).walls_agree:
                         return replace(recognition, floor_cells=floor)
-            elif floor < _GROWN * recognition.floor_cells:
+            elif floor < _GROWTH * recognition.floor_cells:
                 return recognition
         recognition = replace(self._register(candidates, wall_map, recognition), floor_cells=floor)
         if recognition.is_likely:
@@ -137,7 +137,7 @@ class PlaceRecognizer:
         """Recognises a map by registration in maps of places; the search starts at an earlier recognition."""
         best: Dict[int, _Candidate] = {}
         for place, maps in places.items():
-            for stored_map in maps[:1] + maps[1:][1 - _COMPARED :]:
+            for stored_map in maps[:1] + maps[1:][1 - _MAPS_COMPARED :]:
                 candidate = self._compare(stored_map, wall_map, recognition)
                 if candidate is not None and (place not in best or candidate.rank > best[place].rank):
                     best[place] = candidate
@@ -149,7 +149,7 @@ class PlaceRecognizer:
         if plausible:
             likeliest = max(plausible, key=lambda candidate: candidate.rank)
             others = [other.registration.agreement for other in plausible if other is not likeliest]
-            is_ahead = likeliest.registration.agreement >= max(others, default=0.0) + _DOUBT
+            is_ahead = likeliest.registration.agreement >= max(others, default=0.0) + _MIN_LEAD
             is_likely = likeliest.registration.is_clearly_best and is_ahead
             return replace(likeliest.recognition, is_certain=False, is_likely=is_likely)
         last = self._database.last_place
@@ -168,9 +168,9 @@ class PlaceRecognizer:
         if not (registration.is_certain or registration.is_clearly_best):
             # borders stay where they are, unless another transform is plausible and fits clearly better
             unmoved = [evaluate_transform(reference, wall_map, guess) for guess in guesses]
-            still = max(unmoved, key=lambda candidate: candidate.agreement)
-            moves = registration.agreement >= max(_PLAUSIBLE_AGREEMENT, still.agreement + _DOUBT)
-            registration, other = (registration, still) if moves else (still, registration)
+            best_unmoved = max(unmoved, key=lambda candidate: candidate.agreement)
+            is_moved = registration.agreement >= max(_PLAUSIBLE_AGREEMENT, best_unmoved.agreement + _MIN_LEAD)
+            registration, other = (registration, best_unmoved) if is_moved else (best_unmoved, registration)
             if other.agreement >= _POSSIBLE_AGREEMENT and other.transform != registration.transform:
                 other_transform = other.transform.after(stored_map.transform)
         transform = registration.transform.after(stored_map.transform)
@@ -191,7 +191,7 @@ def is_extension(previous: GridMap, current: GridMap) -> bool:
     obstacles = np.argwhere(previous.data >= OCCUPIED_THRESHOLD) + (row, column)
     on_map = obstacles[current.contains_cells(obstacles)]
     is_still_there = current.data[tuple(on_map.T)] >= OCCUPIED_THRESHOLD
-    return len(obstacles) > 0 and np.count_nonzero(is_still_there) >= _CONTINUED * len(obstacles)
+    return len(obstacles) > 0 and np.count_nonzero(is_still_there) >= _MIN_KEPT_SHARE * len(obstacles)
 
 
 def _snap(transform: Transform, expected: Transform, grid: GridMap) -> Transform:

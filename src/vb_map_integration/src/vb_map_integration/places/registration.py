@@ -339,10 +339,10 @@ def refine(
         rotation = Transform(yaw=yaw).rotation
         arms = (old_walls - center) @ rotation.T  # from the centre to each wall, in the new map's frame
         old_distances, gradients = new.look_up(center_in_new + arms)
-        old_jacobian = np.column_stack([gradients, _cross(arms, gradients)])
+        old_jacobian = np.column_stack([gradients, _cross_products(arms, gradients)])
         arms = (new_walls - center_in_new) @ rotation  # in the old map's frame, in which they move the other way
         new_distances, gradients = old.look_up(center + arms)
-        new_jacobian = np.column_stack([-(gradients @ rotation.T), _cross(gradients, arms)])
+        new_jacobian = np.column_stack([-(gradients @ rotation.T), _cross_products(gradients, arms)])
         distances = np.concatenate([old_distances, new_distances])
         jacobian = np.concatenate([old_jacobian, new_jacobian])
         weighted = jacobian * np.square(np.maximum(0.0, 1.0 - np.square(distances / reach)))[:, None]
@@ -353,7 +353,7 @@ def refine(
     return Transform.rotation_about(center, center_in_new, yaw)
 
 
-def _cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def _cross_products(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Computes the cross products (N,) of vectors (N, 2)."""
     return first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
 

@@ -167,7 +167,7 @@ class Database(DurableValues):
         raise CodedError("unknown_border", id=border_id)
 
     def new_border(self, border: VirtualBorder, now: float, place: int, map_id: str) -> VirtualBorder:
-        """Gives a border an id (taken when `commit` succeeds), timestamps, its map and, if unnamed, a name free in its place.
+        """Gives a border an id (taken when `commit` succeeds), times, its map and, if unnamed, a name free in its place.
 
         Raises:
             CodedError: "id_not_empty".

@@ -144,7 +144,7 @@ class DurableValues:
                 path.unlink()
             if content is not None:
                 self.revision, self._values = content
-                if not (content == _read_or_none(folder / FILE) == _read_or_none(self._copy(folder))):
+                if not (content == _read_or_none(folder / FILE) == _read_or_none(self._copy_path(folder))):
                     self._write_files(folder, content)
         except (OSError, CodedError) as error:
             self._report("database_read_only", Severity.ERROR, what=str(folder), reason=error)
@@ -161,7 +161,7 @@ class DurableValues:
             self._report("borders_lost_since", Severity.ERROR, date=path.stem[-10:])
         return content
 
-    def _copy(self, folder: Path) -> Path:
+    def _copy_path(self, folder: Path) -> Path:
         return folder / "copies" / f"borders-{self._today().isoformat()}.jsonl"
 
     def _write_files(self, folder: Path, content: _Content) -> None:
@@ -169,7 +169,7 @@ class DurableValues:
         lines += [f"{json.dumps(key)}\t{value}" for key, value in content.values.items()]
         rest = "\n".join([*lines, ""]).encode()
         whole = _checksum(rest) + b"\n" + rest
-        copy = self._copy(folder)
+        copy = self._copy_path(folder)
         files.write_together({folder / FILE: whole, copy: whole})
         other_copies = sorted(path for path in copy.parent.glob("*.jsonl") if path != copy)
         for old in other_copies[: 1 - MAX_COPIES]:
