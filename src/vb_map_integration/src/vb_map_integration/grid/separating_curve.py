@@ -116,6 +116,7 @@ class CurveCut:
 
     def _fill_own_cells(self, side: float) -> None:
         """Fills the curve's own cells whose centre is on the filled side, and that touch filled ones."""
+        # a centre c is at the height n . c - n . p over its segment, which begins at p and has the normal n
         segment = self.trace.segment
         segment_heights = (self.chain[:-1] * self.normals).sum(axis=1)
         cell_heights = (self.trace.cells[:, ::-1] * self.normals[segment]).sum(axis=1)
@@ -199,8 +200,7 @@ def _extend(
     last = points[-1] + reach * end_direction(points, fit_length)
     chain = np.vstack([first, points, last])
     trace = raster.rasterize_chain(chain, shape)
-    steps = np.diff(points, axis=0)
-    drawn_length = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+    drawn_length = float(np.hypot(*np.diff(points, axis=0).T).sum())
     before_start = reach - trace.arc  # [cells] how far each cell lies before the drawn start
     beyond_end = trace.arc - reach - drawn_length  # [cells] and beyond the drawn end
     is_drawn = (before_start <= 1.0) & (beyond_end <= 1.0)
