@@ -30,7 +30,7 @@ from vb_core import geometry, sentences
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 from vb_fusion.camera_offsets import remove_offsets
-from vb_fusion.observations import Observations, is_on_floor, make_observations
+from vb_fusion.observations import Observations, find_clusters, is_on_floor, make_observations
 from vb_fusion.paper_algorithms import find_cluster, generate_polygon, thin_points
 from vb_fusion.polygonal_chain import Closure, classify_closure, make_chain
 from vb_fusion.seed_point import Dwell, choose_seed, find_dwells, find_competing_dwell
@@ -117,10 +117,11 @@ def extract_border(
         raise ValueError("only the paper's mode needs no stamps")
     observations = make_observations(points, stamps, cameras, confidences, mobile)  # stage 0
     _require_spots(int(observations.spots.sum()), params.min_size)
-    drawn = find_drawn_line(observations, params.eps, params.min_exp, params.min_size)  # stage 1
+    clusters = find_clusters(observations)
+    drawn = find_drawn_line(observations, clusters, params.eps, params.min_exp, params.min_size)  # stage 1
     line = remove_offsets(drawn.line)  # stage 2
     vertices, closure = make_chain(line, drawn.joined, params.eps)  # stages 3 to 6
-    unseen = _longest_unseen_gap(line, closure, drawn.joined, drawn.dropout_time)
+    unseen = _longest_unseen_gap(line, closure, drawn.joined, clusters.dropout_time)
     return BorderChain(vertices, closure, drawn.left_out.points, int(drawn.left_out.spots.sum()), unseen)
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from vb_core.errors import CodedError
-from vb_fusion.observations import TIME_BIN, TREMOR, Observations, is_on_floor, make_observations
-from vb_fusion.strokes import find_best_track, find_clusters
+from vb_fusion.observations import TIME_BIN, TREMOR, Observations, find_clusters, is_on_floor, make_observations
+from vb_fusion.strokes import find_best_track
 
 HAND_RADIUS = 1.5 * TREMOR  # [m] a hand held still stays within this of its mean, camera offsets included
 MIN_DWELL = 0.7  # [s] a hand that passes at 0.2 m/s, as slowly as people draw, is within HAND_RADIUS for this long
