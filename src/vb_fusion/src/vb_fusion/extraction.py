@@ -152,10 +152,13 @@ def _longest_unseen_gap(line: Observations, closure: Closure, joined: bool, drop
     nothing was seen between the times of its two ends.
     """
     began, ended = sorted(line.stamps[[0, -1]])
-    lifted = not ((began < line.stamps) & (line.stamps < ended)).any()
-    opening = closure.gap if joined and (closure.closed or lifted) else 0.0
-    steps = np.hypot(*np.diff(line.points, axis=0).T)
-    return float(steps[np.abs(np.diff(line.stamps)) > dropout].max(initial=opening))
+    is_between = (began < line.stamps) & (line.stamps < ended)
+    is_unseen = joined and (closure.closed or not is_between.any())
+    opening = closure.gap if is_unseen else 0.0
+    dx, dy = np.diff(line.points, axis=0).T
+    steps = np.hypot(dx, dy)
+    pauses = np.abs(np.diff(line.stamps))
+    return float(steps[pauses > dropout].max(initial=opening))
 
 
 # ------------------------------------------------------------------ border and seed while a person draws

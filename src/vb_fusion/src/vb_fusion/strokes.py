@@ -149,11 +149,13 @@ def _divide(
         The clusters of each stroke, and those of each glint before the first and after the last of them, as indices.
     """
     steps = np.linalg.norm(np.diff(track.points, axis=0), axis=1)
-    floor = np.where(np.diff(track.stamps) > dropout, 0.0, explained[:-1] + explained[1:])
+    is_pause = np.diff(track.stamps) > dropout
+    floor = np.where(is_pause, 0.0, explained[:-1] + explained[1:])
     unseen = np.flatnonzero(steps > CLUSTER_WIDTH + floor) + 1
     pieces = np.split(np.arange(len(explained)), unseen)
-    runs = _drop_short_pieces_beside_pauses(_split_at_pauses(pieces, track.stamps, dropout))
-    strokes = _join_across_gaps([np.concatenate(run) for run in runs if run], track.points, max_gap)
+    runs = _split_at_pauses(pieces, track.stamps, dropout)
+    kept_runs = [np.concatenate(run) for run in _drop_short_pieces_beside_pauses(runs) if run]
+    strokes = _join_across_gaps(kept_runs, track.points, max_gap)
     within = range(strokes[0][0], strokes[-1][-1] + 1) if strokes else range(0)
     # a single cluster is a stray
     glints = [piece for piece in pieces if len(piece) > 1 and piece[0] not in within]
@@ -200,10 +202,12 @@ def _observations_near(observations: Observations, pointer: Observations) -> np.
     began, ended = pointer.stamps[[0, -1]]
     first, last = np.searchsorted(observations.stamps, (began - TIME_BIN, ended + TIME_BIN))
     nearby = observations.select(slice(first, last))
-    x = np.interp(nearby.stamps, pointer.stamps, pointer.points[:, 0])
-    y = np.interp(nearby.stamps, pointer.stamps, pointer.points[:, 1])
-    mobile = np.interp(nearby.stamps, pointer.stamps, pointer.mobile)
-    reach = CLUSTER_WIDTH + LOCALIZATION_ERROR * np.maximum(mobile, nearby.mobile)
+    times = nearby.stamps
+    x = np.interp(times, pointer.stamps, pointer.points[:, 0])
+    y = np.interp(times, pointer.stamps, pointer.points[:, 1])
+    pointer_mobile = np.interp(times, pointer.stamps, pointer.mobile)
+    mobile = np.maximum(pointer_mobile, nearby.mobile)
+    reach = CLUSTER_WIDTH + LOCALIZATION_ERROR * mobile
     distances = np.hypot(nearby.points[:, 0] - x, nearby.points[:, 1] - y)
     return first + np.flatnonzero(distances <= reach)
 
@@ -260,8 +264,11 @@ def _lattice_shares(points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     column, row = (cell - cell.min(axis=0)).T
     stride = int(row.max()) + 2
     left_node = column * stride + row
-    keys = [left_node, left_node + 1, left_node + stride, left_node + stride + 1]
-    shares = [(1.0 - right) * (1.0 - up), (1.0 - right) * up, right * (1.0 - up), right * up]
+    right_node = left_node + stride
+    keys = [left_node, left_node + 1, right_node, right_node + 1]
+    left = 1.0 - right
+    down = 1.0 - up
+    shares = [left * down, left * up, right * down, right * up]
     nodes = np.unique(keys, return_inverse=True)[1].reshape(4, -1)
     return nodes, np.array(shares)
 
@@ -308,13 +315,14 @@ def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
         share = (times[middle] - times[before]) / np.maximum(whole, 1e-9)
         way = points[after] - points[before]
         offset = points[before] + share[:, None] * way - points[middle]
-        half_distance = 0.5 * np.hypot(way[:, 0], way[:, 1])
-        allowed = np.maximum(0.3 * half_distance, TREMOR)
-        straight = np.exp(-((np.hypot(offset[:, 0], offset[:, 1]) / allowed) ** 2))
+        distance = np.hypot(way[:, 0], way[:, 1])
+        deviation = np.hypot(offset[:, 0], offset[:, 1])
+        straight = np.exp(-((deviation / np.maximum(0.15 * distance, TREMOR)) ** 2))
         # the middle cluster of a row is seen halfway in time. If only two are seen, one of them twice, it is not
         halfway = 4.0 * share * (1.0 - share)
-        row = np.maximum(half_distance - TREMOR, 0.0) * straight * halfway
-        row[(whole > dropout) | (2.0 * half_distance > UNSEEN_SPEED * whole)] = 0.0
+        row = np.maximum(0.5 * distance - TREMOR, 0.0) * straight * halfway
+        is_too_fast = distance > UNSEEN_SPEED * whole
+        row[(whole > dropout) | is_too_fast] = 0.0
         # the row's ends too, where the stroke may begin or end
         for part, weight in ((before, 0.5), (middle, 1.0), (after, 0.5)):
             swept[part] = np.maximum(swept[part], weight * row)
