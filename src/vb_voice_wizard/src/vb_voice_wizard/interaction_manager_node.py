@@ -25,9 +25,9 @@ from vb_msgs.msg import BorderProgress, DriverState, InteractionState, LaserSpot
 from vb_msgs.msg import VirtualBorderArray
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
-from vb_voice_wizard.command_answers import Answer, AnswerCache
-from vb_voice_wizard.preview.border_preview import PreviewPublisher
+from vb_voice_wizard.border_preview import PreviewPublisher
 from vb_voice_wizard.border_services import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, BorderServices
+from vb_voice_wizard.command_answers import Answer, AnswerCache
 from vb_voice_wizard.interaction import Interaction, InteractionParams
 
 _PUBLISH_PERIOD = 0.1  # [s] of wall time: robots stop half a second after the last state (vb_msgs/InteractionState)
@@ -195,9 +195,7 @@ class InteractionManagerNode:
                 answer = interaction.command(command, request.source, now, seen_stop=request.seen_stop, **doubts)
             pending = interaction.pending if answer.success and COMMANDS[command].is_delegated else ""
             interaction_id = interaction.interaction_id
-            if pending == SAVE:
-                self._preview_publisher.on_interaction(interaction_id, saving=True)
-            else:
+            if pending != SAVE:  # a save usually has its final answer before the next state is due
                 self._publish_and_record()
         if command == RESUME:
             self._latch.store()
@@ -227,7 +225,7 @@ class InteractionManagerNode:
 
     def _save(self, interaction_id: str, source: str) -> str:
         """Adds the drawn border to the map, and returns its id."""
-        border = self._preview_publisher.border_to_save(interaction_id)
+        border = self._preview_publisher.fetch_border_to_save(interaction_id)
         with self._lock:
             self._interaction.mark_save_sent()
         return self._services.add(border, source, interaction_id)
