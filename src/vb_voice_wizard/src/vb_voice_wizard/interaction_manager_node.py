@@ -204,9 +204,12 @@ class InteractionManagerNode:
     def _complete(self, pending: str, interaction_id: str, request: CommandRequest) -> Answer:
         """Has other nodes carry out a pending command, without the lock, and completes it with their answer."""
         border_id = ""
+        is_sent = False
         try:
             if pending == SAVE:
-                border_id = self._save(interaction_id, request.source)
+                border = self._preview_publisher.fetch_border_to_save(interaction_id)
+                is_sent = True
+                border_id = self._services.add(border, request.source, interaction_id)
                 answer = Answer(True, "saved")
             else:
                 answer = self._undo_or_redo(pending, request.id)
@@ -219,16 +222,9 @@ class InteractionManagerNode:
             rospy.logerr("interaction_manager: %s failed:\n%s", pending, traceback.format_exc())
             answer = Answer.from_error(CodedError("internal_error"))
         with self._lock:
-            answer = self._interaction.finish_pending(answer, rospy.get_time(), border_id)
+            answer = self._interaction.finish_pending(answer, rospy.get_time(), border_id, is_sent)
             self._publish_and_record()
         return answer
-
-    def _save(self, interaction_id: str, source: str) -> str:
-        """Adds the drawn border to the map, and returns its id."""
-        border = self._preview_publisher.fetch_border_to_save(interaction_id)
-        with self._lock:
-            self._interaction.mark_save_sent()
-        return self._services.add(border, source, interaction_id)
 
     def _undo_or_redo(self, command: str, request_id: str) -> Answer:
         """Has the newest change of the borders undone or redone. The answer says how they have changed."""
