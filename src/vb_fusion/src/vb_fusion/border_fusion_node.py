@@ -59,7 +59,7 @@ class BorderFusionNode:
     def __init__(self, params: FusionParams) -> None:
         self._params = params
         self._collector = SpotCollector()
-        self._live = LiveExtractor(params.extraction, params.live_cpu_share)
+        self._live = self._new_extractor()
         self._lock = threading.Lock()
         self._changed = threading.Event()  # wakes the publisher on a change of state
         self._closing = False
@@ -76,6 +76,9 @@ class BorderFusionNode:
         self._service = rospy.Service(names.GET_DRAWN_BORDER, GetDrawnBorder, self._on_get_drawn_border)
         self._worker = node.start_thread(self._work)
 
+    def _new_extractor(self) -> LiveExtractor:
+        return LiveExtractor(self._params.extraction, self._params.live_cpu_share)
+
     # ------------------------------------------------------------- input
     def _on_state(self, message: InteractionState) -> None:
         state = state_by_name(message.name)
@@ -87,7 +90,7 @@ class BorderFusionNode:
             entered = message.entered.to_sec()
             is_new = self._collector.set_state(state, message.interaction_id, entered, message.last_outcome)
             if is_new:
-                self._live.reset()
+                self._live = self._new_extractor()
                 self._failure = None
                 self._doubts = []
         if is_new or state != state_before:
@@ -177,9 +180,10 @@ class BorderFusionNode:
             if not reason or not self._collector.interaction_id:
                 return False
             snapshot = self._collector.snapshot()
+            live = self._live
         self._published = now
         # after a change of state the published chain must be current
-        drawn = self._live.update(snapshot, time.monotonic, force=state_changed)
+        drawn = live.update(snapshot, time.monotonic, force=state_changed)
         with self._lock:
             if snapshot.interaction_id != self._collector.interaction_id:
                 return True  # another interaction has begun since the snapshot
@@ -193,7 +197,7 @@ class BorderFusionNode:
         message.header.stamp = rospy.get_rostime()
         message.header.frame_id = names.MAP_FRAME
         message.interaction_id = snapshot.interaction_id
-        message.border_spots, message.seed_spots, message.ignored_spots = self._collector.counts
+        message.border_spots, message.seed_spots, message.ignored_spots = snapshot.counts
         shown = subsample_evenly(snapshot.border)
         message.points = points_from_array(shown["points"])
         message.point_cameras = bytes(np.minimum(shown["cameras"], 255).astype(np.uint8))
@@ -220,13 +224,14 @@ class BorderFusionNode:
         with self._lock:
             snapshot = self._collector.snapshot()
             is_incomplete = self._collector.is_incomplete
+            live = self._live
         interaction = request.interaction_id or snapshot.interaction_id
         try:
             if not interaction or interaction != snapshot.interaction_id:
                 raise CodedError("unknown_interaction", interaction=interaction)
             if is_incomplete:
                 raise CodedError("drawing_lost")
-            drawn = self._live.update(snapshot, time.monotonic, force=True)
+            drawn = live.update(snapshot, time.monotonic, force=True)
             missing = drawn.chain_error or drawn.seed_error
             if missing is not None:
                 raise missing
@@ -239,7 +244,7 @@ class BorderFusionNode:
         chain = drawn.chain
         values = {"vertices": len(chain.points), "length": f"{chain.length:.2f}", "reason": chain.reason}
         sentence = sentences.translate("drawn_border_ready", values)
-        rospy.loginfo("%s: border of %d spots: %s", rospy.get_name(), snapshot.border_total, sentence)
+        rospy.loginfo("%s: border of %d spots: %s", rospy.get_name(), snapshot.counts[0], sentence)
         points = points_from_array(chain.points)
         kind = VirtualBorder.POLYGON if chain.closed else VirtualBorder.SEPARATING_CURVE
         seed = Point(*drawn.seed, 0.0)

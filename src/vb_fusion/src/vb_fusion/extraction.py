@@ -183,7 +183,7 @@ class DrawnBorder:
 
 
 class LiveExtractor:
-    """Repeats the extraction on all spots when there are new ones, using at most a share of one core.
+    """Repeats the extraction on all spots of an interaction when there are new ones, using at most a share of one core.
 
     It takes 0.1 s for five minutes of drawing.
 
@@ -196,14 +196,9 @@ class LiveExtractor:
         self._params = params
         self._share = share
         self._lock = threading.Lock()
-        self.reset()
-
-    def reset(self) -> None:
-        """Forgets everything, for a new interaction."""
-        with self._lock:
-            self._next_extraction_at = 0.0
-            self._totals = (-1, -1)  # numbers of border and seed spots at the last extraction
-            self.drawn = DrawnBorder()
+        self._next_extraction_at = 0.0
+        self._totals = (-1, -1)  # numbers of border and seed spots at the last extraction
+        self.drawn = DrawnBorder()
 
     def update(self, snapshot: CollectedSpots, clock: Callable[[], float], force: bool = False) -> DrawnBorder:
         """Returns the border so far, extracted again if there are new spots and it is due. Thread safe.
@@ -213,7 +208,7 @@ class LiveExtractor:
             force: whether it is due regardless of what the last extraction cost.
         """
         with self._lock:
-            totals = snapshot.border_total, snapshot.seed_total
+            totals = snapshot.counts[:2]
             if totals != self._totals and (force or clock() >= self._next_extraction_at):
                 started = clock()
                 try:
@@ -226,16 +221,17 @@ class LiveExtractor:
 
     def _extract(self, snapshot: CollectedSpots) -> None:
         drawn = self.drawn
-        border, seed = snapshot.border, snapshot.seed
-        if snapshot.border_total != self._totals[0]:
+        border_total, seed_total, _ = snapshot.counts
+        last_border_total, last_seed_total = self._totals
+        if border_total != last_border_total:
             try:
-                chain = extract_border(border["points"], self._params, **_columns(border))
+                chain = extract_border(params=self._params, **_columns(snapshot.border))
                 drawn = replace(drawn, chain=chain, chain_error=None)
             except CodedError as error:
                 drawn = replace(drawn, chain=None, chain_error=error)
-        if snapshot.seed_total != self._totals[1]:
+        if seed_total != last_seed_total:
             try:
-                dwells = find_dwells(seed["points"], border_points=border["points"], **_columns(seed))
+                dwells = find_dwells(border_points=snapshot.border["points"], **_columns(snapshot.seed))
                 drawn = replace(drawn, dwells=dwells, seed_error=None)
             except CodedError as error:
                 drawn = replace(drawn, dwells=(), seed_error=error)
@@ -243,5 +239,5 @@ class LiveExtractor:
 
 
 def _columns(spots: np.ndarray) -> Dict[str, np.ndarray]:
-    """Returns the columns of spots (K,) of the type SPOT that are keyword arguments of `extract_border`."""
-    return {name: spots[name] for name in ("stamps", "cameras", "confidences", "mobile")}
+    """Returns the columns of spots (K,) of the type SPOT, which are named like the arguments of `extract_border`."""
+    return {name: spots[name] for name in spots.dtype.names}

@@ -72,15 +72,14 @@ class CollectedSpots:
     Attributes:
         border, seed: (K,) of the type SPOT, in the order of their arrival.
         cameras: names of the cameras, by their indices.
-        border_total, seed_total: number of spots collected, also of those that are no longer stored.
+        counts: `SpotCollector.counts`.
     """
 
     interaction_id: str
     border: np.ndarray
     seed: np.ndarray
     cameras: List[str]
-    border_total: int
-    seed_total: int
+    counts: Tuple[int, int, int]
 
 
 class CameraClocks:
@@ -219,12 +218,12 @@ class SpotCollector:
         return sorted(camera for camera, stamp in self._last_seen.items() if abs(now - stamp) <= timeout)
 
     @property
-    def counts(self) -> tuple:
-        """(border spots, seed spots, ignored spots)."""
-        return self._stores[BORDER.collects].total, self._stores[SEED.collects].total, sum(self.ignored.values())
+    def counts(self) -> Tuple[int, int, int]:
+        """Numbers of border spots and seed spots, also of those that are no longer stored, and of ignored spots."""
+        border, seed = self._stores[BORDER.collects], self._stores[SEED.collects]
+        return border.total, seed.total, sum(self.ignored.values())
 
     def snapshot(self) -> CollectedSpots:
         """Returns the spots collected so far."""
         border, seed = self._stores[BORDER.collects], self._stores[SEED.collects]
-        cameras = list(self._cameras)
-        return CollectedSpots(self.interaction_id, border.spots, seed.spots, cameras, border.total, seed.total)
+        return CollectedSpots(self.interaction_id, border.spots, seed.spots, list(self._cameras), self.counts)
