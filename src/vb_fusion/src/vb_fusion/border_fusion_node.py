@@ -61,8 +61,6 @@ class BorderFusionNode:
         self._collector = SpotCollector()
         self._live = self._new_extractor()
         self._lock = threading.Lock()
-        self._changed = threading.Event()  # wakes the publisher on a change of state
-        self._closing = False
         self._new_spots = False  # whether spots arrived since the last progress message
         self._failure: Optional[CodedError] = None  # why the last attempt to extract a border failed
         self._doubts: List[Notice] = []  # doubts about the drawing, as last published
@@ -74,7 +72,8 @@ class BorderFusionNode:
         # 4 cameras at 25 Hz fill a queue of 400 in 4 s, longer than any extraction takes
         self._spot_input = rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=400, tcp_nodelay=True)
         self._service = rospy.Service(names.GET_DRAWN_BORDER, GetDrawnBorder, self._on_get_drawn_border)
-        self._worker = node.start_thread(self._work)
+        self._timer = node.WakeTimer(1.0 / PROGRESS_RATE)
+        self._worker = node.Worker(self._timer, self._publish)
 
     def _new_extractor(self) -> LiveExtractor:
         return LiveExtractor(self._params.extraction, self._params.live_cpu_share)
@@ -94,7 +93,7 @@ class BorderFusionNode:
                 self._failure = None
                 self._doubts = []
         if is_new or state != state_before:
-            self._changed.set()
+            self._timer.set()
 
     def _on_spot(self, message: LaserSpot) -> None:
         camera = message.camera
@@ -112,31 +111,18 @@ class BorderFusionNode:
                 self._new_spots = True
 
     # ------------------------------------------------------------ output
-    def _work(self) -> None:
-        """Publishes progress and notices until the node ends.
-
-        The rate uses wall time, as it limits the load on processors and must survive jumps of simulated time.
-        """
-        while not rospy.is_shutdown():
-            state_changed = self._changed.wait(1.0 / PROGRESS_RATE)
-            if self._closing:
+    def _publish(self, state_changed: bool) -> None:
+        """Publishes progress and notices. A drawing that breaks the extraction must not end the node."""
+        try:
+            if self._tick(state_changed):
+                self._failure = None
+        except Exception as error:
+            if rospy.is_shutdown():
                 return
-            if state_changed:  # cleared only then, or a change that arrives just now would be lost
-                self._changed.clear()
-            try:
-                if self._tick(state_changed):
-                    self._failure = None
-            except Exception as error:  # a drawing that breaks the extraction must not end the node
-                if rospy.is_shutdown():
-                    return
-                rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {error!r}")
-                reason = error.message if isinstance(error, CodedError) else repr(error)
-                self._failure = CodedError("extraction_failed", what=reason)
-            try:
-                self._publish_notices()
-            except rospy.ROSException:  # topics close before the node has ended
-                if not rospy.is_shutdown():
-                    raise
+            rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {error!r}")
+            reason = error.message if isinstance(error, CodedError) else repr(error)
+            self._failure = CodedError("extraction_failed", what=reason)
+        self._publish_notices()
 
     def _publish_notices(self) -> None:
         """Publishes the problems that persist, and the doubts about the drawing."""
@@ -253,8 +239,7 @@ class BorderFusionNode:
 
     def close(self) -> None:
         """Ends the worker."""
-        self._closing = True
-        self._changed.set()
+        self._timer.close()
         self._worker.join(1.0)  # a running worker would publish notices again
         self._notices.close()
 

@@ -104,18 +104,11 @@ def make_observations(
     usable = np.flatnonzero(is_on_floor(points) & np.isfinite(stamps))
     began = stamps[usable].min(initial=np.inf)
     # stamps are rounded to microseconds, because a double that counts seconds since 1970 is no more precise
-    seconds = np.round(stamps[usable] - began, 6)
+    stamps = np.round(stamps[usable] - began, 6)
+    time_bins = np.floor(stamps / TIME_BIN + BIN_PHASE).astype(np.int64)
+    columns = (points[usable], stamps, time_bins, cameras[usable], weights[usable], mobile[usable])
     once = np.ones(len(usable), dtype=int)
-    spots = Observations(
-        points=points[usable],
-        stamps=seconds,
-        time_bins=np.floor(seconds / TIME_BIN + BIN_PHASE).astype(np.int64),
-        cameras=cameras[usable],
-        weights=weights[usable],
-        mobile=mobile[usable],
-        spots=once,
-        witnesses=once,
-    )
+    spots = Observations(*columns, spots=once, witnesses=once)
     return _merge_repeats(spots) if len(usable) else spots
 
 

@@ -69,8 +69,10 @@ def make_chain(line: Observations, joined: bool, max_gap: float) -> Tuple[np.nda
         raise CodedError("figure_too_small", size=f"{size:.2f}", needed=f"{MIN_FIGURE_SIZE * tremor:.2f}")
     within = slice(closure.first, closure.last + 1)
     trimmed = ResampledStroke(stroke.points[within], stroke.observation_weights[within], tremor)
+    starts = divide_into_sides(trimmed)  # stage 5
     # a gap that was crossed unseen may hide a corner. A wider one was left by the hand and gets a straight side
-    vertices = fit_sides(trimmed, closure.closed and (joined or closure.gap <= max_gap))  # stage 5
+    hides_corner = closure.closed and (joined or closure.gap <= max_gap)
+    vertices = fit_vertices(trimmed, starts, hides_corner and len(starts) > 2)
     if len(vertices) < 3:
         closure = classify_closure(vertices)
     return simplify(vertices, closure.closed), closure  # stage 6
@@ -271,22 +273,8 @@ def _closing_turn(points: np.ndarray, arc: np.ndarray) -> float:
 
 
 # ------------------------------------------------------------------ 5: sides
-def fit_sides(stroke: ResampledStroke, joined: bool) -> np.ndarray:
-    """Fits straight sides to a stroke.
-
-    Args:
-        stroke: the samples to fit.
-        joined: whether the line continues from its last vertex to the first.
-
-    Returns:
-        The line's vertices (M, 2) [m].
-    """
-    starts = _divide(stroke)
-    return _fit_vertices(stroke, starts, joined and len(starts) > 2)
-
-
-def _divide(stroke: ResampledStroke) -> np.ndarray:
-    """Divides a stroke into sides, and returns the first sample of each."""
+def divide_into_sides(stroke: ResampledStroke) -> np.ndarray:
+    """Divides a stroke into straight sides, and returns the first sample of each."""
     x, y = (stroke.points - stroke.points[0]).T
     count = len(x)
     terms = stroke.sample_lengths * np.array([np.ones_like(x), x, y, x * x, y * y, x * y])
@@ -335,8 +323,11 @@ def _misfit(sums: np.ndarray) -> np.ndarray:
     return np.maximum(0.5 * (sxx + syy - difference), 0.0)
 
 
-def _fit_vertices(stroke: ResampledStroke, starts: np.ndarray, joined: bool) -> np.ndarray:
-    """Moves the vertices to where the sides between them are nearest to the samples, by weighted least squares."""
+def fit_vertices(stroke: ResampledStroke, starts: np.ndarray, joined: bool) -> np.ndarray:
+    """Places the vertices (M, 2) [m] where the sides between them are nearest to the samples, by weighted least squares.
+
+    `starts` are the first samples of the sides. If `joined`, the last side ends where the first begins.
+    """
     points = stroke.points
     vertices = 0.5 * (points[starts - 1] + points[starts])
     if not joined:

@@ -153,34 +153,27 @@ def _divide(
     floor = np.where(is_pause, 0.0, explained[:-1] + explained[1:])
     unseen = np.flatnonzero(steps > CLUSTER_WIDTH + floor) + 1
     pieces = np.split(np.arange(len(explained)), unseen)
-    runs = _split_at_pauses(pieces, track.stamps, dropout)
-    kept_runs = [np.concatenate(run) for run in _drop_short_pieces_beside_pauses(runs) if run]
-    strokes = _join_across_gaps(kept_runs, track.points, max_gap)
+    strokes = _join_across_gaps(_drop_short_pieces_beside_pauses(pieces, is_pause), track.points, max_gap)
     within = range(strokes[0][0], strokes[-1][-1] + 1) if strokes else range(0)
     # a single cluster is a stray
     glints = [piece for piece in pieces if len(piece) > 1 and piece[0] not in within]
     return strokes, glints
 
 
-def _split_at_pauses(pieces: Sequence[np.ndarray], times: np.ndarray, dropout: float) -> List[List[np.ndarray]]:
-    """Splits a track's pieces into runs without a pause."""
-    runs: List[List[np.ndarray]] = []
+def _drop_short_pieces_beside_pauses(pieces: Sequence[np.ndarray], is_pause: np.ndarray) -> List[np.ndarray]:
+    """Joins the pieces between two pauses, without strays and glints at their ends: pieces of few clusters."""
+    runs: List[List[np.ndarray]] = [[]]
     for piece in pieces:
-        if not runs or times[piece[0]] - times[piece[0] - 1] > dropout:
+        if piece[0] > 0 and is_pause[piece[0] - 1]:
             runs.append([])
         runs[-1].append(piece)
-    return runs
-
-
-def _drop_short_pieces_beside_pauses(runs: Sequence[List[np.ndarray]]) -> List[List[np.ndarray]]:
-    """Returns the runs without the strays and glints at their ends: pieces of few clusters next to a pause."""
-    kept = []
-    for number, run in enumerate(runs):
-        long_pieces = [index for index, piece in enumerate(run) if len(piece) >= MIN_SEEN]
-        begin = 0 if number == 0 else min(long_pieces, default=len(run))
-        end = len(run) if number == len(runs) - 1 else max(long_pieces, default=-1) + 1
-        kept.append(run[begin:end])
-    return kept
+    for run in runs[1:]:
+        while run and len(run[0]) < MIN_SEEN:
+            run.pop(0)
+    for run in runs[:-1]:
+        while run and len(run[-1]) < MIN_SEEN:
+            run.pop()
+    return [np.concatenate(run) for run in runs if run]
 
 
 def _join_across_gaps(pieces: Sequence[np.ndarray], points: np.ndarray, max_gap: float) -> List[np.ndarray]:
