@@ -65,33 +65,23 @@ class DrawingWarnings:
     """
 
     def __init__(self) -> None:
-        self._current: Tuple[Notice, ...] = ()
+        self.all: Tuple[Notice, ...] = ()  # the current warnings, then one for each camera whose error is over
         self._failed_cameras: Set[str] = set()  # all that had an error since the drawing began
 
-    def start(self) -> None:
-        """Begins another interaction, which is not concerned by errors that were over before."""
-        self._failed_cameras = self._faulty_cameras()
-
-    def update(self, notices: Sequence[Notice]) -> None:
-        """Stores those of all current notices that concern the drawing."""
-        self._current = tuple(
-            notice
-            for notice in notices
-            if notice.code in DOUBTS or (notice.camera and notice.severity is Severity.ERROR)
-        )
-        self._failed_cameras |= self._faulty_cameras()
-
-    @property
-    def all(self) -> Tuple[Notice, ...]:
-        """The current warnings, then one for each camera whose error is over."""
-        recovered = sorted(self._failed_cameras - self._faulty_cameras())
-        return self._current + tuple(
-            Notice("camera_failed_meanwhile", Severity.WARNING, camera=camera, values={"camera": camera})
-            for camera in recovered
-        )
-
-    def _faulty_cameras(self) -> Set[str]:
-        return {notice.camera for notice in self._current if notice.camera}
+    def update(self, notices: Sequence[Notice], is_new_drawing: bool = False) -> None:
+        """Takes from all current notices those that concern the drawing. Errors that were over do not concern a new one."""
+        current = []
+        for notice in notices:
+            if notice.code in DOUBTS or (notice.camera and notice.severity is Severity.ERROR):
+                current.append(notice)
+        faulty_cameras = {notice.camera for notice in current if notice.camera}
+        if is_new_drawing:
+            self._failed_cameras = set()
+        self._failed_cameras |= faulty_cameras
+        for camera in sorted(self._failed_cameras - faulty_cameras):
+            values = {"camera": camera}
+            current.append(Notice("camera_failed_meanwhile", Severity.WARNING, camera=camera, values=values))
+        self.all = tuple(current)
 
 
 class PreviewScheduler:
@@ -161,10 +151,8 @@ class PreviewPublisher:
         """Stores the current interaction, "" for none, and whether it is being saved. While it is, no preview is made."""
         with self._condition:
             self._is_saving = saving
-            self._warnings.update(self._list_notices())
-            if interaction_id != self._interaction_id:
-                self._warnings.start()
-                self._interaction_id = interaction_id
+            self._warnings.update(self._list_notices(), is_new_drawing=interaction_id != self._interaction_id)
+            self._interaction_id = interaction_id
             self._condition.notify()
 
     def on_progress(self, message: BorderProgress) -> None:
