@@ -200,7 +200,9 @@ class BorderFusionNode:
         if seed is not None:
             message.has_seed = True
             message.seed = Point(*seed, 0.0)
-        missing = drawn.chain_error or (drawn.seed_error if self._collector.state == SEED else None)
+        missing = drawn.chain_error
+        if missing is None and self._collector.state == SEED:
+            missing = drawn.seed_error
         if missing is not None:
             message.code, message.message = missing.code, missing.message
             message.values = values_from_mapping(missing.values)
@@ -244,9 +246,11 @@ class BorderFusionNode:
         self._notices.close()
 
 
-def subsample_evenly(rows: np.ndarray, limit: int = MAX_SHOWN) -> np.ndarray:
-    """Returns at most `limit` of the rows, evenly spaced, including the first and the last."""
-    return rows if len(rows) <= limit else rows[np.linspace(0, len(rows) - 1, limit).astype(int)]
+def subsample_evenly(rows: np.ndarray) -> np.ndarray:
+    """Returns at most MAX_SHOWN of the rows, evenly spaced, including the first and the last."""
+    if len(rows) <= MAX_SHOWN:
+        return rows
+    return rows[np.linspace(0, len(rows) - 1, MAX_SHOWN).astype(int)]
 
 
 def build() -> BorderFusionNode:

@@ -66,4 +66,5 @@ def _offset_precision(cameras: np.ndarray, seconds: np.ndarray) -> spmatrix:
     # what is new in each offset, compared with the robot's previous one, is independent of all others
     new_part = identity(len(cameras)) - diags(correlation, -1)
     new_variance = spread**2 * np.append(1.0, 1.0 - correlation**2)
-    return new_part.T @ diags(1.0 / new_variance) @ new_part
+    new_precision = diags(1.0 / new_variance)
+    return new_part.T @ new_precision @ new_part

@@ -131,17 +131,13 @@ class SpotCollector:
     """
 
     def __init__(self) -> None:
-        self.interaction_id = ""
         self.state = DEFAULT
         self.is_incomplete = False
-        self.ignored: Counter = Counter()
-        self.faults: Set[Tuple[str, str]] = set()
         self._heard_state = False
         self._entered = -math.inf
-        self._cameras: List[str] = []
         self._last_seen: Dict[str, float] = {}
         self._clocks = CameraClocks()
-        self.clear()
+        self._begin("")
 
     def set_state(self, state: State, interaction_id: str, entered: float, outcome: str = "") -> bool:
         """Adopts a new state, and returns whether a new interaction began.
@@ -153,21 +149,25 @@ class SpotCollector:
         """
         is_new = bool(interaction_id) and interaction_id != self.interaction_id
         if is_new:
-            self.interaction_id = interaction_id
             self.is_incomplete = not self._heard_state  # the interaction began before this collector existed
-            self.ignored = Counter()
-            self._cameras = []
-            self.faults = set()
-            self.clear()
+            self._begin(interaction_id)
         self._heard_state = True
         if state != self.state or is_new:
             if state == DEFAULT:
                 # every interaction that ends has an outcome, unless the interaction manager restarted during it
                 self.is_incomplete = any(self.counts[:2]) and not outcome
             self.may_clear = state == DEFAULT and (self.is_incomplete or outcome not in ("", "saved"))
-            self.state, self._entered = state, entered
+            self.state = state
+            self._entered = entered
             self._clocks = CameraClocks()
         return is_new
+
+    def _begin(self, interaction_id: str) -> None:
+        self.interaction_id = interaction_id
+        self.ignored: Counter = Counter()
+        self.faults: Set[Tuple[str, str]] = set()
+        self._cameras: Dict[str, int] = {}  # index by name
+        self.clear()
 
     def ignore_frame(self, camera: str) -> None:
         """Counts a camera's spot that is not in the map frame."""
@@ -203,9 +203,8 @@ class SpotCollector:
                 self.faults.add(("camera_clock_off", spot.camera))
             return self._ignore("before_state")
         self._clocks.record_stamp(spot.camera, stamp)
-        if spot.camera not in self._cameras:
-            self._cameras.append(spot.camera)
-        self._stores[self.state.collects].append(replace(spot, stamp=stamp), self._cameras.index(spot.camera))
+        camera = self._cameras.setdefault(spot.camera, len(self._cameras))
+        self._stores[self.state.collects].append(replace(spot, stamp=stamp), camera)
         return ""
 
     def clear(self) -> None:

@@ -35,7 +35,6 @@ class BorderServices:
         """Fetches the border as drawn, ready to be added."""
         drawn = self._call(names.GET_DRAWN_BORDER, GetDrawnBorder, "$border_fusion", interaction_id=interaction_id)
         border = _checked(drawn).border
-        border.id = ""
         border.occupancy = self._occupancy
         border.enabled = True
         return border

@@ -42,11 +42,6 @@ _WARNED_BEFORE = 60.0  # [s] how long before an idle interaction ends people are
 LASER_ON_TIMEOUT = 1.0  # [s] how long after its last spot a laser counts as on
 CONFIRM_TIMEOUT = 30.0  # [s] for the answer to a question: enough to look at the preview, too short to forget it
 
-SAVED = "saved"
-CANCELLED = "cancelled"
-ABANDONED = "abandoned"
-UNANSWERED = "unanswered"
-
 
 @dataclass(frozen=True)
 class InteractionParams(Parameters):
@@ -179,7 +174,7 @@ class Interaction:
         command = self.pending
         self.pending = ""
         if command == SAVE and answer.success:
-            self._end(SAVED, border_id)
+            self._end("saved", border_id)
         elif command == SAVE:
             # an absent service may still have received an earlier save; only its own answer ends that doubt
             if is_sent and answer.code != "no_service":
@@ -267,10 +262,9 @@ class Interaction:
     def _cancel(self) -> Answer:
         if self.state == DEFAULT:
             return Answer(True, "nothing_to_cancel")
-        # a border that was sent may be in the map: only the map integrator knows
-        unanswered = self.unanswered_save
-        self._end(UNANSWERED if unanswered else CANCELLED, "")
-        return Answer(True, "cancelled_unanswered" if unanswered else "cancelled")
+        code = "cancelled_unanswered" if self.unanswered_save else "cancelled"
+        self._end("cancelled")
+        return Answer(True, code)
 
     def _refuse_unknown(self, name: str) -> Optional[Answer]:
         """Returns the answer to a command that does not exist here, or None."""
@@ -353,7 +347,7 @@ class Interaction:
         self.advance(now)
         if not self.ends_at or now < self.ends_at:
             return False
-        self._end(UNANSWERED if self.unanswered_save else ABANDONED, "")
+        self._end("abandoned")
         minutes = f"{self._params.idle_timeout / 60.0:g}"
         self._record_answer(CANCEL, "timeout", Answer(False, "abandoned", {"minutes": minutes}))
         return True
@@ -400,8 +394,10 @@ class Interaction:
         self._sources = []
         self._spots = {state: 0 for state in self._spots}
 
-    def _end(self, outcome: str, border_id: str) -> None:
+    def _end(self, outcome: str, border_id: str = "") -> None:
         """Ends the interaction, and keeps its record for `take_record`."""
+        if self.unanswered_save and outcome != "saved":
+            outcome = "unanswered"  # the border may be in the map: only the map integrator knows
         durations = self._durations
         self._record = InteractionRecord(
             interaction_id=self.interaction_id,
@@ -423,7 +419,8 @@ class Interaction:
         self.started_at = 0.0
         self.state_entered_at = self._now
         self._visited = []
-        self.last_outcome, self.last_border_id = outcome, border_id
+        self.last_outcome = outcome
+        self.last_border_id = border_id
 
     def _add_source(self, source: str) -> None:
         if source and source not in self._sources:

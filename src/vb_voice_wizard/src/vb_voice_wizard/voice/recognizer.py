@@ -147,12 +147,16 @@ class CommandRecognizer:
 
 
 def _make_variant(pcm: np.ndarray, variant: _Variant) -> np.ndarray:
-    played = np.interp(np.arange(0.0, len(pcm) - 1, variant.speed), np.arange(len(pcm)), pcm).astype(np.int16)
-    begin, end = int(variant.before * SAMPLE_RATE), int(variant.after * SAMPLE_RATE)
+    times = np.arange(0.0, len(pcm) - 1, variant.speed)
+    played = np.interp(times, np.arange(len(pcm)), pcm).astype(np.int16)
+    before = int(variant.before * SAMPLE_RATE)
+    after = int(variant.after * SAMPLE_RATE)
+    first = max(0, -before)
+    last = len(played) + min(0, after)
     # a word that is nearly too short loses no sound
-    if len(played) + min(0, begin) + min(0, end) >= _MIN_LENGTH * SAMPLE_RATE:
-        played = played[max(0, -begin) : len(played) + min(0, end)]
-    return np.pad(played, (max(0, begin), max(0, end)))
+    if last - first >= _MIN_LENGTH * SAMPLE_RATE:
+        played = played[first:last]
+    return np.pad(played, (max(0, before), max(0, after)))
 
 
 @dataclass(frozen=True)
