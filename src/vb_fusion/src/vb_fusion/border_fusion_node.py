@@ -59,7 +59,7 @@ class BorderFusionNode:
     def __init__(self, params: FusionParams) -> None:
         self._params = params
         self._collector = SpotCollector()
-        self._live = self._new_extractor()
+        self._live = LiveExtractor(params.extraction, params.live_cpu_share)
         self._lock = threading.Lock()
         self._new_spots = False  # whether spots arrived since the last progress message
         self._failure: Optional[CodedError] = None  # why the last attempt to extract a border failed
@@ -75,9 +75,6 @@ class BorderFusionNode:
         self._timer = node.WakeTimer(1.0 / PROGRESS_RATE)
         self._worker = node.Worker(self._timer, self._publish)
 
-    def _new_extractor(self) -> LiveExtractor:
-        return LiveExtractor(self._params.extraction, self._params.live_cpu_share)
-
     # ------------------------------------------------------------- input
     def _on_state(self, message: InteractionState) -> None:
         state = state_by_name(message.name)
@@ -89,7 +86,7 @@ class BorderFusionNode:
             entered = message.entered.to_sec()
             is_new = self._collector.set_state(state, message.interaction_id, entered, message.last_outcome)
             if is_new:
-                self._live = self._new_extractor()
+                self._live = LiveExtractor(self._params.extraction, self._params.live_cpu_share)
                 self._failure = None
                 self._doubts = []
         if is_new or state != state_before:

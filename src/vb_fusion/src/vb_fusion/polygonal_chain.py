@@ -134,19 +134,18 @@ def resample_stroke(line: Observations, tremor: float) -> ResampledStroke:
     # each is averaged with its neighbours, because two cameras that see the spot in turn are not a movement
     weighted = np.column_stack([line.points * line.weights[:, None], line.weights])
     wide = np.pad(weighted, ((1, 1), (0, 0)), mode="edge")
-    total = wide[:-2] + wide[1:-1] + wide[2:]
-    calm = total[:, :2] / total[:, 2:]
+    sums = wide[:-2] + wide[1:-1] + wide[2:]
+    calm = sums[:, :2] / sums[:, 2:]
     sample = np.empty(len(calm), dtype=int)
     number, count = 0, 0
-    sum_x, sum_y = 0.0, 0.0
-    for row, (x, y) in enumerate(calm.tolist()):
-        if count and (x - sum_x / count) ** 2 + (y - sum_y / count) ** 2 > tremor**2:
+    total = 0j
+    for row, place in enumerate((calm @ [1.0, 1.0j]).tolist()):
+        if count and abs(place - total / count) > tremor:
             number += 1
             count = 0
-            sum_x, sum_y = 0.0, 0.0
+            total = 0j
         count += 1
-        sum_x += x
-        sum_y += y
+        total += place
         sample[row] = number
     stroke = _means(line.points, line.weights, sample, tremor)
     # the line ends where the spot was seen first and last

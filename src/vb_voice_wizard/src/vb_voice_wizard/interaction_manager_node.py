@@ -28,7 +28,7 @@ from vb_msgs.srv import Command, CommandRequest, CommandResponse
 from vb_voice_wizard.border_preview import PreviewPublisher
 from vb_voice_wizard.border_services import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, BorderServices
 from vb_voice_wizard.command_answers import Answer, AnswerCache
-from vb_voice_wizard.interaction import Interaction, InteractionParams
+from vb_voice_wizard.interaction import Interaction, InteractionParams, InteractionRecord
 
 _PUBLISH_PERIOD = 0.1  # [s] of wall time: robots stop half a second after the last state (vb_msgs/InteractionState)
 _STORE_PERIOD = 2.0  # [s] between attempts to store the stop: a full disk may have room again
@@ -154,10 +154,8 @@ class InteractionManagerNode:
 
     def _publish_again(self) -> None:
         with self._lock:
-            if self._interaction.end_if_idle(rospy.get_time()):
-                self._publish_and_record()
-            else:
-                self._publish()
+            self._interaction.end_if_idle(rospy.get_time())
+            self._publish()
 
     # ------------------------------------------------------------------ commands
     def _on_command(self, request: CommandRequest) -> CommandResponse:
@@ -196,7 +194,7 @@ class InteractionManagerNode:
             pending = interaction.pending if answer.success and COMMANDS[command].is_delegated else ""
             interaction_id = interaction.interaction_id
             if pending != SAVE:  # a save usually has its final answer before the next state is due
-                self._publish_and_record()
+                self._publish()
         if command == RESUME:
             self._latch.store()
         return self._complete(pending, interaction_id, request) if pending else answer
@@ -223,7 +221,7 @@ class InteractionManagerNode:
             answer = Answer.from_error(CodedError("internal_error"))
         with self._lock:
             answer = self._interaction.finish_pending(answer, rospy.get_time(), border_id, is_sent)
-            self._publish_and_record()
+            self._publish()
         return answer
 
     def _undo_or_redo(self, command: str, request_id: str) -> Answer:
@@ -236,20 +234,17 @@ class InteractionManagerNode:
             return Answer(True, "borders_changed")
 
     # ------------------------------------------------------------------ outputs; the lock is held
-    def _publish_and_record(self) -> None:
-        """Publishes the state, and appends the record of an interaction that has just ended."""
-        self._publish()
-        record = self._interaction.take_record()
-        if record is not None:
-            cameras = self._contributing_cameras.get(record.interaction_id, [])
-            rospy.loginfo("interaction %s %s after %.1f s", record.interaction_id, record.outcome, record.total_s)
-            try:
-                append_line(self._log_file, record.to_json(self._params.method, cameras), private=True)
-            except OSError as error:
-                rospy.logwarn("interaction_manager: cannot write %s: %s", self._log_file, error)
+    def _record(self, ended: InteractionRecord) -> None:
+        """Appends an interaction that has ended to the log."""
+        cameras = self._contributing_cameras.get(ended.interaction_id, [])
+        rospy.loginfo("interaction %s %s after %.1f s", ended.interaction_id, ended.outcome, ended.total_s)
+        try:
+            append_line(self._log_file, ended.to_json(self._params.method, cameras), private=True)
+        except OSError as error:
+            rospy.logwarn("interaction_manager: cannot write %s: %s", self._log_file, error)
 
     def _publish(self) -> None:
-        """Publishes the state and the notices, and tells the preview of the current interaction."""
+        """Publishes state and notices, tells the preview of the current interaction, and records one that has just ended."""
         interaction = self._interaction
         now = rospy.get_time()
         durations = interaction.durations(now)
@@ -279,6 +274,9 @@ class InteractionManagerNode:
         self._state_publisher.publish(message)
         self._preview_publisher.on_interaction(interaction.interaction_id, interaction.pending == SAVE)
         self._notices.set(self._list_notices())
+        ended = interaction.take_record()
+        if ended is not None:
+            self._record(ended)
 
     def _list_notices(self) -> List[Notice]:
         notices = []
