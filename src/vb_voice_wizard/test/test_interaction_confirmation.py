@@ -46,8 +46,8 @@ def test_a_stop_voids_every_command_that_was_given_before_it(command):
 
 def test_one_press_that_comes_by_topic_and_as_a_command_is_one_stop():
     interaction = Interaction()
-    interaction.command(STOP, "page 1a2b", 1.0, identity="press")
-    assert interaction.command(STOP, "page", 20.0, identity="press").code == "stopped"
+    interaction.stop("press", "page 1a2b", 1.0)
+    assert interaction.stop("press", "page", 20.0).code == "stopped"
     assert (interaction.latch.stopped_by, interaction.last_source, interaction.last_answered) == (
         "page 1a2b",
         "page 1a2b",
@@ -57,9 +57,9 @@ def test_one_press_that_comes_by_topic_and_as_a_command_is_one_stop():
 
 def test_a_press_that_comes_again_after_resume_stops_nothing():
     interaction = Interaction()
-    interaction.command(STOP, "page 1a2b", 1.0, identity="press")
+    interaction.stop("press", "page 1a2b", 1.0)
     assert command_knowing_stops(interaction, RESUME, "wizard", 21.0).success
-    assert interaction.command(STOP, "page", 22.0, identity="press").code == "stop_released"
+    assert interaction.stop("press", "page", 22.0).code == "stop_released"
     assert not interaction.latch.stopped
 
 

@@ -253,17 +253,12 @@ def _lattice_shares(points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     """
     scaled = points / CLUSTER_WIDTH
     cell = np.floor(scaled).astype(np.int64)
-    right, up = (scaled - cell).T
-    column, row = (cell - cell.min(axis=0)).T
-    stride = int(row.max()) + 2
-    left_node = column * stride + row
-    right_node = left_node + stride
-    keys = [left_node, left_node + 1, right_node, right_node + 1]
-    left = 1.0 - right
-    down = 1.0 - up
-    shares = [left * down, left * up, right * down, right * up]
+    corners = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])[:, None]
+    shares = np.abs(1.0 - corners - (scaled - cell)).prod(axis=2)
+    column, row = np.moveaxis(cell - cell.min(axis=0) + corners, 2, 0)
+    keys = column * (int(row.max()) + 1) + row
     nodes = np.unique(keys, return_inverse=True)[1].reshape(4, -1)
-    return nodes, np.array(shares)
+    return nodes, shares
 
 
 def _stationary_times(

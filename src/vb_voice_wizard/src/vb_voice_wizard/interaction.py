@@ -126,7 +126,6 @@ class Interaction:
         uncertain: bool = False,
         doubtful_border: bool = False,
         confirms: bool = False,
-        identity: str = "",
         seen_stop: str = "",
     ) -> Answer:
         """Carries out a command and returns the answer. Every command is answered, and nothing is raised.
@@ -138,12 +137,11 @@ class Interaction:
             uncertain: whether the command may have been misheard.
             doubtful_border: whether the preview of what would be saved has issues.
             confirms: whether the person confirmed this command, by one of ANSWERS.
-            identity: id of a stop, or "" for a new one.
             seen_stop: number of the newest stop that the sender knew of. A command that is older than a stop is void.
         """
-        self.advance(now)
         if name == STOP:
-            return self._stop(identity or new_id(), source)
+            return self.stop(new_id(), source, now)
+        self.advance(now)
         if seen_stop and seen_stop != self.latch.number:
             answer = self._stopped_since(name)
             # the last answer will be that of the pending command
@@ -183,7 +181,9 @@ class Interaction:
                 answer = Answer(False, "save_unanswered", answer.values)
         return self._record_answer(command, self._pending_source, answer)
 
-    def _stop(self, identity: str, source: str) -> Answer:
+    def stop(self, identity: str, source: str, now: float) -> Answer:
+        """Stops all robots, by a stop of this id, and returns the answer."""
+        self.advance(now)
         self.question = Question()
         self._active_at = self._now
         was_stopped = self.latch.stopped

@@ -174,7 +174,7 @@ class InteractionManagerNode:
         # robots do not wait for locks, files or answers
         self._stop_publisher.publish(Stop(id=identity, source=source))
         with self._lock:
-            answer = self._interaction.command(STOP, source, rospy.get_time(), identity=identity)
+            answer = self._interaction.stop(identity, source, rospy.get_time())
             self._publish()
         # robots have stopped; the answer waits for the disk, so that no restart undoes what was answered
         return answer if self._latch.store() else Answer(True, "stop_not_stored")
