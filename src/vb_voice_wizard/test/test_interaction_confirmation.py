@@ -146,7 +146,7 @@ for_all_words = pytest.mark.parametrize("command", [*COMMANDS, *ANSWERS])
 def interaction_after_mishearing(before, command, laser_on) -> Interaction:
     interaction = interaction_after(before)
     if laser_on:
-        interaction.record_laser(9.9)
+        interaction.laser_seen_at = 9.9
     command_knowing_stops(interaction, command, "voice", 10.0, uncertain=True)
     return interaction
 
@@ -187,12 +187,12 @@ def test_one_misheard_word_never_turns_a_line_into_something_else(before, state,
 )
 def test_another_state_is_asked_about_while_somebody_points(command, at, uncertain, code):
     interaction = interaction_after("define_border")
-    interaction.record_laser(10.0)
+    interaction.laser_seen_at = 10.0
     assert interaction.command(command, "voice", at, uncertain).code == code
 
 
 def test_a_yes_leads_to_the_other_state():
     interaction = interaction_after("define_border")
-    interaction.record_laser(10.0)
+    interaction.laser_seen_at = 10.0
     assert interaction.command(GUIDE_ROBOT, "voice", 10.5, uncertain=True).values["answer"] == "yes guide robot"
     assert command_knowing_stops(interaction, "yes_guide_robot", "voice", 20.0, uncertain=True).code == "guide"

@@ -118,11 +118,12 @@ def extract_border(
     observations = make_observations(points, stamps, cameras, confidences, mobile)  # stage 0
     _require_spots(int(observations.spots.sum()), params.min_size)
     clusters = find_clusters(observations)
-    drawn = find_drawn_line(observations, clusters, params.eps, params.min_exp, params.min_size)  # stage 1
-    line = remove_offsets(drawn.line)  # stage 2
-    vertices, closure = make_chain(line, drawn.joined, params.eps)  # stages 3 to 6
-    unseen = _longest_unseen_gap(line, closure, drawn.joined, clusters.dropout_time)
-    return BorderChain(vertices, closure, drawn.left_out.points, int(drawn.left_out.spots.sum()), unseen)
+    # stage 1
+    line, left_out, joined = find_drawn_line(observations, clusters, params.eps, params.min_exp, params.min_size)
+    line = remove_offsets(line)  # stage 2
+    vertices, closure = make_chain(line, joined, params.eps)  # stages 3 to 6
+    unseen = _longest_unseen_gap(line, closure, joined, clusters.dropout_time)
+    return BorderChain(vertices, closure, left_out.points, int(left_out.spots.sum()), unseen)
 
 
 def _extract_as_in_paper(points: np.ndarray, params: ExtractionParams) -> BorderChain:

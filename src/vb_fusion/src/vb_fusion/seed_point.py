@@ -108,7 +108,6 @@ def find_dwells(
     track, _ = find_best_track(positions, clusters.stamps, clusters.dropout_time, gains, NEW_PLACE_GAIN)
     path = positions[track]
     path_patch = patch[track]
-    path_was_lit = was_lit_before[track]
     dwells: List[Dwell] = []
     for stay in _find_stays(path_patch, clusters.time_bins[track]):
         last = stay[-1]
@@ -121,7 +120,8 @@ def find_dwells(
             begun = dwells.pop()
             seconds += begun.seconds
             followed = begun.followed
-        dwells.append(Dwell(point, seconds, bool(path_was_lit[last]), followed, _count_witnesses(observations, point)))
+        was_lit = bool(was_lit_before[track[last]])
+        dwells.append(Dwell(point, seconds, was_lit, followed, _count_witnesses(observations, point)))
     return dwells
 
 

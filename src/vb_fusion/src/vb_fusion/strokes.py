@@ -24,7 +24,6 @@ removed. The best track of the rest is the next stroke. The line is the widest s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import List, Sequence, Tuple
 
 import numpy as np
@@ -44,24 +43,9 @@ MIN_SEEN = 5  # clusters. A shorter run between two unseen steps is a stray or a
 LOOK_BACK = int(MAX_DROPOUTS + 1.0) * MAX_SIMULTANEOUS_CLUSTERS
 
 
-@dataclass(frozen=True)
-class DrawnLine:
-    """The line that becomes the border.
-
-    Attributes:
-        line: the line's observations, in the order in which it runs.
-        left_out: observations that may have been drawn, but are not part of the line.
-        joined: whether several strokes were joined.
-    """
-
-    line: Observations
-    left_out: Observations
-    joined: bool
-
-
 def find_drawn_line(
     observations: Observations, clusters: Observations, max_gap: float, min_expansion: float, min_spots: int
-) -> DrawnLine:
+) -> Tuple[Observations, Observations, bool]:
     """Finds the line that was drawn among all observations.
 
     Args:
@@ -70,6 +54,10 @@ def find_drawn_line(
         max_gap: [m] widest gap that is bridged, within a stroke or between two.
         min_expansion: [m] diagonal of the bounding box of the shortest line.
         min_spots: least number of spots of a line.
+
+    Returns:
+        The line's observations, in the order in which it runs; those that may have been drawn but are not part of the
+        line; and whether several strokes were joined.
 
     Raises:
         CodedError: "no_line".
@@ -87,12 +75,9 @@ def find_drawn_line(
     # the widest is first, and not the one that explains most floor. Moving back and forth explains much floor too
     candidates.sort(key=expansion, reverse=True)
     line, unjoined = _join_strokes(observations, candidates, max_gap)
-    drawn = np.concatenate([line, *unjoined, *glints])
-    return DrawnLine(
-        line=observations.select(line),
-        left_out=observations.select(np.setdiff1d(drawn, line)),
-        joined=len(unjoined) < len(candidates) - 1,
-    )
+    left_out = np.setdiff1d(np.concatenate([line, *unjoined, *glints]), line)
+    joined = len(unjoined) < len(candidates) - 1
+    return observations.select(line), observations.select(left_out), joined
 
 
 def find_strokes(
@@ -153,7 +138,8 @@ def _divide(
     floor = np.where(is_pause, 0.0, explained[:-1] + explained[1:])
     unseen = np.flatnonzero(steps > CLUSTER_WIDTH + floor) + 1
     pieces = np.split(np.arange(len(explained)), unseen)
-    strokes = _join_across_gaps(_drop_short_pieces_beside_pauses(pieces, is_pause), track.points, max_gap)
+    runs = _drop_short_pieces_beside_pauses(pieces, is_pause)
+    strokes = _join_across_gaps(runs, track.points, max_gap)
     within = range(strokes[0][0], strokes[-1][-1] + 1) if strokes else range(0)
     # a single cluster is a stray
     glints = [piece for piece in pieces if len(piece) > 1 and piece[0] not in within]
@@ -253,9 +239,11 @@ def _lattice_shares(points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     """
     scaled = points / CLUSTER_WIDTH
     cell = np.floor(scaled).astype(np.int64)
+    part = scaled - cell
     corners = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])[:, None]
-    shares = np.abs(1.0 - corners - (scaled - cell)).prod(axis=2)
-    column, row = np.moveaxis(cell - cell.min(axis=0) + corners, 2, 0)
+    shares = np.abs(1.0 - corners - part).prod(axis=2)
+    numbered = cell - cell.min(axis=0) + corners
+    column, row = np.moveaxis(numbered, 2, 0)
     keys = column * (int(row.max()) + 1) + row
     nodes = np.unique(keys, return_inverse=True)[1].reshape(4, -1)
     return nodes, shares

@@ -111,9 +111,9 @@ class Interaction:
         self._sources: List[str] = []
         self._visited: List[State] = []  # states entered in this interaction, in the order of their last entry
         self._spots = {BORDER: 0, SEED: 0, GUIDE: 0}
-        self._laser_seen_at = -math.inf
         self._pending_source = ""
         self.latch = latch or StopLatch()
+        self.laser_seen_at = -math.inf  # [s] when a camera last saw a spot, in any state: somebody is pointing
         self.undo_redo: List[str] = []  # "undo" and "redo", each if there is a change to undo or redo
         self._record: Optional[InteractionRecord] = None
 
@@ -206,7 +206,7 @@ class Interaction:
             return None
         if confirms:
             return Answer(False, "nothing_asked", {"command": words_of_name(name)})
-        is_pointing = abs(self._now - self._laser_seen_at) <= LASER_ON_TIMEOUT
+        is_pointing = abs(self._now - self.laser_seen_at) <= LASER_ON_TIMEOUT
         has_consequences = {
             ALWAYS: True,
             NEVER: False,
@@ -316,10 +316,6 @@ class Interaction:
         if not 0.0 <= now - self.question.asked_at <= CONFIRM_TIMEOUT:
             self.question = Question()
 
-    def record_laser(self, now: float) -> None:
-        """Records that a camera saw a spot at a time [s], in any state: somebody is pointing with the laser."""
-        self._laser_seen_at = now
-
     def set_spot_counts(self, border: int, seed: int, others: int, now: float) -> None:
         """Stores how many spots this interaction has had so far: for the border, for the seed, and for neither."""
         spots = {BORDER: border, SEED: seed, GUIDE: others}
@@ -373,9 +369,8 @@ class Interaction:
             steps = [DEFINE_BORDER, *guide, *self.undo_redo[:1]]
             steps = last + steps if self.latch.stopped else steps + last
             return [*steps, *self.undo_redo[1:]]
-        missing = self.missing()
         steps = [CONTINUE] if self.state == PAUSED else []
-        if not missing:
+        if not self.missing():
             steps.append(SAVE)
         # missing parts come before parts that could be drawn again
         parts = [step for step in (DEFINE_BORDER, DEFINE_SEED) if COMMANDS[step].enters != self.state.name]

@@ -134,7 +134,7 @@ class InteractionManagerNode:
 
     def _on_spot(self, message: LaserSpot) -> None:
         # a single assignment needs no lock, so that spots do not wait while a state is published
-        self._interaction.record_laser(message.header.stamp.to_sec())
+        self._interaction.laser_seen_at = message.header.stamp.to_sec()
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         with self._lock:
