@@ -250,9 +250,7 @@ def _find_closing_points(points: np.ndarray, arc: np.ndarray) -> Tuple[int, int,
     overhang = before_head[:, None] + behind_tail[None, :]
     opening = cdist(points[head], points[tail]) + 0.5 * overhang
     i, j = np.unravel_index(int(np.argmin(opening)), opening.shape)
-    first = int(head[i])
-    last = int(tail[j])
-    return first, last, float(opening[i, j])
+    return int(head[i]), int(tail[j]), float(opening[i, j])
 
 
 def _closing_turn(points: np.ndarray, arc: np.ndarray) -> float:

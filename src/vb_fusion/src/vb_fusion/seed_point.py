@@ -137,8 +137,8 @@ def _find_stays(patch: np.ndarray, bins: np.ndarray) -> List[np.ndarray]:
     """
     order = np.argsort(patch, kind="stable")
     is_other_patch = np.diff(patch[order]) != 0
-    is_lit_again = np.diff(bins[order]) * TIME_BIN > MAX_BLINK
-    stays = np.split(order, np.flatnonzero(is_other_patch | is_lit_again) + 1)
+    was_dark = np.diff(bins[order]) * TIME_BIN > MAX_BLINK
+    stays = np.split(order, np.flatnonzero(is_other_patch | was_dark) + 1)
     held = [stay for stay in stays if len(stay) * TIME_BIN >= MIN_DWELL]
     if not held:
         held = [max(stays, key=len)]

@@ -180,14 +180,14 @@ def _observations_near(observations: Observations, pointer: Observations) -> np.
     """
     began, ended = pointer.stamps[[0, -1]]
     first, last = np.searchsorted(observations.stamps, (began - TIME_BIN, ended + TIME_BIN))
-    nearby = observations.select(slice(first, last))
-    times = nearby.stamps
+    nearby = slice(first, last)
+    times = observations.stamps[nearby]
     x = np.interp(times, pointer.stamps, pointer.points[:, 0])
     y = np.interp(times, pointer.stamps, pointer.points[:, 1])
     pointer_mobile = np.interp(times, pointer.stamps, pointer.mobile)
-    mobile = np.maximum(pointer_mobile, nearby.mobile)
+    mobile = np.maximum(pointer_mobile, observations.mobile[nearby])
     reach = CLUSTER_WIDTH + LOCALIZATION_ERROR * mobile
-    distances = np.hypot(nearby.points[:, 0] - x, nearby.points[:, 1] - y)
+    distances = np.hypot(observations.points[nearby, 0] - x, observations.points[nearby, 1] - y)
     return first + np.flatnonzero(distances <= reach)
 
 

@@ -191,13 +191,15 @@ class InteractionManagerNode:
                 is_doubtful = self._preview_publisher.is_doubtful(interaction.interaction_id)
                 doubts = {"uncertain": request.uncertain, "doubtful_border": is_doubtful, "confirms": phrase in ANSWERS}
                 answer = interaction.command(command, request.source, now, seen_stop=request.seen_stop, **doubts)
-            pending = interaction.pending if answer.success and COMMANDS[command].is_delegated else ""
+            is_delegated = answer.success and COMMANDS[command].is_delegated
             interaction_id = interaction.interaction_id
-            if pending != SAVE:  # a save usually has its final answer before the next state is due
+            if not is_delegated or command != SAVE:  # a save usually has its final answer before the next state is due
                 self._publish()
         if command == RESUME:
             self._latch.store()
-        return self._complete(pending, interaction_id, request) if pending else answer
+        if is_delegated:
+            return self._complete(command, interaction_id, request)
+        return answer
 
     def _complete(self, pending: str, interaction_id: str, request: CommandRequest) -> Answer:
         """Has other nodes carry out a pending command, without the lock, and completes it with their answer."""
@@ -266,7 +268,7 @@ class InteractionManagerNode:
         message.last_source = interaction.last_source
         message.last_success = interaction.last_answer.success
         message.last_code = interaction.last_answer.code
-        message.last_message = interaction.last_answer.message if interaction.last_answer.code else ""
+        message.last_message = interaction.last_answer.message
         message.last_values = values_from_mapping(interaction.last_answer.values)
         message.last_answered = rospy.Time.from_sec(interaction.last_answered)
         message.last_outcome = interaction.last_outcome
