@@ -2,7 +2,7 @@
 
 `extract_border` is the list of all stages, each described in its module and in docs/explanation/extraction.md:
 
-    0       observations      the spots, checked, merged where they repeat each other, and in order of time
+    0       observations      the spots, checked, merged where they repeat each other, in order of time; their clusters
     1       strokes           which of them are the pointer's, as strokes, and which strokes make the line
     2       camera_offsets    the line without the errors of the cameras' poses
     3 to 6  polygonal_chain   samples along the line; polygon or separating curve; straight sides; vertices
@@ -119,10 +119,10 @@ def extract_border(
     _require_spots(int(observations.spots.sum()), params.min_size)
     clusters = find_clusters(observations)
     # stage 1
-    line, left_out, joined = find_drawn_line(observations, clusters, params.eps, params.min_exp, params.min_size)
+    line, left_out, was_joined = find_drawn_line(observations, clusters, params.eps, params.min_exp, params.min_size)
     line = remove_offsets(line)  # stage 2
-    vertices, closure = make_chain(line, joined, params.eps)  # stages 3 to 6
-    unseen = _longest_unseen_gap(line, closure, joined, clusters.dropout_time)
+    vertices, closure = make_chain(line, was_joined, params.eps)  # stages 3 to 6
+    unseen = _longest_unseen_gap(line, closure, was_joined, clusters.dropout_time)
     return BorderChain(vertices, closure, left_out.points, int(left_out.spots.sum()), unseen)
 
 
@@ -146,7 +146,7 @@ def _require_spots(count: int, needed: int) -> None:
         raise CodedError("too_few_spots", spots=count, needed=needed)
 
 
-def _longest_unseen_gap(line: Observations, closure: Closure, joined: bool, dropout: float) -> float:
+def _longest_unseen_gap(line: Observations, closure: Closure, was_joined: bool, dropout: float) -> float:
     """Returns the longest stretch [m] of the line that no camera saw.
 
     The opening between start and end counts only if several strokes were joined and either the chain is closed or
@@ -154,7 +154,7 @@ def _longest_unseen_gap(line: Observations, closure: Closure, joined: bool, drop
     """
     began, ended = sorted(line.stamps[[0, -1]])
     is_between = (began < line.stamps) & (line.stamps < ended)
-    is_unseen = joined and (closure.closed or not is_between.any())
+    is_unseen = was_joined and (closure.closed or not is_between.any())
     opening = closure.gap if is_unseen else 0.0
     dx, dy = np.diff(line.points, axis=0).T
     steps = np.hypot(dx, dy)

@@ -47,12 +47,12 @@ MIN_DETAIL = 0.005  # [m] vertices whose loss moves the chain by less are droppe
 MAX_SLIP_RATIO = 0.02  # share of the area that a self-crossing line encloses. Smaller loops are slips of the hand
 
 
-def make_chain(line: Observations, joined: bool, max_gap: float) -> Tuple[np.ndarray, Closure]:
+def make_chain(line: Observations, was_joined: bool, max_gap: float) -> Tuple[np.ndarray, Closure]:
     """Makes the polygonal chain along the drawn line.
 
     Args:
         line: the observations in the order in which the line runs, without their cameras' offsets.
-        joined: whether the line consists of several strokes.
+        was_joined: whether the line consists of several strokes.
         max_gap: [m] widest gap between the line's ends that may hide a corner.
 
     Returns:
@@ -71,7 +71,7 @@ def make_chain(line: Observations, joined: bool, max_gap: float) -> Tuple[np.nda
     trimmed = ResampledStroke(stroke.points[within], stroke.observation_weights[within], tremor)
     starts = divide_into_sides(trimmed)  # stage 5
     # a gap that was crossed unseen may hide a corner. A wider one was left by the hand and gets a straight side
-    hides_corner = closure.closed and (joined or closure.gap <= max_gap)
+    hides_corner = closure.closed and (was_joined or closure.gap <= max_gap)
     vertices = fit_vertices(trimmed, starts, hides_corner and len(starts) > 2)
     if len(vertices) < 3:
         closure = classify_closure(vertices)
@@ -320,14 +320,14 @@ def _misfit(sums: np.ndarray) -> np.ndarray:
     return np.maximum(0.5 * (sxx + syy - difference), 0.0)
 
 
-def fit_vertices(stroke: ResampledStroke, starts: np.ndarray, joined: bool) -> np.ndarray:
+def fit_vertices(stroke: ResampledStroke, starts: np.ndarray, ends_meet: bool) -> np.ndarray:
     """Places the vertices (M, 2) [m] where the sides between them are nearest to the samples, by weighted least squares.
 
-    `starts` are the first samples of the sides. If `joined`, the last side ends where the first begins.
+    `starts` are the first samples of the sides. If `ends_meet`, the last side ends where the first begins.
     """
     points = stroke.points
     vertices = 0.5 * (points[starts - 1] + points[starts])
-    if not joined:
+    if not ends_meet:
         vertices = np.vstack([points[:1], vertices[1:], points[-1:]])
     count = len(vertices)
     # each sample is explained by the side from vertex `start` to `end`. Samples before the first side belong to the last

@@ -76,8 +76,8 @@ def find_drawn_line(
     candidates.sort(key=expansion, reverse=True)
     line, unjoined = _join_strokes(observations, candidates, max_gap)
     left_out = np.setdiff1d(np.concatenate([line, *unjoined, *glints]), line)
-    joined = len(unjoined) < len(candidates) - 1
-    return observations.select(line), observations.select(left_out), joined
+    was_joined = len(unjoined) < len(candidates) - 1
+    return observations.select(line), observations.select(left_out), was_joined
 
 
 def find_strokes(
@@ -242,8 +242,7 @@ def _lattice_shares(points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     part = scaled - cell
     corners = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])[:, None]
     shares = np.abs(1.0 - corners - part).prod(axis=2)
-    numbered = cell - cell.min(axis=0) + corners
-    column, row = np.moveaxis(numbered, 2, 0)
+    column, row = np.moveaxis(cell - cell.min(axis=0) + corners, 2, 0)
     keys = column * (int(row.max()) + 1) + row
     nodes = np.unique(keys, return_inverse=True)[1].reshape(4, -1)
     return nodes, shares

@@ -239,8 +239,7 @@ class PreviewPublisher:
                 self._scheduler.record_preview(inputs, started, time.monotonic(), answered)
 
     def _make_preview(self, inputs: PreviewInputs) -> NumpyBorderPreview:
-        border = self._services.fetch_drawn_border(inputs.interaction_id)
-        answer = self._services.preview(border)
+        border, answer = self._services.preview(inputs.interaction_id)
         border.area_m2 = answer.area_m2
         preview = _empty_preview(inputs, Notice(answer.code, message=answer.message))
         preview.values = answer.values
