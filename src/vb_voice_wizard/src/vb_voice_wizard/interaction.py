@@ -144,7 +144,7 @@ class Interaction:
         self.advance(now)
         if seen_stop and seen_stop != self.latch.number:
             answer = self._stopped_since(name)
-            # the last answer will be that of the pending command
+            # neither this nor "busy" is kept while a command is pending, whose answer will be the last one
             return answer if self.pending else self._record_answer(name, source, answer)
         if self.pending and name != RESUME:
             return Answer(False, "busy")
@@ -153,11 +153,11 @@ class Interaction:
             self._active_at = now
             if self.state != DEFAULT:
                 self._add_source(source)
-            question = self.question
+            asked = self.question
             self.question = Question()
             # before any question: nobody should have to confirm a command that is refused anyway
             answer = self._refuse_now(name, seen_stop)
-            answer = answer or self._ask_if_meant(name, source, uncertain, doubtful_border, confirms, question)
+            answer = answer or self._ask_if_meant(name, source, uncertain, doubtful_border, confirms, asked)
             answer = answer or self._apply(name, source, seen_stop)
         return self._record_answer(name, source, answer)
 
