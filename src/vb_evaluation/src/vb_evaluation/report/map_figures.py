@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from pathlib import Path
-from typing import List, Mapping, Optional, Sequence, Tuple
+from typing import Dict, Mapping, Optional, Sequence
 
 import cv2
 import numpy as np
@@ -16,6 +16,7 @@ from vb_core.map_files import read_map, write_map
 from vb_evaluation import metrics
 from vb_evaluation.report.paper_results import method_title
 from vb_evaluation.report.study_files import StudyResults, select
+from vb_evaluation.report.table import Table
 
 # RGB, the paper's colours
 TRUTH, AGREEMENT, EXCESS, UNION = (247, 214, 70), (64, 176, 88), (222, 60, 50), (25, 60, 220)
@@ -66,39 +67,41 @@ def draw_map(
     return cv2.imencode(".png", image[::-1, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()
 
 
-def representatives(study: StudyResults) -> Tuple[List[Tuple[str, str]], List[str]]:
-    """Draws representative maps: per scenario the ground truth and, by method, the completed run nearest to the median.
-
-    An image is a data URI and its caption. Notes say why a map is missing.
-    """
-    images: List[Tuple[str, str]] = []
-    notes: List[str] = []
+def maps_table(study: StudyResults) -> Table:
+    """Draws representative maps: per scenario the ground truth and, by method, the completed run nearest to the median."""
+    text = (
+        "Representative maps: the ground truth (yellow), and by method the run nearest to the median: agreement "
+        "(green), restricted beyond the ground truth (red), union (blue outline)."
+    )
     try:
         prior = read_map(study.folder / "maps" / "physical.yaml")
+        rows = [_representatives(study, scenario, prior) for scenario in study.scenarios]
     except CodedError as error:
-        return [], [f"There are no maps: {error.message}"]
-    for scenario in study.scenarios:
-        title = study.scenario_title(scenario)
-        try:
-            truth = metrics.restricted_cells(prior, read_map(study.folder / "maps" / f"truth_{scenario}.yaml"))
-            truth_image = draw_map(prior, truth, start=study.meta.get("robot_start"))
-            images.append((_uri(truth_image), f"{title}: ground truth"))
-            for method in study.methods:
-                row = nearest_to_median(study, scenario, method)
-                if row is None:
-                    notes.append(f"{scenario}, {method}: no completed run has a map.")
-                    continue
-                drawn = metrics.restricted_cells(prior, read_map(study.folder / row["map"]))
-                score = metrics.jaccard(truth, drawn)
-                caption = f"{title}: {method_title(method).lower()}, Jaccard {score:.3f}, line {row.name}"
-                images.append((_uri(draw_map(prior, truth, drawn)), caption))
-        except CodedError as error:
-            notes.append(f"{scenario}: {error.message}.")
-    return images, notes
+        rows = [{"": f"There are no maps: {error.message}"}]
+    return Table("maps", "Maps", text, rows)
 
 
-def _uri(png: bytes) -> str:
-    return f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}"
+def _representatives(study: StudyResults, scenario: str, prior: GridMap) -> Dict[str, str]:
+    """Makes a scenario's row of images in Markdown. A cell says why a map is missing."""
+    row = {"Scenario": study.scenario_title(scenario)}
+    try:
+        truth = metrics.restricted_cells(prior, read_map(study.folder / "maps" / f"truth_{scenario}.yaml"))
+        row["Ground truth"] = _image(draw_map(prior, truth, start=study.meta.get("robot_start")))
+        for method in study.methods:
+            run = nearest_to_median(study, scenario, method)
+            if run is None:
+                row[method_title(method)] = "No completed run has a map."
+                continue
+            drawn = metrics.restricted_cells(prior, read_map(study.folder / run["map"]))
+            caption = f"Jaccard {metrics.jaccard(truth, drawn):.3f}, line {run.name}"
+            row[method_title(method)] = f"{_image(draw_map(prior, truth, drawn))} {caption}"
+    except CodedError as error:
+        row["Missing"] = error.message
+    return row
+
+
+def _image(png: bytes) -> str:
+    return f"![](data:image/png;base64,{base64.b64encode(png).decode('ascii')})"
 
 
 def nearest_to_median(study: StudyResults, scenario: str, method: str) -> Optional[pandas.Series]:
