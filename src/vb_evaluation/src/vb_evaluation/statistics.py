@@ -98,7 +98,7 @@ def signed_rank_test(differences: np.ndarray, confidence: float = CONFIDENCE) ->
         rank_biserial = (w_plus - w_minus) / (w_plus + w_minus)
     if n:
         larger_sums = ranks if w_plus >= w_minus else -ranks
-        p_exact = min(1.0, 2.0 * _tail_probability(larger_sums))
+        p_exact = min(1.0, 2.0 * _tail_probability(larger_sums))  # of all signs that are as one-sided, either way
     r = abs(z) / math.sqrt(2 * n) if n else math.nan
     return SignedRankTest(n, w_plus, w_minus, z, p_exact, r, rank_biserial, hodges_lehmann(differences, confidence))
 
@@ -215,7 +215,7 @@ def proportion(successes: int, n: int, confidence: float = CONFIDENCE) -> Interv
 
 def percentage(flags: np.ndarray) -> Interval:
     """Computes the share of ones among flags (N,) of 0 and 1 [%], with Wilson's interval."""
-    return proportion(int(flags.sum()), len(flags)).scaled(100.0)
+    return proportion(flags.sum(), len(flags)).scaled(100.0)
 
 
 def difference_of_proportions(first: np.ndarray, second: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
@@ -224,12 +224,14 @@ def difference_of_proportions(first: np.ndarray, second: np.ndarray, confidence:
     All values count as independent: the interval is too wide for pairs, and too narrow for several runs of a person who
     fails more than once. Unlike a bootstrap, it allows for events that none of a few people had.
     """
-    a = proportion(int(first.sum()), len(first), confidence)
-    b = proportion(int(second.sum()), len(second), confidence)
+    a = proportion(first.sum(), len(first), confidence)
+    b = proportion(second.sum(), len(second), confidence)
     difference = a.estimate - b.estimate
-    # Newcombe (1998), method 10: from the limits of Wilson's intervals
-    low = difference - math.hypot(a.estimate - a.low, b.high - b.estimate)
-    high = difference + math.hypot(a.high - a.estimate, b.estimate - b.low)
+    # Newcombe (1998), method 10: from the distances to the limits of Wilson's intervals
+    below = math.hypot(a.estimate - a.low, b.high - b.estimate)
+    above = math.hypot(a.high - a.estimate, b.estimate - b.low)
+    low = difference - below
+    high = difference + above
     return Interval(difference, low, high, confidence)
 
 

@@ -50,21 +50,26 @@ def draw_map(
     if drawn is None:
         colors[truth] = TRUTH
     else:
-        colors[truth & drawn], colors[drawn & ~truth] = AGREEMENT, EXCESS
+        colors[truth & drawn] = AGREEMENT
+        colors[drawn & ~truth] = EXCESS
     colors[prior.data >= OCCUPIED_THRESHOLD] = OCCUPIED
-    scale = max(1, -(-MIN_WIDTH_PX // prior.shape[1]))
-    size = (prior.shape[1] * scale, prior.shape[0] * scale)
+    height, width = prior.shape
+    scale = max(1, -(-MIN_WIDTH_PX // width))
+    size = (width * scale, height * scale)
     image = cv2.resize(colors, size, interpolation=cv2.INTER_NEAREST)
     if drawn is not None:
         closed = cv2.morphologyEx((truth | drawn).astype(np.uint8), cv2.MORPH_CLOSE, HOLE)
         union = cv2.resize(closed, size, interpolation=cv2.INTER_NEAREST)
         # outside the union: a wrongly restricted part is often one cell wide and must not be hidden
-        image[(cv2.dilate(union, np.ones((5, 5), np.uint8)) > 0) & (union == 0)] = UNION
+        outline = (cv2.dilate(union, np.ones((5, 5), np.uint8)) > 0) & (union == 0)
+        image[outline] = UNION
     if start is not None:
-        tip = (start[0] + 0.55 * np.cos(start[2]), start[1] + 0.55 * np.sin(start[2]))
-        ends = np.round((prior.world_to_grid(np.array([start[:2], tip])) + 0.5) * scale).astype(int)
+        x, y, theta = start
+        arrow = np.array([(x, y), (x + 0.55 * np.cos(theta), y + 0.55 * np.sin(theta))])
+        ends = np.round((prior.world_to_grid(arrow) + 0.5) * scale).astype(int)
         cv2.arrowedLine(image, *ends.tolist(), EXCESS, 2 * scale, cv2.LINE_AA, tipLength=0.4)
-    return cv2.imencode(".png", image[::-1, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()
+    bgr_from_top = image[::-1, :, ::-1]
+    return cv2.imencode(".png", bgr_from_top, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()
 
 
 def maps_table(study: StudyResults) -> Table:
@@ -86,7 +91,7 @@ def _representatives(study: StudyResults, scenario: str, prior: GridMap) -> Dict
     row = {"Scenario": study.scenario_title(scenario)}
     try:
         truth = metrics.restricted_cells(prior, read_map(study.folder / "maps" / f"truth_{scenario}.yaml"))
-        row["Ground truth"] = _image(draw_map(prior, truth, start=study.meta.get("robot_start")))
+        row["Ground truth"] = _image(draw_map(prior, truth, start=study.meta.get("robot_start")), "as asked for")
         for method in study.methods:
             run = nearest_to_median(study, scenario, method)
             if run is None:
@@ -94,14 +99,15 @@ def _representatives(study: StudyResults, scenario: str, prior: GridMap) -> Dict
                 continue
             drawn = metrics.restricted_cells(prior, read_map(study.folder / run["map"]))
             caption = f"Jaccard {metrics.jaccard(truth, drawn):.3f}, line {run.name}"
-            row[method_title(method)] = f"{_image(draw_map(prior, truth, drawn))} {caption}"
+            row[method_title(method)] = _image(draw_map(prior, truth, drawn), caption)
     except CodedError as error:
         row["Missing"] = error.message
     return row
 
 
-def _image(png: bytes) -> str:
-    return f"![](data:image/png;base64,{base64.b64encode(png).decode('ascii')})"
+def _image(png: bytes, caption: str) -> str:
+    data = base64.b64encode(png).decode("ascii")
+    return f"![{caption}](data:image/png;base64,{data}) {caption}"
 
 
 def nearest_to_median(study: StudyResults, scenario: str, method: str) -> Optional[pandas.Series]:

@@ -121,16 +121,12 @@ def error_table(study: StudyResults) -> Table:
     headings = dict(zip(ERRORS, ("mean [cm]", "95 % of the boundary within [cm]", "largest [cm]")))
     rows = []
     for scenario, method, runs in study.by_method(completed=1):
-        medians = {heading: statistics.median(runs[column].dropna()) for column, heading in headings.items()}
-        worst = runs.error_max_cm.max()
-        rows.append(
-            {
-                **study.titles(scenario, method),
-                **medians,
-                "worst run's largest [cm]": worst,
-                "Runs": runs.error_max_cm.count(),
-            }
-        )
+        row = study.titles(scenario, method)
+        for column, heading in headings.items():
+            row[heading] = statistics.median(runs[column].dropna())
+        row["worst run's largest [cm]"] = runs.error_max_cm.max()
+        row["Runs"] = runs.error_max_cm.count()
+        rows.append(row)
     text = (
         "How far the boundary that the robot respects lies from the one that was asked for, both ways, over completed runs. "
         "Of each run the mean, the 95th percentile and the largest distance along the boundary; in the table their medians "
@@ -144,16 +140,13 @@ def time_table(study: StudyResults) -> Table:
     """Reports interaction time by state."""
     rows = []
     for scenario, method, runs in study.by_method():
-        states = {f"{state.capitalize()} [s]": runs[f"time_{state}_s"].mean() for state in STATES}
+        row = study.titles(scenario, method)
+        for state in STATES:
+            row[f"{state.capitalize()} [s]"] = runs[f"time_{state}_s"].mean()
         totals = runs.time_total_s.dropna()
-        rows.append(
-            {
-                **study.titles(scenario, method),
-                **states,
-                "Total, mean [s]": statistics.mean(totals),
-                "Runs": len(totals),
-            }
-        )
+        row["Total, mean [s]"] = statistics.mean(totals)
+        row["Runs"] = len(totals)
+        rows.append(row)
     text = (
         "From leaving the state Default to the border in the map, in the states Guide, Border and Seed, "
         "attempts that were cancelled included (paper, Sect. 5.5)."
@@ -166,42 +159,38 @@ def accuracy_table(study: StudyResults) -> Table:
     rows = []
     for scenario, method, runs in study.by_method(completed=1):
         indices = runs.jaccard.dropna()
-        measures = {"Median": statistics.median(indices), "Smallest": indices.min()}
-        rows.append(
-            {
-                **study.titles(scenario, method),
-                **measures,
-                "Paper": paper_results.published(scenario, method)[0],
-                "Runs": len(indices),
-            }
-        )
+        row = study.titles(scenario, method)
+        row["Median"] = statistics.median(indices)
+        row["Smallest"] = indices.min()
+        row["Paper"], _ = paper_results.published(scenario, method)
+        row["Runs"] = len(indices)
+        rows.append(row)
     text = "Restricted cells against those that were asked for, over completed runs."
     return Table("accuracy", "Jaccard index", text, rows, dict.fromkeys(rows[0], 3))
 
 
 def completeness_table(study: StudyResults) -> Table:
     """Reports success rates, and counts the outcomes, with the help and problems that the experimenter noted."""
+    outcomes = study.runs.outcome.unique() if "outcome" in study.runs else ()
     rows = []
     for scenario, method, runs in study.by_method():
         flags = runs.completed.dropna()
-        row = {
-            **study.titles(scenario, method),
-            "Completed": f"{int(flags.sum())} of {len(flags)}",
-            "Share [%]": statistics.percentage(flags),
-        }
-        row["Paper [%]"] = 100 * paper_results.published(scenario, method)[1]
-        for outcome in study.runs.get("outcome", pandas.Series(dtype=str)).unique():
-            row[f"Outcome {outcome}"] = int((runs.outcome == outcome).sum())
+        _, published = paper_results.published(scenario, method)
+        row = study.titles(scenario, method)
+        row["Completed"] = f"{int(flags.sum())} of {len(flags)}"
+        row["Share [%]"] = statistics.percentage(flags)
+        row["Paper [%]"] = 100 * published
+        for outcome in outcomes:
+            row[f"Outcome {outcome}"] = (runs.outcome == outcome).sum()
         if study.has_people:
-            row["With help"] = int((runs.helped > 0).sum())
-            row["With a problem of the system"] = int((runs.problems > 0).sum())
+            row["With help"] = (runs.helped > 0).sum()
+            row["With a problem of the system"] = (runs.problems > 0).sum()
         rows.append(row)
     text = "Runs that ended with a saved border and a seed on the side that was asked for"
     if study.has_people:
         text += ", and that nobody who judged them said otherwise of"
-    return Table(
-        "completeness", "Completed", f"{text}; Wilson's 95 % intervals.", rows, {"Share [%]": 0, "Paper [%]": 1}
-    )
+    text += "; Wilson's 95 % intervals."
+    return Table("completeness", "Completed", text, rows, {"Share [%]": 0, "Paper [%]": 1})
 
 
 def not_completed_table(study: StudyResults) -> Table:

@@ -85,10 +85,9 @@ def read_questionnaire(path: Path) -> pandas.DataFrame:
         is_wrong = ~cells.isin(["", *map(str, range(1, highest + 1))])
         refuse_cells(cells, is_wrong, path, f"a whole number from 1 to {highest}", "bad_questionnaire")
         answers[column] = pandas.to_numeric(cells)
-    flags = [
-        yes_or_no(text, f"{path}, line {line}: helped", "bad_questionnaire") for line, text in sheet.helped.items()
-    ]
-    answers["helped"] = pandas.Series(flags, sheet.index, dtype=float)
+    for line, text in sheet.helped.items():
+        answers.loc[line, "helped"] = yes_or_no(text, f"{path}, line {line}: helped", "bad_questionnaire")
+    answers["helped"] = answers.helped.astype(float)
     return answers
 
 
@@ -107,9 +106,11 @@ def _summary(answers: pandas.Series) -> str:
     """Describes answers as the paper does: years and ratings by mean, standard deviation and range, others by counts."""
     numbers = pandas.to_numeric(answers, errors="coerce")
     if len(answers) > 1 and numbers.notna().all():
-        spread = f"{numbers.min():g} to {numbers.max():g}"
-        return f"M = {numbers.mean():.1f}, SD = {numbers.std():.1f}, {spread}, n = {len(numbers)}"
-    return "; ".join(f"{value}: {count}" for value, count in answers.value_counts().sort_index().items())
+        mean = f"M = {numbers.mean():.1f}, SD = {numbers.std():.1f}"
+        extent = f"{numbers.min():g} to {numbers.max():g}"
+        return f"{mean}, {extent}, n = {len(numbers)}"
+    counts = answers.value_counts().sort_index()
+    return "; ".join(f"{value}: {count}" for value, count in counts.items())
 
 
 def questionnaire_table(study: StudyResults) -> Table:
@@ -133,12 +134,17 @@ def questionnaire_table(study: StudyResults) -> Table:
 def _compare_answers(answers: pandas.DataFrame, families: Mapping[str, List[str]]) -> List[Dict[str, Any]]:
     """Compares the means over some items, of the people who answered all of them for both methods: a row for each name."""
     means = {}
+    differences = {}
     for name, items in families.items():
-        by_method = {method: answers[[f"{item}_{method}" for item in items]] for method in METHODS}
-        scores = pandas.DataFrame({method: columns.mean(axis=1, skipna=False) for method, columns in by_method.items()})
-        means[name] = scores.dropna()
-    tests = effect_sizes.wilcoxon_rows({name: paired_differences(*scores.T.values) for name, scores in means.items()})
-    return [{"Statement": name, **means[name].mean().rename(METHOD_TITLES), **test} for name, test in tests.items()]
+        scores = pandas.DataFrame()
+        for method in METHODS:
+            columns = [f"{item}_{method}" for item in items]
+            scores[METHOD_TITLES[method]] = answers[columns].mean(axis=1, skipna=False)
+        scores = scores.dropna()
+        means[name] = scores.mean().to_dict()
+        differences[name] = paired_differences(*scores.to_numpy().T)
+    tests = effect_sizes.wilcoxon_rows(differences)
+    return [{"Statement": name, **means[name], **test} for name, test in tests.items()]
 
 
 def warnings_table(study: StudyResults) -> Table:

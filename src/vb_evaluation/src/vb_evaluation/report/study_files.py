@@ -64,8 +64,8 @@ class StudyResults:
         """Returns a scenario's name for people, as study.json or else the paper has it."""
         return str((self.meta.get("scenarios") or {}).get(key) or paper_results.scenario_title(key))
 
-    def titles(self, scenario: str, method: str) -> Dict[str, str]:
-        """Returns the cells of a row that name a scenario and a method for people."""
+    def titles(self, scenario: str, method: str) -> Dict[str, Any]:
+        """Makes a row with the cells that name a scenario and a method for people."""
         return {"Scenario": self.scenario_title(scenario), "Method": paper_results.method_title(method)}
 
     @property

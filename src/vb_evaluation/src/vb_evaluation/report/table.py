@@ -35,9 +35,12 @@ class Table:
         """Writes the text and the table in Markdown."""
         headings = list(dict.fromkeys(heading for row in self.rows for heading in row))
         cells = [[self._cell(row, heading) for heading in headings] for row in self.rows]
-        rules = ["---:" if re.match(r"[-−+<.\d]", cell) else "---" for cell in cells[0]]  # numbers at the right
-        table = "\n".join(f"| {' | '.join(line)} |" for line in (headings, rules, *cells))
-        return f"{self.text}\n\n{table}".lstrip()
+        rules = []
+        for cell in cells[0]:
+            is_number = re.match(r"[-−+<.\d]", cell)
+            rules.append("---:" if is_number else "---")  # at the right, or at the left
+        lines = [f"| {' | '.join(line)} |" for line in (headings, rules, *cells)]
+        return "\n".join([self.text, "", *lines]).lstrip()
 
     def _cell(self, row: Mapping[str, Any], heading: str) -> str:
         value = row.get(heading, "")
