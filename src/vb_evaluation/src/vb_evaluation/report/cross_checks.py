@@ -58,7 +58,8 @@ def _compare_scenario(study: StudyResults, scenario: str) -> Iterator[Dict[str, 
 
 def _compare(quantity: str, published: float, ours: Interval, *, digits: int, step: float) -> Dict[str, Any]:
     """Makes the row of a figure, with so many digits. The paper's is rounded to multiples of `step`."""
-    low, high = (ours.estimate if math.isnan(limit) else limit for limit in (ours.low, ours.high))
+    low = ours.estimate if math.isnan(ours.low) else ours.low
+    high = ours.estimate if math.isnan(ours.high) else ours.high
     tolerance = 0.5 * step
     difference = ours.estimate - published
     reading = "better" if difference > 0 else "worse"
@@ -103,7 +104,6 @@ def _conclusions(study: StudyResults) -> List[Dict[str, Any]]:
     both = is_completed & is_completed_base
     are_timed = both & worlds.time_total_s.notna() & worlds.time_total_s_base.notna()
     are_measured = both & worlds.error_mean_cm.notna() & worlds.error_mean_cm_base.notna()
-    name, baseline_name = (paper_results.method_title(key).lower() for key in study.comparison)
     # each conclusion: where it holds, and the worlds that it is about
     claims = {
         "faster, whether completed or not": (is_faster, worlds.completed.notna()),
@@ -111,8 +111,11 @@ def _conclusions(study: StudyResults) -> List[Dict[str, Any]]:
         "at least 1.5 times as fast (both completed)": (is_much_faster, are_timed),
         f"mean boundary error at most {TOLERATED_CM} cm larger": (is_as_exact, are_measured),
         "completed wherever robot only was": (is_completed, is_completed_base),
-        f"completed: {name}": (is_completed, worlds.completed.notna()),
-        f"completed: {baseline_name}": (is_completed_base, worlds.completed_base.notna()),
+        f"completed: {paper_results.method_title(method).lower()}": (is_completed, worlds.completed.notna()),
+        f"completed: {paper_results.method_title(baseline).lower()}": (
+            is_completed_base,
+            worlds.completed_base.notna(),
+        ),
     }
     rows = []
     for claim, (holds, is_about) in claims.items():

@@ -32,13 +32,13 @@ EFFECT_DIGITS = {"Mean boundary error [cm]": 1, "Time [s]": 1, "Jaccard index": 
 
 def summary_table(study: StudyResults) -> Table:
     """Reports the method's effects with their intervals."""
-    first, second = (paper_results.method_title(method) for method in study.comparison)
+    method, baseline = (paper_results.method_title(key) for key in study.comparison)
     text = (
-        f"Differences are {first.lower()} minus {second.lower()}, paired by participant: Hodges-Lehmann estimate and 95 % "
+        f"Differences are {method.lower()} minus {baseline.lower()}, paired by participant: Hodges-Lehmann estimate and 95 % "
         "interval (accuracy: who completed both). Speed-up: ratio of the mean times, bootstrap interval. Completed: of all "
         "runs, Newcombe's interval. [?]: too few pairs."
     )
-    return Table("summary", f"{first} against {second.lower()}", text, _effects(study, study.runs), EFFECT_DIGITS)
+    return Table("summary", f"{method} against {baseline.lower()}", text, _effects(study, study.runs), EFFECT_DIGITS)
 
 
 def summary_without_help_table(study: StudyResults) -> Table:
@@ -51,7 +51,9 @@ def summary_without_help_table(study: StudyResults) -> Table:
 
 def _effects(study: StudyResults, runs: pandas.DataFrame) -> List[Dict[str, Any]]:
     """Computes the effects of a study's method on some of its runs, a row for each scenario."""
-    times, errors, indices = (study.differences(runs, name) for name in ("time_total_s", "error_mean_cm", "jaccard"))
+    times = study.differences(runs, "time_total_s")
+    errors = study.differences(runs, "error_mean_cm")
+    indices = study.differences(runs, "jaccard")
     return [
         {
             "Scenario": title,
@@ -104,8 +106,10 @@ def _compare_with_margin(gain: statistics.Interval, margin: float, digits: int) 
 def tests_table(study: StudyResults) -> Table:
     """Reports the paper's Wilcoxon tests, for studies with people only."""
     measures = {"error_mean_cm": "mean boundary error [cm]", "time_total_s": "time [s]", "jaccard": "Jaccard index"}
+    if not study.has_people:
+        measures = {}
     rows: List[Dict[str, Any]] = []
-    for column, measure in measures.items() if study.has_people else ():
+    for column, measure in measures.items():
         tests = effect_sizes.wilcoxon_rows(study.differences(study.runs, column))
         rows += ({"Measure": measure, "Scenario": title, **test} for title, test in tests.items())
     text = (

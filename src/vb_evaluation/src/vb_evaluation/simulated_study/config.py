@@ -184,7 +184,10 @@ class Study:
         """
         settings = self.document.get("marks") or {}
         rng = self.streams(participant)(f"marks {scenario}")
-        dx, dy, turn = (draw(f"marks/{key}", settings.get(key, 0.0), rng) for key in ("offset", "offset", "turn"))
+        offset = settings.get("offset", 0.0)
+        dx = draw("marks/offset", offset, rng)
+        dy = draw("marks/offset", offset, rng)
+        turn = draw("marks/turn", settings.get("turn", 0.0), rng)
         return dx, dy, math.radians(turn)
 
     def streams(self, participant: int) -> Streams:
