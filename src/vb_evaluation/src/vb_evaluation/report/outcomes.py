@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Dict, List, NamedTuple
 
 import pandas
@@ -12,22 +13,28 @@ from vb_evaluation.report.study_files import ERRORS, STATES, StudyResults
 from vb_evaluation.report.table import Table
 
 
-class NoninferiorityMargin(NamedTuple):
-    """How much worse than the baseline a method may be in a measure. `sign` is 1 if larger values are better, else -1."""
+class Measure(NamedTuple):
+    """A measure by which methods are compared.
+
+    Attributes:
+        sign: 1 if larger values are better, else -1.
+        margin: how much worse than the baseline a method may be; nan where no such question is asked.
+    """
 
     title: str
-    margin: float
-    sign: float
     digits: int
+    sign: float
+    margin: float
 
 
 # one cell of the map is 2.5 cm; .05 is about twice the .028 that the paper calls not notable in practice
-MARGINS = {
-    "jaccard": NoninferiorityMargin("Jaccard index", 0.05, sign=1.0, digits=3),
-    "error_mean_cm": NoninferiorityMargin("mean boundary error [cm]", 2.5, sign=-1.0, digits=1),
+MEASURES = {
+    "error_mean_cm": Measure("Mean boundary error [cm]", 1, sign=-1.0, margin=2.5),
+    "time_total_s": Measure("Time [s]", 1, sign=-1.0, margin=math.nan),
+    "jaccard": Measure("Jaccard index", 3, sign=1.0, margin=0.05),
 }
-COMPLETENESS_MARGIN = 10  # [percentage points]
-EFFECT_DIGITS = {"Mean boundary error [cm]": 1, "Time [s]": 1, "Jaccard index": 3, "Completed [points]": 0}
+COMPLETED = Measure("Completed [points]", 0, sign=1.0, margin=10.0)
+EFFECT_DIGITS = {measure.title: measure.digits for measure in (*MEASURES.values(), COMPLETED)}
 
 
 def summary_table(study: StudyResults) -> Table:
@@ -51,37 +58,33 @@ def summary_without_help_table(study: StudyResults) -> Table:
 
 def _effects(study: StudyResults, runs: pandas.DataFrame) -> List[Dict[str, Any]]:
     """Computes the effects of a study's method on some of its runs, a row for each scenario."""
-    times = study.differences(runs, "time_total_s")
-    errors = study.differences(runs, "error_mean_cm")
-    indices = study.differences(runs, "jaccard")
-    return [
-        {
-            "Scenario": title,
-            "Pairs": len(times[title]),
-            "Pairs, accuracy": len(errors[title]),
-            "Mean boundary error [cm]": effect_sizes.paired_shift(errors[title]),
-            "Time [s]": effect_sizes.paired_shift(times[title]),
-            "Speed-up": effect_sizes.speed_up(table, study.comparison),
-            "Jaccard index": effect_sizes.paired_shift(indices[title]),
-            "Completed [points]": effect_sizes.completed_more(table, study.comparison),
-        }
-        for title, table in study.by_scenario(runs)
-    ]
+    differences = {column: study.differences(runs, column) for column in MEASURES}
+    rows = []
+    for title, scenario_runs in study.by_scenario(runs):
+        row: Dict[str, Any] = {"Scenario": title}
+        row["Pairs"] = len(differences["time_total_s"][title])
+        row["Pairs, accuracy"] = len(differences["error_mean_cm"][title])
+        for column, measure in MEASURES.items():
+            row[measure.title] = effect_sizes.paired_shift(differences[column][title])
+        row["Speed-up"] = effect_sizes.speed_up(scenario_runs, study.comparison)
+        row[COMPLETED.title] = effect_sizes.completed_more(scenario_runs, study.comparison)
+        rows.append(row)
+    return rows
 
 
 def noninferiority_table(study: StudyResults) -> Table:
     """Reports whether the method is worse than the baseline by a margin or more (the paper's hypotheses 3 and 4)."""
     rows: List[Dict[str, Any]] = []
-    for column, (measure, margin, sign, digits) in MARGINS.items():
-        gains = {title: sign * differences for title, differences in study.differences(study.runs, column).items()}
-        corrected = statistics.holm([statistics.noninferiority_p(gain, margin) for gain in gains.values()])
+    for column in ("jaccard", "error_mean_cm"):
+        measure = MEASURES[column]
+        gains = {title: measure.sign * values for title, values in study.differences(study.runs, column).items()}
+        corrected = statistics.holm([statistics.noninferiority_p(gain, measure.margin) for gain in gains.values()])
         for (title, gain), p in zip(gains.items(), corrected):
-            reading = _compare_with_margin(effect_sizes.paired_shift(gain, 0.9), margin, digits)
+            reading = _compare_with_margin(effect_sizes.paired_shift(gain, 0.9), measure)
             test = {"p (Holm)": statistics.format_p(p)} if study.has_people else {}
-            rows.append({"Scenario": title, "Measure": measure, **reading, "Pairs": len(gain), **test})
+            rows.append({"Scenario": title, **reading, "Pairs": len(gain), **test})
     completed = effect_sizes.completed_more(study.runs, study.comparison, 0.9)
-    reading = _compare_with_margin(completed, COMPLETENESS_MARGIN, 0)
-    rows.append({"Scenario": "all", "Measure": "completed [points]", **reading})
+    rows.append({"Scenario": "all", **_compare_with_margin(completed, COMPLETED)})
     text = (
         "Gains: positive is better. Not worse: the 90 % interval lies above minus the margin, which is a one-sided test at "
         "5 %; equivalent: within both margins (two one-sided tests). Accuracy: who completed both."
@@ -91,27 +94,26 @@ def noninferiority_table(study: StudyResults) -> Table:
     return Table("not_worse", "Not worse by a margin", text, rows)
 
 
-def _compare_with_margin(gain: statistics.Interval, margin: float, digits: int) -> Dict[str, str]:
-    """Compares the 90 % interval of a gain with a margin."""
-    is_not_worse = gain.low > -margin
-    reading = "worse" if gain.high < -margin else "open"
+def _compare_with_margin(gain: statistics.Interval, measure: Measure) -> Dict[str, str]:
+    """Compares the 90 % interval of a gain with its measure's margin."""
+    is_not_worse = gain.low > -measure.margin
+    reading = "worse" if gain.high < -measure.margin else "open"
     return {
-        "Gain [90 %]": gain.text(digits),
-        "Margin": f"{margin:g}",
+        "Measure": measure.title,
+        "Gain [90 %]": gain.text(measure.digits),
+        "Margin": f"{measure.margin:g}",
         "Reading": "not worse" if is_not_worse else reading,
-        "Equivalent": "yes" if is_not_worse and gain.high < margin else "no",
+        "Equivalent": "yes" if is_not_worse and gain.high < measure.margin else "no",
     }
 
 
 def tests_table(study: StudyResults) -> Table:
     """Reports the paper's Wilcoxon tests, for studies with people only."""
-    measures = {"error_mean_cm": "mean boundary error [cm]", "time_total_s": "time [s]", "jaccard": "Jaccard index"}
-    if not study.has_people:
-        measures = {}
     rows: List[Dict[str, Any]] = []
+    measures = MEASURES if study.has_people else {}
     for column, measure in measures.items():
         tests = effect_sizes.wilcoxon_rows(study.differences(study.runs, column))
-        rows += ({"Measure": measure, "Scenario": title, **test} for title, test in tests.items())
+        rows += ({"Measure": measure.title, "Scenario": title, **test} for title, test in tests.items())
     text = (
         "Wilcoxon signed-rank test: Z as SPSS gives it (zero differences left out, ties corrected, no continuity "
         "correction), exact p over all signs, r = |Z| / √(2 × pairs), Hodges-Lehmann difference. Accuracy: who completed "
