@@ -133,8 +133,7 @@ def test_a_comparison_of_few_participants_claims_no_more_than_they_show():
     none = statistics.signed_rank_test([])
     assert none.n == 0 and math.isnan(none.p_exact) and math.isnan(none.r) and math.isnan(none.shift.estimate)
     # ties hidden by floating-point error
-    hidden = statistics.paired_differences([0.3, 0.4, 0.0], [0.1, 0.2, 0.1])
-    assert statistics.signed_rank_test(hidden).w_plus == 5.0
+    assert list(statistics.paired_differences([0.3, 0.4, 0.0], [0.1, 0.2, 0.1])) == [0.2, 0.2, -0.1]
     equal = statistics.signed_rank_test([0.0, 0.0])
     assert equal.p_exact == 1.0 and math.isnan(equal.z) and math.isnan(equal.rank_biserial)
 

@@ -84,7 +84,7 @@ def paired_differences(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.round(first - second, 9)
 
 
-def signed_rank_test(differences: np.ndarray, confidence: float = CONFIDENCE) -> SignedRankTest:
+def signed_rank_test(differences: np.ndarray) -> SignedRankTest:
     """Tests paired differences (N,). Equal ones must be equal to the last bit to be ties."""
     differences = _sample(differences)
     n = len(differences)
@@ -100,7 +100,7 @@ def signed_rank_test(differences: np.ndarray, confidence: float = CONFIDENCE) ->
         larger_sums = ranks if w_plus >= w_minus else -ranks
         p_exact = min(1.0, 2.0 * _tail_probability(larger_sums))  # of all signs that are as one-sided, either way
     r = abs(z) / math.sqrt(2 * n) if n else math.nan
-    return SignedRankTest(n, w_plus, w_minus, z, p_exact, r, rank_biserial, hodges_lehmann(differences, confidence))
+    return SignedRankTest(n, w_plus, w_minus, z, p_exact, r, rank_biserial, hodges_lehmann(differences))
 
 
 def hodges_lehmann(differences: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
