@@ -256,8 +256,9 @@ def test_people_have_p_corrected_in_each_family_and_the_ueq_s_as_published(tmp_p
     row = [answer for pair in answer_pairs for answer in pair]
     rows = [[number, *row[:10], "yes", *row[10:]] for number in range(6)]
     study_rows.write(folder / "questionnaire.csv", rows, [*questionnaire.COLUMNS, *questionnaire.UEQ_COLUMNS])
+    (folder / "warnings.csv").write_text("warning\n<b>![a](https://b.example/c.png)|d\n")
     page = words_of(write_report(folder).read_text())
-    assert "exact p" in page and "Yes: 6 of 6" in page
+    assert "exact p" in page and "Yes: 6 of 6" in page and "<b>![a](https://b.example/c.png)|d" in page
     assert "This is a simulation" not in page
     study = read_study(folder)
     tables = {table.name: table.rows for table in report_tables(study)}

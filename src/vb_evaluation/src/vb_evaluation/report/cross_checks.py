@@ -18,9 +18,8 @@ TOLERATED_CM = 2.5  # [cm] one cell of the map: no robot respects a border more 
 def paper_table(study: StudyResults) -> Table:
     """Compares each figure of the paper with ours, in both directions: being better does not count as agreement."""
     rows: List[Dict[str, Any]] = []
-    has_both = set(METHODS) <= set(study.methods)
     for scenario in PAPER:
-        if has_both and scenario in study.scenarios:
+        if study.comparison == METHODS and scenario in study.scenarios:
             title = study.scenario_title(scenario)
             rows += ({"Scenario": title, **row} for row in _compare_scenario(study, scenario))
     counts = {word: sum(row["Reading"] == word for row in rows) for word in ("same", "better", "worse")}

@@ -15,8 +15,7 @@ from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, paper_results
 from vb_evaluation.report.html_page import report_tables
 from vb_evaluation.report.paper_results import METHODS
-from vb_evaluation.report.study_files import StudyResults, pairs, read_study, select
-from vb_evaluation.statistics import paired_differences
+from vb_evaluation.report.study_files import StudyResults, read_study, select
 
 BEGIN, END = "<!-- what follows is written by study_kit report --page -->", "<!-- end of what is written -->"
 # scenario: the paper's difference of the median Jaccard indices, which it calls significant
@@ -82,8 +81,7 @@ def _counts(rows: List[Dict[str, Any]]) -> str:
 def _effect(study: StudyResults, scenario: str) -> str:
     """Tells whether the paper's effect on accuracy was found again: our interval has it, and not 0."""
     effect = EFFECTS[scenario]
-    differences = paired_differences(*pairs(select(study.runs, scenario=scenario), "jaccard", METHODS))
-    here = effect_sizes.paired_shift(differences)
+    here = effect_sizes.paired_shift(study.differences(study.runs, "jaccard")[scenario])
     has_effect = here.low <= effect <= here.high
     has_zero = here.low <= 0.0 <= here.high
     found = "found" if has_effect and not has_zero else "not found"

@@ -57,9 +57,12 @@ def write_report(folder: Path) -> Path:
     """
     study = read_study(folder)
     tables = report_tables(study)
+    markdown = MarkdownIt("js-default")
+    # no note of an experimenter becomes a link, or an image from elsewhere
+    markdown.validateLink = lambda url: url.startswith("data:image/png;base64,")
     loader = jinja2.FileSystemLoader(str(Path(__file__).parent))
     environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
-    environment.filters["markdown"] = MarkdownIt("js-default").render
+    environment.filters["markdown"] = markdown.render
     text = environment.get_template("report.html.j2").render(
         title=f"Drawing virtual borders: the study with {'people' if study.has_people else 'simulated people'}",
         notices=notices(study),

@@ -9,7 +9,7 @@ import pandas
 
 from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, paper_results
-from vb_evaluation.report.study_files import ERRORS, STATES, StudyResults
+from vb_evaluation.report.study_files import ERRORS, STATES, StudyResults, select
 from vb_evaluation.report.table import Table
 
 
@@ -60,12 +60,13 @@ def _effects(study: StudyResults, runs: pandas.DataFrame) -> List[Dict[str, Any]
     """Computes the effects of a study's method on some of its runs, a row for each scenario."""
     differences = {column: study.differences(runs, column) for column in MEASURES}
     rows = []
-    for title, scenario_runs in study.by_scenario(runs):
-        row: Dict[str, Any] = {"Scenario": title}
-        row["Pairs"] = len(differences["time_total_s"][title])
-        row["Pairs, accuracy"] = len(differences["error_mean_cm"][title])
+    for scenario in study.scenarios:
+        scenario_runs = select(runs, scenario=scenario)
+        row: Dict[str, Any] = {"Scenario": study.scenario_title(scenario)}
+        row["Pairs"] = len(differences["time_total_s"][scenario])
+        row["Pairs, accuracy"] = len(differences["error_mean_cm"][scenario])
         for column, measure in MEASURES.items():
-            row[measure.title] = effect_sizes.paired_shift(differences[column][title])
+            row[measure.title] = effect_sizes.paired_shift(differences[column][scenario])
         row["Speed-up"] = effect_sizes.speed_up(scenario_runs, study.comparison)
         row[COMPLETED.title] = effect_sizes.completed_more(scenario_runs, study.comparison)
         rows.append(row)
@@ -77,12 +78,12 @@ def noninferiority_table(study: StudyResults) -> Table:
     rows: List[Dict[str, Any]] = []
     for column in ("jaccard", "error_mean_cm"):
         measure = MEASURES[column]
-        gains = {title: measure.sign * values for title, values in study.differences(study.runs, column).items()}
+        gains = {key: measure.sign * values for key, values in study.differences(study.runs, column).items()}
         corrected = statistics.holm([statistics.noninferiority_p(gain, measure.margin) for gain in gains.values()])
-        for (title, gain), p in zip(gains.items(), corrected):
+        for (scenario, gain), p in zip(gains.items(), corrected):
             reading = _compare_with_margin(effect_sizes.paired_shift(gain, 0.9), measure)
             test = {"p (Holm)": statistics.format_p(p)} if study.has_people else {}
-            rows.append({"Scenario": title, **reading, "Pairs": len(gain), **test})
+            rows.append({"Scenario": study.scenario_title(scenario), **reading, "Pairs": len(gain), **test})
     completed = effect_sizes.completed_more(study.runs, study.comparison, 0.9)
     rows.append({"Scenario": "all", **_compare_with_margin(completed, COMPLETED)})
     text = (
@@ -113,7 +114,8 @@ def tests_table(study: StudyResults) -> Table:
     measures = MEASURES if study.has_people else {}
     for column, measure in measures.items():
         tests = effect_sizes.wilcoxon_rows(study.differences(study.runs, column))
-        rows += ({"Measure": measure.title, "Scenario": title, **test} for title, test in tests.items())
+        for scenario, test in tests.items():
+            rows.append({"Measure": measure.title, "Scenario": study.scenario_title(scenario), **test})
     text = (
         "Wilcoxon signed-rank test: Z as SPSS gives it (zero differences left out, ties corrected, no continuity "
         "correction), exact p over all signs, r = |Z| / √(2 × pairs), Hodges-Lehmann difference. Accuracy: who completed "

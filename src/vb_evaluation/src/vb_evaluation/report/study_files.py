@@ -85,20 +85,15 @@ class StudyResults:
         """The (method, baseline) to compare; the same one twice if there is no other."""
         return self.methods[0], self.methods[-1]
 
-    def by_scenario(self, runs: pandas.DataFrame) -> Iterator[Tuple[str, pandas.DataFrame]]:
-        """Yields each scenario's title and its runs among some of the study's."""
-        for scenario in self.scenarios:
-            yield self.scenario_title(scenario), select(runs, scenario=scenario)
-
     def by_method(self, **where: object) -> Iterator[Tuple[str, str, pandas.DataFrame]]:
         """Yields each scenario, method, and the runs with them. `where` leaves only those with these values."""
         for scenario, method in product(self.scenarios, self.methods):
             yield scenario, method, select(self.runs, scenario=scenario, method=method, **where)
 
     def differences(self, runs: pandas.DataFrame, column: str) -> Dict[str, np.ndarray]:
-        """Returns a column's paired differences (N,), method minus baseline, by scenario's title."""
-        samples = {title: pairs(table, column, self.comparison) for title, table in self.by_scenario(runs)}
-        return {title: paired_differences(*pair) for title, pair in samples.items()}
+        """Returns a column's paired differences (N,), method minus baseline, in each scenario."""
+        samples = {key: pairs(select(runs, scenario=key), column, self.comparison) for key in self.scenarios}
+        return {key: paired_differences(*pair) for key, pair in samples.items()}
 
     @property
     def missing(self) -> List[str]:

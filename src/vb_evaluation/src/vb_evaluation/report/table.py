@@ -37,7 +37,7 @@ class Table:
         cells = [[self._cell(row, heading) for heading in headings] for row in self.rows]
         rules = []
         for cell in cells[0]:
-            is_number = re.match(r"[-−+<.\d]", cell)
+            is_number = re.match(r"[–−+<.\d]", cell)
             rules.append("---:" if is_number else "---")  # at the right, or at the left
         lines = [f"| {' | '.join(line)} |" for line in (headings, rules, *cells)]
         return "\n".join([self.text, "", *lines]).lstrip()
@@ -49,7 +49,7 @@ class Table:
             return value.text(digits)
         if isinstance(value, float):
             return format_number(value, digits)
-        return str(value).replace("|", r"\|")
+        return str(value).replace("|", r"\|").replace("\n", " ")
 
     def write_csv(self, path: Path) -> None:
         """Writes the rows with all their digits that are no floating-point noise."""
