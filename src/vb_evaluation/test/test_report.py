@@ -18,7 +18,7 @@ from vb_evaluation.report import cross_checks, questionnaire
 from vb_evaluation.report.findings import format_findings, write_page
 from vb_evaluation.report.study_files import ERRORS, TIMES, pairs, read_sheet, read_study, write_table, yes_or_no
 from vb_evaluation.report.map_figures import nearest_to_median
-from vb_evaluation.report.outcomes import MEASURES
+from vb_evaluation.report.outcomes import COMPARED
 from vb_evaluation.report.html_page import report_tables, write_report
 from vb_evaluation.statistics import Interval
 from vb_evaluation.user_study import __main__ as command
@@ -267,7 +267,7 @@ def test_people_have_p_corrected_in_each_family_and_the_ueq_s_as_published(tmp_p
     assert [row["p (Holm)"] for row in tables["questionnaire"]] == [".156"] * 5 + [
         ".094"
     ] * 3  # 5 and 3 times 2 of 2**6
-    for column, (title, _, sign, margin) in MEASURES.items():
+    for column, (title, _, sign, margin) in COMPARED.items():
         family = study.differences(study.runs, column).values()
         ps = {"tests": [statistics.signed_rank_test(differences).p_exact for differences in family]}
         if column != "time_total_s":

@@ -28,13 +28,13 @@ class Measure(NamedTuple):
 
 
 # one cell of the map is 2.5 cm; .05 is about twice the .028 that the paper calls not notable in practice
-MEASURES = {
+COMPARED = {
     "error_mean_cm": Measure("Mean boundary error [cm]", 1, sign=-1.0, margin=2.5),
     "time_total_s": Measure("Time [s]", 1, sign=-1.0, margin=math.nan),
     "jaccard": Measure("Jaccard index", 3, sign=1.0, margin=0.05),
 }
 COMPLETED = Measure("Completed [points]", 0, sign=1.0, margin=10.0)
-EFFECT_DIGITS = {measure.title: measure.digits for measure in (*MEASURES.values(), COMPLETED)}
+EFFECT_DIGITS = {measure.title: measure.digits for measure in (*COMPARED.values(), COMPLETED)}
 
 
 def summary_table(study: StudyResults) -> Table:
@@ -58,14 +58,14 @@ def summary_without_help_table(study: StudyResults) -> Table:
 
 def _effects(study: StudyResults, runs: pandas.DataFrame) -> List[Dict[str, Any]]:
     """Computes the effects of a study's method on some of its runs, a row for each scenario."""
-    differences = {column: study.differences(runs, column) for column in MEASURES}
+    differences = {column: study.differences(runs, column) for column in COMPARED}
     rows = []
     for scenario in study.scenarios:
         scenario_runs = select(runs, scenario=scenario)
         row: Dict[str, Any] = {"Scenario": study.scenario_title(scenario)}
         row["Pairs"] = len(differences["time_total_s"][scenario])
         row["Pairs, accuracy"] = len(differences["error_mean_cm"][scenario])
-        for column, measure in MEASURES.items():
+        for column, measure in COMPARED.items():
             row[measure.title] = effect_sizes.paired_shift(differences[column][scenario])
         row["Speed-up"] = effect_sizes.speed_up(scenario_runs, study.comparison)
         row[COMPLETED.title] = effect_sizes.completed_more(scenario_runs, study.comparison)
@@ -77,7 +77,7 @@ def noninferiority_table(study: StudyResults) -> Table:
     """Reports whether the method is worse than the baseline by a margin or more (the paper's hypotheses 3 and 4)."""
     rows: List[Dict[str, Any]] = []
     for column in ("jaccard", "error_mean_cm"):
-        measure = MEASURES[column]
+        measure = COMPARED[column]
         gains = {key: measure.sign * values for key, values in study.differences(study.runs, column).items()}
         corrected = statistics.holm([statistics.noninferiority_p(gain, measure.margin) for gain in gains.values()])
         for (scenario, gain), p in zip(gains.items(), corrected):
@@ -111,7 +111,7 @@ def _compare_with_margin(gain: statistics.Interval, measure: Measure) -> Dict[st
 def tests_table(study: StudyResults) -> Table:
     """Reports the paper's Wilcoxon tests, for studies with people only."""
     rows: List[Dict[str, Any]] = []
-    measures = MEASURES if study.has_people else {}
+    measures = COMPARED if study.has_people else {}
     for column, measure in measures.items():
         tests = effect_sizes.wilcoxon_rows(study.differences(study.runs, column))
         for scenario, test in tests.items():

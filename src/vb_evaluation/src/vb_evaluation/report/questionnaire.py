@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Dict, List, Mapping
 
+import numpy as np
 import pandas
 
 from vb_core.errors import CodedError
@@ -85,9 +86,10 @@ def read_questionnaire(path: Path) -> pandas.DataFrame:
         is_wrong = ~cells.isin(["", *map(str, range(1, highest + 1))])
         refuse_cells(cells, is_wrong, path, f"a whole number from 1 to {highest}", "bad_questionnaire")
         answers[column] = pandas.to_numeric(cells)
+    flags = []
     for line, text in sheet.helped.items():
-        answers.loc[line, "helped"] = yes_or_no(text, f"{path}, line {line}: helped", "bad_questionnaire")
-    answers["helped"] = answers.helped.astype(float)
+        flags.append(yes_or_no(text, f"{path}, line {line}: helped", "bad_questionnaire"))
+    answers["helped"] = np.array(flags, float)
     return answers
 
 
