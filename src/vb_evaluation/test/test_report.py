@@ -177,7 +177,6 @@ def test_methods_and_scenarios_keep_their_order_without_unplanned_runs(tmp_path)
     assert study.methods == ["nrs", "other", "robot_only"] and study.comparison == ("nrs", "robot_only")
     assert study.scenarios == ["corner", "desk", "door"] and study.scenario_title("desk") == "The desk"
     assert study.runs.completed.tolist() == [1.0, 1.0, 0.0] and study.meta["deviating"] == 1
-    assert study.has_people
     assert len(study.missing) == 2 * 3 * 3 - 3 and "p2, The desk, Robot only" in study.missing
     assert np.isnan(study.runs.helped).all() and not cross_checks.worlds_table(study).rows
     cells = {(scenario, method): len(runs) for scenario, method, runs in study.by_method()}
