@@ -103,8 +103,7 @@ def _write_inputs(study: Study, jobs: Sequence[Job], folder: Path) -> None:
     truths = {key: floor_plan.ground_truth(world, world.scenario(key)) for key in study.design.scenarios}
     write_truths(folder, floor_plan.physical_map(world), truths)
     if any(job.file == WORLDS for job in jobs):
-        worlds = draw_worlds(study, study.design.worlds, study.design.seed)
-        rows = [{"draw": draw, **factors} for draw, factors in enumerate(worlds, 1)]
+        rows = [{"draw": draw, **factors} for draw, factors in enumerate(draw_worlds(study), 1)]
         write_table(folder / DRAWS, list(rows[0]), rows)
 
 
