@@ -98,7 +98,7 @@ def write_page(folder: Path, page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     if text.count(BEGIN) != 1 or text.count(END) != 1:
         raise CodedError("no_place", f"{page} needs these two lines, once each:\n{BEGIN}\n{END}")
-    written = "\n\n".join(format_findings(read_study(folder)))
     before, _, _ = text.partition(BEGIN)
     _, _, after = text.partition(END)
-    write_atomically(page, f"{before}{BEGIN}\n\n{written}\n\n{END}{after}".encode("utf-8"))
+    blocks = [before + BEGIN, *format_findings(read_study(folder)), END + after]
+    write_atomically(page, "\n\n".join(blocks).encode("utf-8"))

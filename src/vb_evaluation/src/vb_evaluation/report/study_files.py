@@ -121,9 +121,11 @@ def pairs(table: pandas.DataFrame, column: str, methods: Tuple[str, str]) -> Tup
     rows = table[table[column].notna()]
     if column in ACCURACY:
         rows = select(rows, completed=1)
-    wide = rows.pivot_table(index="participant", columns="method", values=column, aggfunc="mean")
-    wide = wide.reindex(index=rows.participant.unique(), columns=list(methods)).dropna()
-    return wide[methods[0]].to_numpy(float), wide[methods[1]].to_numpy(float)
+    means = rows.pivot_table(index="participant", columns="method", values=column, aggfunc="mean")
+    people = rows.participant.unique()
+    paired = means.reindex(index=people, columns=list(methods)).dropna()
+    first, second = paired.to_numpy(float).T
+    return first, second
 
 
 def read_study(folder: Path) -> StudyResults:
