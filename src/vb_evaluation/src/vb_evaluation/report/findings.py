@@ -56,7 +56,7 @@ def answer_questions(study: StudyResults, rows: Mapping[str, List[Dict[str, Any]
         sentences.append(f"**The paper's people?** {_counts(rows['beside_the_paper'])}; better is disagreement as well")
         effects = "; ".join(_effect(study, key) for key in EFFECTS if key in study.scenarios)
         sentences += [f"**The paper's effects on accuracy?** {effects}"] if effects else []
-    if study.runs.pointed_right.notna().any():
+    if "outcome" in study.runs and study.runs.pointed_right.notna().any():
         saved = select(study.runs, method=METHODS[0], outcome="saved", pointed_right=1)
         share = statistics.percentage(saved.seed_is_right == 0)
         sentences.append(
