@@ -20,7 +20,8 @@ def test_rotations_agree_with_scipy(roll, pitch, yaw):
     quaternion = geometry.quaternion_from_rotation(ours)
     assert np.allclose(geometry.rotation_from_quaternion(quaternion), ours, atol=1e-9)
     # of the two quaternions of a rotation, the one with a positive real part
-    assert abs(abs(quaternion @ theirs.as_quat()) - 1.0) < 1e-9 and quaternion[3] >= 0.0
+    assert abs(quaternion @ theirs.as_quat()) == pytest.approx(1.0, abs=1e-9)
+    assert quaternion[3] >= 0.0
 
 
 @pytest.mark.parametrize("quaternion", [(0, 0, 0, 0), (math.nan, 0, 0, 1), (math.inf, 0, 0, 1)])

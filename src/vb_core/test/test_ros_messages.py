@@ -35,8 +35,9 @@ def test_maps_round_trip_byte_for_byte():
     assert bytes_of(plain) == data
     for message in (plain, messages.NumpyOccupancyGrid().deserialize(data)):
         decoded = messages.grid_from_message(message)
-        assert decoded.same_geometry(grid) and (decoded.data == cells).all()
-        assert message.header.frame_id == "map" and message.header.stamp == rospy.Time(7)
+        assert decoded.same_geometry(grid)
+        assert (decoded.data == cells).all()
+        assert (message.header.frame_id, message.header.stamp) == ("map", rospy.Time(7))
 
 
 def test_previews_round_trip_byte_for_byte():
@@ -71,7 +72,8 @@ def test_images_are_read_as_cv_bridge_reads_them(encoding, is_bigendian):
     swapped = np.frombuffer(data, dtype).byteswap().tobytes() if is_bigendian else data
     expected = bridge.imgmsg_to_cv2(Image(height=6, width=8, encoding=encoding, step=row, data=swapped), "passthrough")
     pixels = images.array_from_image(message)
-    assert pixels.dtype == expected.dtype.newbyteorder("=") and np.array_equal(pixels, expected)
+    assert pixels.dtype == expected.dtype.newbyteorder("=")
+    assert np.array_equal(pixels, expected)
 
 
 def test_padding_at_the_end_of_rows_is_ignored():
@@ -112,7 +114,8 @@ def make_info(distortion, fisheye=False):
 def test_cameras_round_trip(distortion, fisheye):
     camera, info = make_info(distortion, fisheye)
     decoded = images.camera_from_info(info)
-    assert np.allclose(decoded.matrix, camera.matrix) and np.allclose(decoded.distortion, camera.distortion)
+    assert np.allclose(decoded.matrix, camera.matrix)
+    assert np.allclose(decoded.distortion, camera.distortion)
     assert decoded.fisheye == fisheye
 
 
