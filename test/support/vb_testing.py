@@ -6,6 +6,7 @@ scripts/env.sh puts this folder on the path.
 import socket
 import subprocess
 import time
+from pathlib import Path
 from xmlrpc.client import ServerProxy
 
 import rosgraph
@@ -13,6 +14,7 @@ import rospy
 
 from vb_core.child_processes import spawn
 
+TOP = Path(__file__).resolve().parents[2]  # the repository
 _HEARD = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
 TIMEOUT = 120.0  # [s] a busy computer takes ten times as long as an idle one; only a failure waits this long
 

@@ -5,15 +5,14 @@ The stack silently ignores a misspelt parameter and uses its default, which is w
 
 import re
 import xml.etree.ElementTree as ElementTree
-from pathlib import Path
 
 import pytest
 import yaml
 
+from vb_testing import TOP
 from vb_core.navigation_parameters import navigation_parameters
 from vb_core.robot_profile import RobotProfile
 
-TOP = Path(__file__).resolve().parents[3]
 CONFIG = TOP / "src" / "vb_bringup" / "config" / "navigation"
 PROFILES = {path.stem: RobotProfile.load(path) for path in sorted((TOP / "robots").glob("*.yaml"))}
 

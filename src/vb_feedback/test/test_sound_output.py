@@ -21,7 +21,8 @@ def pitch(pcm):
 
 @pytest.mark.parametrize("name", SOUNDS)
 def test_each_note_has_the_pitch_that_it_says(name):
-    pcm, start = synthesize(name).astype(float), 0
+    pcm = synthesize(name).astype(float)
+    start = 0
     for note in SOUNDS[name].notes:
         part = pcm[start : start + int(round(note.seconds * SAMPLE_RATE))]
         start += len(part)
@@ -46,8 +47,9 @@ def test_sounds_can_be_distinguished():
 @pytest.mark.parametrize("name", SOUNDS)
 def test_nothing_clicks_or_is_cut_off(name):
     pcm = synthesize(name).astype(int)
-    assert 0 < len(pcm) < SAMPLE_RATE and np.abs(pcm).max() < 32767 * 0.7
-    assert abs(pcm[0]) < 300 and abs(pcm[-1]) < 300
+    assert 0 < len(pcm) < SAMPLE_RATE
+    assert np.abs(pcm).max() < 32767 * 0.7
+    assert np.abs(pcm[[0, -1]]).max() < 300
 
 
 def test_a_tick_is_soft_and_volume_counts():
