@@ -6,7 +6,7 @@ import rospy
 import rostest
 from shapely.geometry import Point, Polygon
 
-from page_rig import CARPET, PageTest, draw_carpet, overlap, round_the
+from page_rig import CARPET, PageTest, draw_carpet, overlap
 from phone import PHONE
 from vb_testing import wait_until
 from vb_core import names, sentences
@@ -16,11 +16,17 @@ from vb_msgs.srv import RemoveBorder, RenameBorder
 
 
 class BordersTest(PageTest):
-    def test_a_border_is_drawn_undone_switched_and_edited_on_a_phone(self):
+    def wait_mode(self, mode):
+        self.browser.wait("document.body.dataset.mode == arguments[0]", mode, what=f"the mode {mode}")
+
+    def knobs(self):
+        return len(self.browser.boxes("#placed .knob"))
+
+    def test_a_drawn_border_is_saved_where_it_was_drawn(self):
         draw_carpet(self.browser)
         self.browser.field("#review input[data-key=name]").send_keys("Küche 厨房")
         self.browser.click("#review button", "Save")
-        self.browser.wait("document.body.dataset.mode == 'look'", what="the border to be saved")
+        self.wait_mode("look")
         (border,) = self.wait_borders(1)
         self.assertEqual((border.name, border.kind), ("Küche 厨房", VirtualBorder.POLYGON))
         area = Polygon(array_from_points(border.points))
@@ -28,11 +34,14 @@ class BordersTest(PageTest):
         self.assertTrue(area.contains(Point(border.seed.x, border.seed.y)))
         self.browser.wait("document.getElementById('restricted').classList.contains('there')", what="the restriction")
         self.browser.wait_text("#borders", "Küche 厨房")
-        # undo and redo
+        self.assertEqual(self.browser.faults(), [])
+
+    def test_a_border_is_undone_and_redone(self):
+        self.store_carpet()
         self.browser.click("#undo")
         self.wait_borders(0)
         self.browser.wait_text("#borders", "No borders yet")
-        self.browser.wait_text("#toast", "Removed from the map: Küche 厨房.")
+        self.browser.wait_text("#toast", "Removed from the map: Rug.")
         self.browser.click("#redo")
         self.wait_borders(1)
         self.browser.wait("document.getElementById('redo').disabled", what="a button that has nothing to do")
@@ -40,35 +49,42 @@ class BordersTest(PageTest):
         self.browser.wait_ready()
         available = "document.getElementById('redo').disabled && !document.getElementById('undo').disabled"
         self.browser.wait(available, what="what can be undone")
+
+    def test_a_border_is_switched_off_and_on(self):
+        self.store_carpet()
         self.browser.click("#borders .switch")
         wait_until(lambda: not self.borders()[0].enabled, "the border to be off")
         self.browser.wait_text("#borders", "Switched off")
         self.browser.click("#borders .switch")
         wait_until(lambda: self.borders()[0].enabled, "the border to be on")
-        # a change of nothing is not an undo step
-        self.browser.wait("window.virtualBorders.view.borders.list[0].enabled", what="the page to know it too")
+
+    def test_a_change_of_nothing_is_not_an_undo_step(self):
+        self.store_carpet()
         revision = self.browser.run("return window.virtualBorders.view.borders.revision")
         self.browser.click("#borders .name")
         self.browser.click("#dialog button", "Edit")
         self.browser.wait_text("#review", "m²")
         self.browser.click("#review button", "Save")
-        self.browser.wait("document.body.dataset.mode == 'look'", what="the end of the change")
+        self.wait_mode("look")
         self.assertEqual(self.browser.run("return window.virtualBorders.view.borders.revision"), revision)
         self.assertEqual(self.browser.faults(), [])
 
-    def test_no_touch_of_a_phone_loses_or_doubles_a_drawing(self):
+    def test_zooming_and_turning_the_phone_keep_a_drawing(self):
         self.browser.click("#draw")
         self.browser.tap([3.0, 1.0])
         self.browser.fingers([[[3.5, 2.0]], [[3.5, 2.0], [4.0, 2.0]], [[3.4, 2.0], [4.1, 2.0]]])
-        self.assertEqual(len(self.browser.boxes("#placed .knob")), 1)  # zooming keeps the drawing
+        self.assertEqual(self.knobs(), 1)
         # a phone that is turned during a stroke: the line until then is not a border
         self.browser.fingers([[[3.0, 1.0]], [[3.5, 1.0]], [[4.0, 1.0]]], lift=False)
         self.browser.resize((740, 360))
-        self.browser.wait("document.querySelectorAll('#placed .knob').length == 1", what="the corner from before")
+        wait_until(lambda: self.knobs() == 1, "the corner from before")
         self.browser.lift()
         self.browser.resize(PHONE)
-        self.assertEqual(self.browser.run("return document.body.dataset.mode"), "draw")
-        # a phone's Back closes the topmost dialog or mode, not the page, and asks before it discards unsaved changes
+        self.wait_mode("draw")
+
+    def test_back_closes_the_topmost_dialog_or_mode(self):
+        self.browser.click("#draw")
+        self.browser.tap([3.0, 1.0])
         self.browser.driver.back()
         self.browser.wait_text("#dialog", "not saved yet")
         # a dialog that opens right after another was closed keeps the page below it inert
@@ -77,27 +93,29 @@ class BordersTest(PageTest):
             return new Promise((done) => setTimeout(() => done(document.querySelector('main').inert), 0))""")
         self.assertTrue(inert)
         self.browser.click("#dialog button", "Keep editing")
-        self.assertEqual(len(self.browser.boxes("#placed .knob")), 1)
+        self.assertEqual(self.knobs(), 1)
         self.browser.driver.back()
         self.browser.wait_text("#dialog", "not saved yet")
         self.browser.click("#dialog button", "Discard")
-        self.browser.wait("document.body.dataset.mode == 'look'", what="the end of the drawing")
+        self.wait_mode("look")
         self.browser.click("#draw")
         self.browser.driver.back()
-        self.browser.wait("document.body.dataset.mode == 'look'", what="the end of a drawing that has no corner")
+        self.wait_mode("look")  # at once: there is no corner to discard
         self.browser.click("#settings-button")
         self.browser.driver.back()
         self.browser.wait("!document.getElementById('dialog').open", what="the dialog to close")
-        self.browser.click("#zoom-fit")
-        # two taps on Save make one border: one undo leaves none
+        self.assertEqual(self.browser.faults(), [])
+
+    def test_two_taps_on_save_make_one_border(self):
         draw_carpet(self.browser)
         save = "const save = [...document.querySelectorAll('#review button')].pop();"
         self.browser.run(f"{save} save.click(); save.click()")
         self.wait_borders(1)
-        self.browser.wait("document.body.dataset.mode == 'look'", what="the border to be saved")
+        self.wait_mode("look")
         self.browser.click("#undo")
         self.wait_borders(0)
-        # a button that a dialog covered cannot be pressed in the same moment
+
+    def test_a_button_that_a_dialog_covered_cannot_be_pressed_at_once(self):
         self.browser.click("#settings-button")
         uncovered = self.browser.run("""const button = document.querySelector('#map-tools button:last-child');
             button.scrollIntoView({ block: 'center' });
@@ -107,7 +125,6 @@ class BordersTest(PageTest):
                 dialog.addEventListener('close', () => done(at_centre().closest('button')), { once: true });
                 dialog.close(); })""")
         self.assertIsNone(uncovered)
-        self.assertEqual(self.browser.faults(), [])
 
     def test_double_press_asks_once_but_undo_after_a_shown_change_again(self):
         calls = self.browser.run("""return Promise.all([import("/state.js"), import("/elements.js")]).then(([{ page, view }, { ask }]) => {
@@ -198,7 +215,7 @@ class BordersTest(PageTest):
         self.assertEqual(states, [["Rug", "b"], ["review", "go", "look"], True])
         self.browser.driver.refresh()
 
-    def test_a_drawing_shows_its_lengths_and_keeps_seed_and_caret(self):
+    def test_the_scale_is_true_at_each_zoom(self):
         scale = """const map = window.virtualBorders.map; map.layOut(); const bar = document.getElementById('scale');
             return [parseFloat(bar.textContent), bar.getBoundingClientRect().width / map.view.scale]"""
         for factor in (1, 3, 3):
@@ -206,28 +223,38 @@ class BordersTest(PageTest):
             shown_length, true = self.browser.run(scale)
             self.assertAlmostEqual(shown_length / true, 1.0, delta=0.02)
         self.browser.click("#zoom-fit")
-        lengths = "return [...document.querySelectorAll('#placed .length')].map((text) => parseFloat(text.textContent))"
+
+    def lengths(self):
+        """Returns the lengths [m] that a drawing shows."""
+        texts = "[...document.querySelectorAll('#placed .length')].map((text) => parseFloat(text.textContent))"
+        return self.browser.run(f"return {texts}")
+
+    def test_a_drawing_shows_the_lengths_of_its_sides(self):
         self.browser.click("#draw")
         for point in ([3.0, 1.0], [5.0, 1.0], [5.0, 2.5]):
             self.browser.tap(point)
-        self.assertAlmostEqual(self.browser.run(lengths)[0], 1.5, delta=0.1)
+        self.assertAlmostEqual(self.lengths()[0], 1.5, delta=0.1)
         self.browser.click("#review button", "Remove last corner")
-        self.assertEqual(len(self.browser.boxes("#placed .knob")), 2)
-        self.assertAlmostEqual(self.browser.run(lengths)[0], 2.0, delta=0.1)
+        self.assertEqual(self.knobs(), 2)
+        self.assertAlmostEqual(self.lengths()[0], 2.0, delta=0.1)
         for _ in range(2):
             self.browser.click("#review button", "Remove last corner")
-        self.assertEqual(len(self.browser.boxes("#placed .knob")), 0)
+        self.assertEqual(self.knobs(), 0)
         buttons = "return [...document.querySelectorAll('#review button:disabled')].map((button) => button.textContent)"
         self.assertIn("Remove last corner", self.browser.run(buttons))
-        self.browser.stroke(round_the(CARPET))
-        self.browser.wait_text("#review", "m²")
-        self.assertEqual(self.browser.run(lengths), [])
+
+    def test_a_corner_that_is_chosen_shows_the_lengths_beside_it(self):
+        draw_carpet(self.browser)
+        self.assertEqual(self.lengths(), [])
         corner = self.browser.run("return window.virtualBorders.draft().points[0]")
         self.browser.tap(corner)
         sides = self.browser.run("""const points = window.virtualBorders.draft().points, last = points[points.length - 1];
             return [points[1], last].map(([x, y]) => Math.hypot(x - points[0][0], y - points[0][1]))""")
-        np.testing.assert_allclose(sorted(self.browser.run(lengths)), sorted(sides), atol=0.006)
-        # the seed follows each change of corners, and Delete removes the focused corner
+        np.testing.assert_allclose(sorted(self.lengths()), sorted(sides), atol=0.006)
+
+    def test_the_seed_follows_each_change_of_corners(self):
+        """Delete removes the focused corner; a quick finger draws a new one beyond the middle at once."""
+        draw_carpet(self.browser)
         states = self.browser.run("""const { map, draft } = window.virtualBorders;
             return import("/shapes.js").then(({ inside }) => {
                 map.on.drag(2, [6.5, 3.0], true);
@@ -235,11 +262,13 @@ class BordersTest(PageTest):
                 document.querySelector("[data-corner='2']").dispatchEvent(
                     new KeyboardEvent("keydown", { key: "Delete", bubbles: true }));
                 const seen = [draft().points.every(([x]) => x < 6), inside(draft().seed, draft().points)];
-                map.on.between(0, [3.5, 1.7]);  // a quick finger: beyond the middle at once
+                map.on.between(0, [3.5, 1.7]);
                 return [...seen, inside(draft().seed, draft().points)];
             });""")
         self.assertEqual(states, [True] * 3)
-        # a form that is rendered again keeps the caret and a half-typed number
+
+    def test_a_form_that_is_rendered_again_keeps_caret_and_typing(self):
+        draw_carpet(self.browser)
         caret = self.browser.run("""const { map, draft } = window.virtualBorders, before = document.querySelector("#review input");
             before.focus();
             before.value = draft().name = "Rug";
@@ -248,6 +277,7 @@ class BordersTest(PageTest):
             const now = document.activeElement;
             return [now === before, now.value, now.selectionStart, now.selectionEnd]""")
         self.assertEqual(caret, [True, "Rug", 1, 2])
+        # a half-typed number
         self.browser.run("const { map, draft } = window.virtualBorders; draft().zone = 'slow'; map.on.choose(null)")
         speed = self.browser.field("#review input[type=number]")
         self.browser.run("arguments[0].select()", speed)
@@ -256,7 +286,6 @@ class BordersTest(PageTest):
         speed.send_keys("35")
         self.browser.run("arguments[0].blur()", speed)
         self.assertEqual(self.browser.run("return window.virtualBorders.draft().max_speed"), 0.35)
-        self.browser.click("#review button", "Cancel")
 
     def test_a_wall_with_a_warning_hides_no_name(self):
         with self.small_phone() as small:

@@ -3,13 +3,13 @@
 
 import signal
 from contextlib import closing
+from pathlib import Path
 
 import rospy
 import rostest
 import yaml
 from sensor_msgs.msg import Image
 
-from accessibility import CHECKS
 from page_rig import PageTest, draw_carpet
 from phone import PHONE, WALL, Browser
 from vb_testing import wait_until
@@ -17,6 +17,8 @@ from vb_core import names, sentences
 from vb_core.notices import Notice, Severity
 from vb_core.ros.notices import NoticePublisher
 from vb_msgs.msg import DetectorStatus, DriverState, LaserSpot, RobotStatus, RobotStatusArray
+
+FIND_FAULTS = Path(__file__).with_name("accessibility.js").read_text() + "return findFaults();"
 
 
 class SeenTest(PageTest):
@@ -46,7 +48,7 @@ class SeenTest(PageTest):
             notices.close()
             for browser, size in ((self.browser, PHONE), (second_browser, WALL)):
                 self.assertLessEqual(browser.run("return document.documentElement.scrollWidth"), size[0])
-                self.assertEqual(browser.run(CHECKS), [])
+                self.assertEqual(browser.run(FIND_FAULTS), [])
             self.assertEqual(second_browser.faults(), [])
 
     def test_dialog_and_undo_fit_a_small_phone(self):
@@ -85,7 +87,7 @@ class SeenTest(PageTest):
             self.assertEqual(small.run(unlabelled), [])
             small.click("#commands [data-command=define_border]")
             small.wait_text("#hint", "die Grenze mit dem Laser auf den Boden")
-            self.assertEqual(small.run(CHECKS), [])
+            self.assertEqual(small.run(FIND_FAULTS), [])
             small.click("#commands [data-command=cancel]")
             small.wait("document.body.dataset.state == 'default'", what="the state default")
             self.assertEqual(small.faults(), [])
