@@ -50,7 +50,8 @@ class StopSequences(unittest.TestCase):
             person.connect()
         rospy.wait_for_service(names.COMMAND, 120)
         # a person reacts to what the page shows, so it needs a first state
-        assert cls.state.message and cls.driver.message
+        assert cls.state.message
+        assert cls.driver.message
 
     @classmethod
     def tearDownClass(cls):

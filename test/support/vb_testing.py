@@ -131,5 +131,6 @@ def assert_ends_with_one_line(package, executable, cases, **options):
         output, _ = process.communicate(timeout=2 * TIMEOUT)
         assert process.returncode == 1, (arguments, process.returncode, output)
         fatal = [line for line in output.splitlines() if "FATAL" in line]
-        assert len(fatal) <= 1 and "Traceback" not in output, (arguments, output)
+        assert len(fatal) <= 1, (arguments, output)
+        assert "Traceback" not in output, (arguments, output)
         assert word in (fatal[0] if fatal else output), (arguments, word, output)

@@ -117,7 +117,8 @@ def test_the_connection_can_use_tls_and_a_password(guarded, authority):
     broker.close()
     refused = connect(guarded.port, Connection(password="wrong", **credentials))
     wait_until(lambda: refused.trouble, "a refusal")
-    assert "authori" in refused.trouble.lower() and not refused.connected
+    assert "authori" in refused.trouble.lower()
+    assert not refused.connected
     refused.close()
 
 

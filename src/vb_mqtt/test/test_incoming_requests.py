@@ -130,7 +130,8 @@ def test_every_message_is_taken_or_refused_with_a_sentence(arriving):
         try:
             request = inbox.accept_request(payload, retained, NOW)
         except CodedError as error:
-            assert error.code in sentences.catalog() and "(" + "field)" not in error.message
+            assert error.code in sentences.catalog()
+            assert "(field)" not in error.message
         else:
             assert request is None or not retained
             assert request is None or request.command in ACCEPTED_COMMANDS or request.border

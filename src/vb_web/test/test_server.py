@@ -142,7 +142,8 @@ def test_certificate_makes_the_network_https_only(tmp_path):
         trusted = {"ca_certs": str(tmp_path / "page.crt")}
         options = {"scheme": "https", "options": trusted, "Origin": f"https://{running.host}"}
         answer = log_in(running, CODES["viewer"], **options)
-        assert answer.code == 200 and "Secure" in answer.headers["Set-Cookie"]
+        assert answer.code == 200
+        assert "Secure" in answer.headers["Set-Cookie"]
         assert "Strict-Transport-Security" in answer.headers
         with pytest.raises(OSError):  # plain http gets no answer
             running.ask("/session")
