@@ -14,6 +14,7 @@ from vb_core.child_processes import free_port
 from vb_msgs.msg import InteractionState, LaserSpot, Stop, VirtualBorder, VirtualBorderArray
 from vb_msgs.srv import AddBorder, RemoveBorder
 
+SCRIPTS = "".join(path.read_text(encoding="utf-8") for path in Path(__file__).parent.glob("*.js"))
 CARPET = [[3.12, 0.8], [5.12, 0.8], [5.12, 2.05], [3.12, 2.05]]
 
 
@@ -22,6 +23,11 @@ def overlap(first, second, tolerance=0.0):
     across = min(first["right"], second["right"]) - max(first["left"], second["left"])
     down = min(first["bottom"], second["bottom"]) - max(first["top"], second["top"])
     return min(across, down) > tolerance
+
+
+def run_script(browser, name, *arguments):
+    """Runs a function of the JavaScript files beside this one in the page, and returns its result."""
+    return browser.run(f"{SCRIPTS} return {name}(...arguments)", *arguments)
 
 
 def draw_carpet(browser):

@@ -6,7 +6,7 @@ import rospy
 import rostest
 from shapely.geometry import Point, Polygon
 
-from page_rig import CARPET, PageTest, draw_carpet, overlap
+from page_rig import CARPET, PageTest, draw_carpet, overlap, run_script
 from phone import PHONE
 from vb_testing import wait_until
 from vb_core import names, sentences
@@ -117,28 +117,10 @@ class BordersTest(PageTest):
 
     def test_a_button_that_a_dialog_covered_cannot_be_pressed_at_once(self):
         self.browser.click("#settings-button")
-        uncovered = self.browser.run("""const button = document.querySelector('#map-tools button:last-child');
-            button.scrollIntoView({ block: 'center' });
-            const dialog = document.getElementById('dialog'), box = button.getBoundingClientRect();
-            const at_centre = () => document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2);
-            return new Promise((done) => {
-                dialog.addEventListener('close', () => done(at_centre().closest('button')), { once: true });
-                dialog.close(); })""")
-        self.assertIsNone(uncovered)
+        self.assertIsNone(run_script(self.browser, "uncoverButton"))
 
     def test_double_press_asks_once_but_undo_after_a_shown_change_again(self):
-        calls = self.browser.run("""return Promise.all([import("/state.js"), import("/elements.js")]).then(([{ page, view }, { ask }]) => {
-                const send = page.link.send, sent = [];
-                page.link.send = (action, fields) => (sent.push(fields.command || action), new Promise(() => {}));
-                for (const revision of [1, 1, 2]) {
-                    view.borders = { ...view.borders, revision };
-                    for (const command of ["undo", "save", "stop"]) ask("command", { command });
-                    ask("add", { draft: {} });
-                }
-                page.link.send = send;
-                page.link.underWay.clear();
-                return sent;
-            });""")
+        calls = run_script(self.browser, "giveCommandsAtRevisions")
         self.assertEqual({call: calls.count(call) for call in calls}, {"undo": 2, "save": 1, "stop": 3, "add": 1})
         self.browser.driver.refresh()
 
@@ -183,36 +165,10 @@ class BordersTest(PageTest):
 
     def test_previews_are_asked_for_one_at_a_time_and_late_answers_touch_nothing_newer(self):
         self.store_carpet()
-        states = self.browser.run("""const { draft, map, view } = window.virtualBorders, [border] = view.borders.list;
-            const press = (selector) => [...document.querySelectorAll(selector)].pop().click();
-            return Promise.all([import("/state.js"), import("/editor.js")]).then(async ([{ page }, { edit, previewDraft, setMode }]) => {
-                const asked = [], modes = [];
-                // an earlier preview may still be under way
-                while (page.link.waiting.size) await new Promise((next) => setTimeout(next, 20));
-                page.link.send = (_action, fields) => new Promise((resolve) => asked.push({ fields, resolve }));
-                const answer = (request) => {
-                    request.resolve({ ok: true, code: "ok", values: {}, area: 1, issues: [] });
-                    return new Promise((next) => setTimeout(next));
-                };
-                edit(border);
-                for (draft().name of ["a", "b"]) previewDraft();
-                for (const request of asked) await answer(request);
-                const previews = asked.splice(0).map(({ fields }) => fields.draft.name);
-                for (const [ask, begin] of [
-                    [() => press("#review button"), () => edit(border)],
-                    [() => (setMode("go"), map.on.tap([3, 1])), () => setMode("go")],
-                    [() => (press("#borders .name"), press("#dialog .danger")), () => press("#settings-button")],
-                ]) {
-                    ask();
-                    setMode("look");
-                    begin();
-                    await answer(asked.splice(0)[0]);
-                    modes.push(page.mode);
-                    setMode("look");
-                }
-                return [previews, modes, document.getElementById("dialog").open];
-            });""")
-        self.assertEqual(states, [["Rug", "b"], ["review", "go", "look"], True])
+        previews, modes, is_dialog_open = run_script(self.browser, "answerLate")
+        self.assertEqual(previews, ["Rug", "b"])
+        self.assertEqual(modes, ["review", "go", "look"])
+        self.assertTrue(is_dialog_open)
         self.browser.driver.refresh()
 
     def test_the_scale_is_true_at_each_zoom(self):
@@ -253,30 +209,12 @@ class BordersTest(PageTest):
         np.testing.assert_allclose(sorted(self.lengths()), sorted(sides), atol=0.006)
 
     def test_the_seed_follows_each_change_of_corners(self):
-        """Delete removes the focused corner; a quick finger draws a new one beyond the middle at once."""
         draw_carpet(self.browser)
-        states = self.browser.run("""const { map, draft } = window.virtualBorders;
-            return import("/shapes.js").then(({ inside }) => {
-                map.on.drag(2, [6.5, 3.0], true);
-                map.on.choose(0);
-                document.querySelector("[data-corner='2']").dispatchEvent(
-                    new KeyboardEvent("keydown", { key: "Delete", bubbles: true }));
-                const seen = [draft().points.every(([x]) => x < 6), inside(draft().seed, draft().points)];
-                map.on.between(0, [3.5, 1.7]);
-                return [...seen, inside(draft().seed, draft().points)];
-            });""")
-        self.assertEqual(states, [True] * 3)
+        self.assertEqual(run_script(self.browser, "changeCorners"), [True, True, True])
 
     def test_a_form_that_is_rendered_again_keeps_caret_and_typing(self):
         draw_carpet(self.browser)
-        caret = self.browser.run("""const { map, draft } = window.virtualBorders, before = document.querySelector("#review input");
-            before.focus();
-            before.value = draft().name = "Rug";
-            before.setSelectionRange(1, 2);
-            map.on.choose(1);
-            const now = document.activeElement;
-            return [now === before, now.value, now.selectionStart, now.selectionEnd]""")
-        self.assertEqual(caret, [True, "Rug", 1, 2])
+        self.assertEqual(run_script(self.browser, "renderFormAgain"), [True, "Rug", 1, 2])
         # a half-typed number
         self.browser.run("const { map, draft } = window.virtualBorders; draft().zone = 'slow'; map.on.choose(null)")
         speed = self.browser.field("#review input[type=number]")
@@ -310,22 +248,14 @@ class BordersTest(PageTest):
         self.browser.wait_arrived()
         lines = {"a": CARPET, "b": [[x + 0.4, y + 2.2] for x, y in CARPET]}
         lines.update((name, [[x, 2.3], [x, 3.0]]) for name, x in (("c", 3.9), ("d", 4.1), ("e", 4.3)))
-        show = """window.virtualBorders.map.setBorders(Object.entries(arguments[0]).map(([name, line]) => ({
-            id: name, mark: name, name: `A name of some length: ${name}`, note: "", area: 1, points: line.flat().map((v) => 100 * v),
-            kind: line.length > 2 ? "polygon" : "wall" })), "")"""
-        self.browser.run(show, lines)
-        look = """const map = window.virtualBorders.map; map.view = { ...map.view, ...arguments[0] }; map.layOut();
-            return [...document.querySelectorAll('#placed .name')].map((group) => {
-                const shown = [...group.querySelectorAll(':scope > text, .mark')].filter((text) => text.getClientRects().length
-                    && getComputedStyle(text).visibility !== 'hidden');
-                return [group.border.id, ...shown.map((text) => [text.textContent, text.getBoundingClientRect().toJSON()])]; })"""
+        run_script(self.browser, "showBorders", lines)
         (frame,) = self.browser.boxes("#map")
         scale = self.browser.run("return window.virtualBorders.map.limits[0]")
         for factor, x, y in ((1, 4, 2.5), (1.5, 4, 2.5), (4, 4.1, 2.6), (6, 4, 1.5), (5, 1.0, 1.0), (12, 4.1, 2.0)):
             view = {"scale": scale * factor, "x": x, "y": y}
             half = [frame["width"] / view["scale"] / 2, frame["height"] / view["scale"] / 2]
             boxes = []
-            for name, *shown in self.browser.run(look, view):
+            for name, *shown in run_script(self.browser, "labelsInView", view):
                 low, high = np.min(lines[name], axis=0), np.max(lines[name], axis=0)
                 inside = bool(np.all(high > [x - half[0], y - half[1]]) and np.all(low < [x + half[0], y + half[1]]))
                 self.assertEqual(len(shown), int(inside), f"{name} at {view}: {shown}")

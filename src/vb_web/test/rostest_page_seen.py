@@ -3,22 +3,19 @@
 
 import signal
 from contextlib import closing
-from pathlib import Path
 
 import rospy
 import rostest
 import yaml
 from sensor_msgs.msg import Image
 
-from page_rig import PageTest, draw_carpet
+from page_rig import PageTest, draw_carpet, run_script
 from phone import PHONE, WALL, Browser
 from vb_testing import wait_until
 from vb_core import names, sentences
 from vb_core.notices import Notice, Severity
 from vb_core.ros.notices import NoticePublisher
 from vb_msgs.msg import DetectorStatus, DriverState, LaserSpot, RobotStatus, RobotStatusArray
-
-FIND_FAULTS = Path(__file__).with_name("accessibility.js").read_text() + "return findFaults();"
 
 
 class SeenTest(PageTest):
@@ -48,7 +45,7 @@ class SeenTest(PageTest):
             notices.close()
             for browser, size in ((self.browser, PHONE), (second_browser, WALL)):
                 self.assertLessEqual(browser.run("return document.documentElement.scrollWidth"), size[0])
-                self.assertEqual(browser.run(FIND_FAULTS), [])
+                self.assertEqual(run_script(browser, "findFaults"), [])
             self.assertEqual(second_browser.faults(), [])
 
     def test_dialog_and_undo_fit_a_small_phone(self):
@@ -87,7 +84,7 @@ class SeenTest(PageTest):
             self.assertEqual(small.run(unlabelled), [])
             small.click("#commands [data-command=define_border]")
             small.wait_text("#hint", "die Grenze mit dem Laser auf den Boden")
-            self.assertEqual(small.run(FIND_FAULTS), [])
+            self.assertEqual(run_script(small, "findFaults"), [])
             small.click("#commands [data-command=cancel]")
             small.wait("document.body.dataset.state == 'default'", what="the state default")
             self.assertEqual(small.faults(), [])
@@ -145,17 +142,7 @@ class SeenTest(PageTest):
         self.browser.run("window.virtualBorders.map.showPicture('floor', '')")
 
     def test_the_floor_is_not_switched_on_again_after_somebody_has_switched_it_off(self):
-        pressed = self.browser.run("""const { view } = window.virtualBorders, button = document.getElementById("floor-button");
-            return import("/state.js").then(({ hello, page: { link } }) => {
-                const section = { map: { ...view.map, floor: 4 } }, pressed = [];
-                for (const next of [() => {}, () => button.click(), () => link.onHello({ ...hello })]) {
-                    next();
-                    link.onView(section);
-                    pressed.push(button.getAttribute("aria-pressed"));
-                }
-                return pressed;
-            });""")
-        self.assertEqual(pressed, ["true", "false", "false"])
+        self.assertEqual(run_script(self.browser, "switchFloorOff"), ["true", "false", "false"])
         self.browser.driver.refresh()
 
     def test_a_map_with_another_origin_is_shown_in_its_place(self):
