@@ -133,7 +133,7 @@ def test_reference_is_that_of_the_code():
     run_python(TOP / "scripts" / "reference", "--check")
 
 
-def test_a_docstring_names_every_fixed_topic_that_its_node_uses():
+def test_docstrings_name_their_nodes_fixed_topics():
     reference = runpy.run_path(str(TOP / "scripts" / "reference"))
     missing = []
     for package, entries in reference["find_executables"]().items():
@@ -184,7 +184,7 @@ def test_a_code_has_one_sentence():
     assert own_sentences("Notice('robot_inside', message=f'{robot} is in it')") == ["robot_inside"]
 
 
-def test_every_code_has_a_sentence_in_the_catalogue_and_gives_it_its_values():
+def test_every_code_gives_its_sentence_all_values():
     used = set()
     missing = []
     for path in TOP.glob("src/*/src/**/*.py"):
@@ -321,7 +321,7 @@ def installed(tmp_path_factory):
     return folder / "installed"
 
 
-def test_the_examples_of_the_algorithms_run_as_installed_without_ros(installed):
+def test_examples_run_as_installed_without_ros(installed):
     modules = [name for name in WITH_EXAMPLES if name.split(".")[0] in ALGORITHMS]
     assert set(PROMISED) <= set(WITH_EXAMPLES)
     assert {name.split(".")[0] for name in modules} == set(ALGORITHMS)

@@ -36,7 +36,7 @@ def sentences_of(page):
 
 
 @pytest.mark.parametrize("page", SECTIONS)
-def test_each_sentence_is_shown_by_a_test_or_promises_nothing(page):
+def test_each_sentence_has_a_test_or_promises_nothing(page):
     sentences = sentences_of(page)
     assert len(sentences) >= 3
     known = [*TABLE[page], *EXPLAINS]

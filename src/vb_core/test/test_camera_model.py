@@ -41,7 +41,7 @@ LENSES = {
 
 
 @pytest.mark.parametrize("lens", LENSES)
-def test_rays_of_wide_lenses_are_exact_up_to_the_models_limit(lens):
+def test_rays_of_wide_lenses_are_exact(lens):
     distortion, focal = LENSES[lens]
     matrix = np.array([[focal, 0, 319.5], [0, focal, 239.5], [0, 0, 1]])
     camera = CameraModel(640, 480, matrix, np.array(distortion))

@@ -80,12 +80,12 @@ def test_a_chain_is_as_long_as_its_sides(closed, length):
     assert geometry.chain_length(RECTANGLE, closed) == length
 
 
-def test_a_resampled_chain_has_short_steps_between_the_same_ends():
+def test_a_resampled_chain_keeps_its_ends():
     dense = geometry.resample_chain(RECTANGLE, 0.1)
     assert np.allclose(dense[[0, -1]], RECTANGLE[[0, -1]])
     assert np.linalg.norm(np.diff(dense, axis=0), axis=1).max() <= 0.1 + 1e-9
 
 
 @pytest.mark.parametrize("chain, closed, count", [(RECTANGLE, True, 60), (np.zeros((4, 2)), False, 1)])
-def test_a_resampled_chain_has_as_many_points_as_its_length_needs(chain, closed, count):
+def test_a_resampled_chain_has_points_for_its_length(chain, closed, count):
     assert len(geometry.resample_chain(chain, 0.1, closed)) == count

@@ -11,7 +11,7 @@ from vb_core.grid_map import UNKNOWN, GridMap, distance_transform, sample
 
 
 @given(st.floats(-20, 20), st.floats(-20, 20), st.floats(-math.pi, math.pi), st.floats(0.01, 1.0))
-def test_cells_lie_where_the_origin_says_and_points_are_their_inverse(x, y, yaw, resolution):
+def test_cells_and_points_are_inverse(x, y, yaw, resolution):
     grid = GridMap(np.zeros((7, 11), np.int8), resolution, (x, y, yaw))
     cells = np.argwhere(np.ones(grid.shape, bool))
     # columns run along the x axis of the origin's frame, rows along its y axis

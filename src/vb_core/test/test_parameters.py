@@ -34,7 +34,7 @@ class Groups(Parameters):
     parts: tuple = param((), of=Example)
 
 
-def test_groups_and_list_entries_are_checked_as_parameters_are():
+def test_groups_and_list_entries_are_checked():
     groups = Groups.from_mapping({"example": {"speed": 1}, "parts": [{}, {"count": 5}]})
     assert groups == Groups(Example(speed=1.0), (Example(), Example(count=5)))
     assert Groups(Example(speed=1.0)).describe() == "example/speed=1.0 m/s"

@@ -93,7 +93,7 @@ def test_every_command_has_a_unique_id_and_expires(sender, monkeypatch):
     assert commands.make_request("save", "test", 5.0).expires.is_zero()
 
 
-def test_a_lost_answer_is_asked_for_once_more_under_the_same_id(sender):
+def test_a_lost_answer_is_asked_for_again_under_its_id(sender):
     _, manager, _ = sender()
     manager.answers.append(no_answer(rospy.ServiceException("the connection was closed")))
     request = commands.make_request("undo", "test", 5.0)
@@ -105,7 +105,7 @@ SILENT = {"hangs": no_answer(TimeoutError()), "is absent": CodedError("no_servic
 
 
 @pytest.mark.parametrize("error", SILENT.values(), ids=SILENT)
-def test_a_service_that_hangs_or_is_absent_is_not_asked_again(sender, error):
+def test_a_silent_service_is_not_asked_again(sender, error):
     _, manager, _ = sender()
     manager.answers.append(error)
     with refused(error.code):
@@ -153,7 +153,7 @@ def test_stop_waits_for_nothing_and_nothing_overtakes_it(sender):
     assert manager.requests[-1].command == "resume"
 
 
-def test_where_no_manager_answers_a_stop_the_robots_that_hold_it_do(sender, monkeypatch):
+def test_robots_answer_a_stop_without_a_manager(sender, monkeypatch):
     orders, manager, _ = sender("cancel")
 
     def report(_seconds):  # while the sender waits for the robots

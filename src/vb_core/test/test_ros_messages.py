@@ -47,7 +47,7 @@ def test_previews_round_trip_byte_for_byte():
     assert (messages.NumpyBorderPreview().deserialize(data).region.data == 100).all()
 
 
-def test_a_map_that_is_empty_or_of_the_wrong_size_is_refused():
+def test_empty_or_missized_maps_are_refused():
     wide = messages.message_from_grid(GridMap(np.zeros((3, 4), np.int8), 0.1), rospy.Time(0))
     wide.info.width = 5
     for message in (wide, OccupancyGrid()):
@@ -188,7 +188,7 @@ def test_static_transforms_are_enough_for_a_fixed_camera(lookup):
 
 
 @pytest.mark.parametrize("placed, words", [([], ["camera", "calibrated"]), (LOOP, ["loop"])], ids=["missing", "a loop"])
-def test_frames_that_are_not_connected_are_refused_with_a_reason(lookup, placed, words):
+def test_unconnected_frames_are_refused_with_a_reason(lookup, placed, words):
     for child, parent in placed:
         place(lookup, child, parent=parent)
     with refused("no_transform") as raised:
@@ -213,6 +213,6 @@ def test_a_frames_pose_on_the_map_expires(lookup, max_age, expected):
 
 
 @pytest.mark.parametrize("x, expected", [(3.0, (3.0, 2.0, 0.5)), (math.inf, None)])
-def test_a_fixed_frames_pose_is_always_known_if_it_is_a_number(lookup, x, expected):
+def test_a_fixed_frames_pose_never_expires(lookup, x, expected):
     place(lookup, "fixed", geometry.transform_from_pose2d(x, 2.0, 0.5))
     assert lookup.pose_on_map("fixed", 0.0) == (expected and pytest.approx(expected))

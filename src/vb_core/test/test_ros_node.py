@@ -90,7 +90,7 @@ class FakeClock:
 
 
 @pytest.mark.parametrize("pace, expected", [(4.0, 0.25), (1.0, 1.0), (0.5, 1.0), (0.0, 1.0)])
-def test_a_timer_follows_the_faster_of_wall_and_simulated_time(monkeypatch, pace, expected):
+def test_a_timer_follows_the_faster_clock(monkeypatch, pace, expected):
     timer = WakeTimer(1.0)
     clock = FakeClock(monkeypatch, timer, pace)
     assert timer.get() is False  # the timer learns how fast simulated time runs

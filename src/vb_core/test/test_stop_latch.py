@@ -54,7 +54,7 @@ def test_a_robot_with_a_damaged_file_counts_as_stopped(tmp_path, content):
     assert HeldStops(path).stopped
 
 
-def test_a_latch_that_cannot_store_counts_as_stopped_and_says_so(tmp_path):
+def test_a_latch_that_cannot_store_counts_as_stopped(tmp_path):
     (tmp_path / "file").write_text("")
     latch = StopLatch(tmp_path / "file" / "stop")  # its folder is missing and cannot be created
     assert (latch.stopped, latch.lost, latch.stored) == (True, True, False)

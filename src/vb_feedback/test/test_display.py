@@ -192,7 +192,7 @@ def test_borders_differ_by_kind():
     assert (len(hard.points), len(outline(border(closed=False)).points)) == (8, 6)
 
 
-def test_a_border_that_waits_for_a_person_is_shown_before_and_after():
+def test_an_unconfirmed_border_is_shown_before_and_after():
     old, new = [(0, 0), (1, 0), (1, 1), (0, 1)], [(4, 0), (6, 0), (6, 2), (4, 2)]
     shapes = {shape.namespace: shape for shape in scene.border_shapes(LAYOUT, [border(before=old, after=new)])}
     before, after = shapes["borders/before"], shapes["borders/after"]
@@ -290,7 +290,7 @@ def test_overlay_marks_only_what_borders_changed():
     assert not draw_restrictions(physical, physical, 4).any()
 
 
-def test_what_save_would_restrict_looks_different_from_what_is_saved():
+def test_a_preview_differs_from_saved_stripes():
     physical = np.zeros((40, 60), np.int8)
     map_with_borders, planned = physical.copy(), physical.copy()
     map_with_borders[5:20, 5:20] = 100
@@ -371,7 +371,7 @@ def test_every_command_that_can_be_said_is_shown(commands):
     assert shown == [command.replace("_", " ") for command in commands]
 
 
-def test_an_answer_that_stands_as_a_notice_is_said_once():
+def test_an_answer_shown_as_a_notice_is_said_once():
     stopped = PanelNotice("Stopped: no robot drives.", warning=True)
     more = PanelNotice("The spot is seen.")
     content = PanelContent("seed", 1, (), True, stopped.text, (), (stopped, more))

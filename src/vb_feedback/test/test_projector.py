@@ -81,7 +81,7 @@ def test_degenerate_clicks_are_refused(floor, code):
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(st.floats(-5, 5), st.floats(-5, 5)), min_size=4, max_size=4))
-def test_any_four_clicks_give_a_calibration_that_fits_or_a_reason(floor):
+def test_any_four_clicks_are_fitted_or_refused(floor):
     try:
         calibration = calibrate(*SIZE, floor)
     except CodedError as error:
@@ -132,7 +132,7 @@ def test_things_lie_where_the_calibration_says():
     assert dim.max() == pytest.approx(0.3 * hard.max(), abs=3)
 
 
-def test_the_drawing_keeps_off_the_spot_and_borders_do_not():
+def test_the_drawing_keeps_off_the_spot():
     floor = FloorImage(CALIBRATION)
     drawing = Drawing(chain=((3.4, 2.1), (4.4, 2.1)), seed=(3.6, 1.8))
     whole = floor.render(FloorContent("border", (), drawing))

@@ -15,7 +15,7 @@ LAB = Box(0, 0, 8, 5)
 @pytest.mark.parametrize("screen", [(1920, 1080), (1920, 1200), (1024, 768), (3440, 1440)])
 @pytest.mark.parametrize("aspect", [None, 16 / 9])
 @pytest.mark.parametrize("extent", [LAB, Box(-20, -10, 30, 12), Box(1, 1, 2, 9)])
-def test_every_part_of_the_display_fills_its_place_on_the_screen(extent, aspect, screen, tmp_path):
+def test_the_display_fills_the_screen(extent, aspect, screen, tmp_path):
     path = tmp_path / "new" / "fitted.rviz"
     write_fitted_config(str(CONFIG), path, extent, *screen, aspect)
     config = yaml.safe_load(path.read_text())

@@ -70,7 +70,7 @@ def test_the_player_gets_all_samples(tmp_path):
     assert (tmp_path / "arguments").read_text().split() == "-q -D front -t raw -f S16_LE -r 48000 -c 1".split()
 
 
-def test_no_device_is_a_reason_and_no_crash(tmp_path):
+def test_a_missing_device_is_refused_with_the_reason(tmp_path):
     says = "cat > /dev/null; echo 'audio open error: No such device' >&2; exit 1"
     with pytest.raises(CodedError, match="No such device"):
         play(synthesize("tick"), "front", write_program(tmp_path / "player", says))

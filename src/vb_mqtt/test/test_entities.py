@@ -84,7 +84,7 @@ def test_resume_names_the_stop_that_its_button_shows():
     assert config["json_attributes_topic"] == "lab1/stopped"
 
 
-def test_stop_needs_only_a_broker_and_other_commands_an_effect():
+def test_only_stop_is_always_available():
     assert len(config_of("stop")["availability"]) == 1
     assert config_of("save")["availability"][1]["value_template"] == "{{ value_json.save }}"
     assert config_of("border_b1")["availability"][1]["value_template"] == "{{ value_json.integrator }}"
@@ -94,14 +94,14 @@ def test_yes_answers_the_question_that_is_shown():
     assert pressed(config_of("confirm"), {"answer": "yes_save", "stop_number": "12ab"}).command == "yes_save"
 
 
-def test_a_switch_names_its_border_and_each_press_has_a_new_id():
+def test_presses_name_their_border_and_have_new_ids():
     request = pressed(config_of(entity_key("border", "ü/#+")), {}, value="false")
     assert (request.border, request.enabled) == (entity_key("border", "ü/#+"), False)
     assert pressed(config_of("border_b1"), {}, value="true").enabled
     assert len({pressed(config_of("save"), {}).id for _ in range(20)}) > 15
 
 
-def test_templates_stay_within_the_limits_of_the_hubs_sandbox():
+def test_templates_stay_within_the_hubs_limits():
     # the sandbox's range() refuses more than 100,000
     for config in describe_entities(LAB).values():
         template = config.get("command_template", "")
@@ -181,7 +181,7 @@ def color_at(picture, x, y):
     return picture[int(500 - y / 5.0 * 500), int(x / 10.0 * 1000)].astype(int)
 
 
-def test_the_picture_shows_floor_and_walls_where_they_are():
+def test_the_picture_shows_floor_and_walls():
     picture = drawn()
     assert picture.shape == (500, 1000, 3)
     assert color_at(picture, 0.2, 1.0).max() < 60  # wall
@@ -193,7 +193,7 @@ def test_the_picture_shows_floor_and_walls_where_they_are():
     assert np.ptp(unknown) < 10
 
 
-def test_the_picture_shows_borders_red_and_grey_while_they_are_off():
+def test_the_picture_shows_enabled_and_disabled_borders():
     line = [Point(0, 2.5, 0), Point(10, 2.5, 0)]
     border = VirtualBorder(kind=VirtualBorder.SEPARATING_CURVE, enabled=True, points=line)
     blue, _, red = color_at(drawn(border), 5.0, 2.5)

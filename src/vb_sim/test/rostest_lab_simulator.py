@@ -107,7 +107,7 @@ class LabSimulatorTest(unittest.TestCase):
         self.assertEqual(len(self.path(start, (4.0, 1.0))), 0)
         self.assertGreater(len(self.path(start, (5.0, 1.0), 0.5)), 0)
 
-    def test_a_goal_is_reached_round_a_border_published_meanwhile(self):
+    def test_a_goal_is_reached_round_a_new_border(self):
         self.publish()
         driven = len(self.cmd_vel.all)
         self.client.send_goal(MoveBaseGoal(target_pose=pose(5.2, 1.0, 1.5)))

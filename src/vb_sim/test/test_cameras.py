@@ -232,7 +232,7 @@ def test_the_nearer_box_hides_the_other_whatever_the_order():
     assert blue < 20
 
 
-def test_a_thing_of_which_one_pixel_is_in_the_image_is_drawn():
+def test_a_thing_seen_in_one_pixel_is_drawn():
     camera = CameraModel(40, 30, np.array([[50.0, 0.0, 20.0], [0.0, 50.0, 15.0], [0.0, 0.0, 1.0]]), np.zeros(5))
     buffer = DepthBuffer(RayGrid(camera))
     beyond_the_corner = np.array([(-9.0, -9.0), (0.0, -9.0), (0.0, 0.0), (-9.0, 0.0)])

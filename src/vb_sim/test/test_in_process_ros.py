@@ -36,7 +36,7 @@ def test_a_lock_goes_to_the_one_that_still_waits():
     assert said == [("impatient", False), ("patient", 3 * SECOND), ("woken", False)]
 
 
-def test_an_interruption_is_no_fault_of_the_node_that_it_meets():
+def test_an_interruption_is_no_fault_of_a_node():
     def work():
         raise KeyboardInterrupt
 
@@ -50,7 +50,7 @@ def test_an_interruption_is_no_fault_of_the_node_that_it_meets():
         scheduler.run(lambda: False, 20 * SECOND)
 
 
-def test_what_is_kept_from_an_earlier_run_is_a_fault_and_no_silence():
+def test_objects_of_an_earlier_run_raise():
     before = Scheduler(0)
     queue = StandIns(before).modules["queue"].Queue()
     before.close()

@@ -101,7 +101,7 @@ def test_exact_wheels_measure_the_true_path():
     assert np.allclose(start @ odometry, end, atol=1e-9)
 
 
-def test_odometry_drifts_but_the_map_correction_makes_up_for_it():
+def test_the_map_correction_makes_up_for_odometry_drift():
     robot = body(seed=3)
     drive(robot, 0.4, 0.5, 20.0)
     composed = robot.map_to_odom() @ geometry.transform_from_pose2d(*robot.odometry)
@@ -192,7 +192,7 @@ class Clock(threading.Condition):
         self.woken = True
 
 
-def test_lockstep_waits_for_all_who_drive_and_for_nobody_who_rests():
+def test_lockstep_waits_for_all_that_drive():
     lockstep = Lockstep(("navigation", "driver"), timeout=5.0)
     clock = lockstep._condition = Clock()
 

@@ -142,7 +142,7 @@ def test_a_plan_without_a_path_is_refused_with_the_reason(start, goal, tolerance
         planner.plan(np.array(start), np.array(goal), tolerance)
 
 
-def test_tolerance_ends_at_the_nearest_place_that_can_be_reached():
+def test_tolerance_ends_at_the_nearest_reachable_place():
     planner = Planner(Costmap(with_wall(gap=False), RADIUS))
     path = planner.plan(np.array([0.0, 0.0]), np.array([2.45, 0.0]), 0.5)
     # the wall's cells begin at 2.5 m; the nearest cell centre 0.18 m from theirs is at 2.325 m

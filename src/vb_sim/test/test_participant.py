@@ -82,7 +82,7 @@ def test_whatever_happens_the_whole_border_is_drawn(situation):
         assert np.linalg.norm(np.mean(sim.seed, axis=0) - WORLD.scenario(situation.key).seed) < 0.03
 
 
-def test_a_robot_that_stays_behind_stops_nobody_whose_spot_is_seen():
+def test_a_robot_left_behind_stops_no_drawing():
     sim = system("corner", "robot_only", covered=NOWHERE)
     drive = sim._drive
     # it follows while it is led, but not during drawing
@@ -136,7 +136,7 @@ def test_a_person_may_show_the_seed_on_the_wrong_side(key):
     assert [side.contains(Point(seed)) for seed in seeds] == [False, True]
 
 
-def test_the_person_moves_as_people_do_and_keeps_off_walls_and_robot():
+def test_a_person_walks_clear_of_walls_and_robot():
     sim = system("carpet", "robot_only", covered=NOWHERE)
     sim.run(280.0)
     people = np.array([action.pose for action in sim.actions])[:, :2]

@@ -22,7 +22,7 @@ class BordersTest(PageTest):
     def knobs(self):
         return len(self.browser.boxes("#placed .knob"))
 
-    def test_a_drawn_border_is_saved_where_it_was_drawn(self):
+    def test_a_drawn_border_is_saved_in_its_place(self):
         draw_carpet(self.browser)
         self.browser.field("#review input[data-key=name]").send_keys("Küche 厨房")
         self.browser.click("#review button", "Save")
@@ -115,16 +115,16 @@ class BordersTest(PageTest):
         self.browser.click("#undo")
         self.wait_borders(0)
 
-    def test_a_button_that_a_dialog_covered_cannot_be_pressed_at_once(self):
+    def test_a_covered_button_cannot_be_pressed_at_once(self):
         self.browser.click("#settings-button")
         self.assertIsNone(run_script(self.browser, "uncoverButton"))
 
-    def test_double_press_asks_once_but_undo_after_a_shown_change_again(self):
+    def test_a_double_press_asks_once(self):
         calls = run_script(self.browser, "giveCommandsAtRevisions")
         self.assertEqual({call: calls.count(call) for call in calls}, {"undo": 2, "save": 1, "stop": 3, "add": 1})
         self.browser.driver.refresh()
 
-    def test_a_change_after_somebody_elses_succeeds_when_it_is_tried_again(self):
+    def test_an_edit_after_somebody_elses_succeeds_on_retry(self):
         self.store_carpet()
         self.browser.click("#borders .name")
         self.browser.field("#dialog input").send_keys(" 2")
@@ -163,7 +163,7 @@ class BordersTest(PageTest):
         self.browser.click("#review button", "Save")
         self.browser.wait_text("#borders", "Mat 3 4")
 
-    def test_previews_are_asked_for_one_at_a_time_and_late_answers_touch_nothing_newer(self):
+    def test_late_answers_change_nothing_newer(self):
         self.store_carpet()
         previews, modes, is_dialog_open = run_script(self.browser, "answerLate")
         self.assertEqual(previews, ["Rug", "b"])
@@ -212,7 +212,7 @@ class BordersTest(PageTest):
         draw_carpet(self.browser)
         self.assertEqual(run_script(self.browser, "changeCorners"), [True, True, True])
 
-    def test_a_form_that_is_rendered_again_keeps_caret_and_typing(self):
+    def test_a_rendered_form_keeps_caret_and_typing(self):
         draw_carpet(self.browser)
         self.assertEqual(run_script(self.browser, "renderFormAgain"), [True, "Rug", 1, 2])
         # a half-typed number

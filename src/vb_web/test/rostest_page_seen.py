@@ -19,7 +19,7 @@ from vb_msgs.msg import DetectorStatus, DriverState, LaserSpot, RobotStatus, Rob
 
 
 class SeenTest(PageTest):
-    def test_browsers_of_any_size_show_the_same_in_their_languages(self):
+    def test_browsers_show_the_same_in_their_languages(self):
         with closing(Browser(self.browser.url, WALL, "de", dark=True)) as second_browser:
             second_browser.wait_ready()
             self.assertEqual(second_browser.run("return document.documentElement.lang"), "de")
@@ -76,7 +76,7 @@ class SeenTest(PageTest):
             self.assertGreaterEqual(box["top"], line["bottom"])
             self.assertLessEqual(box["bottom"], height)
 
-    def test_a_button_shows_its_action_and_below_it_the_spoken_command(self):
+    def test_a_button_shows_its_spoken_command(self):
         with self.small_phone("de") as small:
             small.resize((640, 360))
             unlabelled = """return [...document.querySelectorAll('#commands button')].filter((button) =>
@@ -89,7 +89,7 @@ class SeenTest(PageTest):
             small.wait("document.body.dataset.state == 'default'", what="the state default")
             self.assertEqual(small.faults(), [])
 
-    def test_an_on_screen_keyboard_does_not_cover_the_field_that_is_typed_into(self):
+    def test_a_keyboard_does_not_cover_its_field(self):
         with self.small_phone("de") as small:
             small.resize((640, 360))
             draw_carpet(small)
@@ -134,14 +134,14 @@ class SeenTest(PageTest):
         self.browser.run("document.getElementById('health').open = false")
         self.browser.wait("!document.querySelector('#cameras img')", what="no picture in a closed list")
 
-    def test_a_picture_that_is_not_there_yet_is_asked_for_again(self):
+    def test_a_missing_picture_is_asked_for_again(self):
         """The floor comes from cameras, which may start after the page was opened."""
         self.browser.run("window.virtualBorders.map.showPicture('floor', 'floor.webp?early')")
         requests = "performance.getEntriesByType('resource').filter(({ name }) => name.endsWith('floor.webp?early'))"
         self.browser.wait(f"{requests}.length > 1", what="the second request")
         self.browser.run("window.virtualBorders.map.showPicture('floor', '')")
 
-    def test_the_floor_is_not_switched_on_again_after_somebody_has_switched_it_off(self):
+    def test_a_floor_switched_off_stays_off(self):
         self.assertEqual(run_script(self.browser, "switchFloorOff"), ["true", "false", "false"])
         self.browser.driver.refresh()
 
@@ -167,7 +167,7 @@ class SeenTest(PageTest):
         self.assertFalse(self.browser.run("return window.evil"))
 
     # ------------------------------------------------------------- missing parts
-    def test_a_connection_that_is_lost_without_a_word_costs_no_drawing(self):
+    def test_a_lost_connection_keeps_the_drawing(self):
         draw_carpet(self.browser)
         self.browser.run("window.virtualBorders.map.zoom(1.5)")
         view = self.browser.run("return window.virtualBorders.map.view")
@@ -191,7 +191,7 @@ class SeenTest(PageTest):
         self.wait_borders(1)
         self.browser.driver.refresh()
 
-    def test_robot_in_a_border_and_a_silent_monitor_are_problems(self):
+    def test_a_caught_robot_and_a_silent_monitor_are_problems(self):
         self.restart_page()  # which forgets the cameras and robots of other tests
         self.browser.wait_ready()
         robots = rospy.Publisher(names.ROBOTS, RobotStatusArray, queue_size=1)
@@ -208,7 +208,7 @@ class SeenTest(PageTest):
         self.browser.wait("!document.getElementById('health-sum').textContent", what="the problem's end")
         self.restart_page()  # which forgets that there was a monitor
 
-    def test_killed_page_comes_back_and_asks_for_the_code(self):
+    def test_a_restarted_page_asks_for_the_code(self):
         self.store_carpet()
         self.restart_page("_address:=0.0.0.0")
         # for later tests, which have no code: parameters stay on the server
