@@ -16,17 +16,18 @@ def test_points_behind_the_camera_have_no_pixel(camera):
     assert list(camera.contains(pixels)) == [True, False, False]
 
 
-@pytest.mark.parametrize(
-    "camera",
-    [
-        (0, 480, np.eye(3), np.zeros(5)),
-        *((640, 480, np.diag(focal), np.zeros(5)) for focal in ([0.0, 1.0, 1.0], [1.0, 0.0, 1.0])),
-        (640, 480, np.full((3, 3), np.nan), np.zeros(5)),
-        (640, 480, np.eye(3), np.zeros(3)),
-        (640, 480, np.eye(3), np.full(5, np.inf)),
-        (640, 480, np.eye(3), [0.1, 0.2, 0.3, 0.4, 0.01], True),  # a fisheye has four coefficients
-    ],
-)
+IMPOSSIBLE_CAMERAS = {
+    "no width": (0, 480, np.eye(3), np.zeros(5)),
+    "no horizontal focal length": (640, 480, np.diag([0.0, 1.0, 1.0]), np.zeros(5)),
+    "no vertical focal length": (640, 480, np.diag([1.0, 0.0, 1.0]), np.zeros(5)),
+    "a matrix of NaN": (640, 480, np.full((3, 3), np.nan), np.zeros(5)),
+    "three coefficients": (640, 480, np.eye(3), np.zeros(3)),
+    "infinite distortion": (640, 480, np.eye(3), np.full(5, np.inf)),
+    "a fisheye with five coefficients": (640, 480, np.eye(3), [0.1, 0.2, 0.3, 0.4, 0.01], True),
+}
+
+
+@pytest.mark.parametrize("camera", IMPOSSIBLE_CAMERAS.values(), ids=IMPOSSIBLE_CAMERAS)
 def test_impossible_cameras_are_refused(camera):
     with refused("bad_camera_info"):
         CameraModel(*camera)
@@ -90,16 +91,16 @@ def test_a_fisheye_ignores_zeros_after_four_coefficients(given):
     assert CameraModel(8, 6, np.eye(3), given, True).distortion.tolist() == [*given, 0.0, 0.0, 0.0][:4]
 
 
-@pytest.mark.parametrize(
-    "distortion, fisheye",
-    [
-        ([], False),
-        (WIDE.distortion, False),
-        ([0.1, 0.02, 0, 0, 0.01, 0.05, 0.01, 0.003], False),
-        (np.full(12, 1e-3), False),
-        ([0.02, 0, 0, 0], True),
-    ],
-)
+MODELS = {
+    "no distortion": ([], False),
+    "plumb_bob": (WIDE.distortion, False),
+    "rational": ([0.1, 0.02, 0, 0, 0.01, 0.05, 0.01, 0.003], False),
+    "thin prism": (np.full(12, 1e-3), False),
+    "fisheye": ([0.02, 0, 0, 0], True),
+}
+
+
+@pytest.mark.parametrize("distortion, fisheye", MODELS.values(), ids=MODELS)
 def test_projection_and_rays_agree_with_opencv(distortion, fisheye):
     matrix = np.array([[900.0, 0.0, 500.0], [0.0, 1300.0, 700.0], [0.0, 0.0, 1.0]])
     camera = CameraModel(1400, 1200, matrix, np.array(distortion), fisheye)

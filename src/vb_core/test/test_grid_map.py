@@ -47,6 +47,7 @@ def test_far_points_do_not_overflow():
         (np.zeros((2, 2), np.int8), math.nan, (0, 0, 0)),
         (np.zeros((2, 2), np.int8), 0.1, (0, math.inf, 0)),
     ],
+    ids=["no rows", "one dimension", "no resolution", "resolution NaN", "infinite origin"],
 )
 def test_impossible_maps_are_refused(data, resolution, origin):
     with refused("bad_map"):

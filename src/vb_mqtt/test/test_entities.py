@@ -44,7 +44,7 @@ def test_all_entities_are_one_device_with_unique_ids():
     assert all(config["name"] for config in configs)
 
 
-@pytest.mark.parametrize("topic, config", describe_entities(LAB).items())
+@pytest.mark.parametrize("topic, config", describe_entities(LAB).items(), ids=describe_entities(LAB))
 def test_an_entitys_topics_follow_from_its_key(topic, config):
     prefix, platform, device, key, last = topic.split("/")
     assert (prefix, device, last) == ("homeassistant", "lab1", "config")

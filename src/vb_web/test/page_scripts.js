@@ -91,6 +91,13 @@ function renderFormAgain() {
   return [now === before, now.value, now.selectionStart, now.selectionEnd];
 }
 
+/** Presses the dialog's last button, and Escape at once. Returns whether the page below the new dialog is inert. */
+function closeAndReopenDialog() {
+  [...document.querySelectorAll("#dialog button")].pop().click();
+  document.dispatchEvent(new KeyboardEvent("keydown", { key: "Escape" }));
+  return new Promise((done) => setTimeout(() => done(document.querySelector("main").inert), 0));
+}
+
 /** Closes the dialog. Returns the button that then takes a press at the centre of the map's last tool. */
 function uncoverButton() {
   const button = document.querySelector("#map-tools button:last-child");
@@ -103,7 +110,71 @@ function uncoverButton() {
   });
 }
 
+/** Returns the lengths [m] that a drawing shows. */
+const shownLengths = () =>
+  [...document.querySelectorAll("#placed .length")].map((text) => parseFloat(text.textContent));
+
+/** Returns the lengths [m] of the two sides at the drawing's first corner. */
+function sidesAtFirstCorner() {
+  const { points } = window.virtualBorders.draft();
+  const [x0, y0] = points[0];
+  return [points[1], points[points.length - 1]].map(([x, y]) => Math.hypot(x - x0, y - y0));
+}
+
+// ------------------------------------------------------------- what is seen
+/** Returns whether an element can be seen at the middle of its upper and lower edge. */
+function isUncovered(selector) {
+  const element = document.querySelector(selector);
+  const { left, width, top, bottom } = element.getBoundingClientRect();
+  return [top + 2, bottom - 2].every((y) => document.elementFromPoint(left + width / 2, y) === element);
+}
+
+/** Returns whether the field with the focus can be seen. */
+function isFocusInView() {
+  const { left, top, height } = document.activeElement.getBoundingClientRect();
+  return document.elementFromPoint(left + 20, top + height / 2) === document.activeElement;
+}
+
+/** Returns these style properties of each element of a selector and of its children, as one text for each element. */
+function stylesOf(selector, properties) {
+  const styleOf = (part) => properties.map((name) => getComputedStyle(part)[name]).join();
+  return [...document.querySelectorAll(selector)].map((element) => [element, ...element.children].map(styleOf).join());
+}
+
+/** Returns the command buttons without the spoken command below; "Pause" is the same in both languages. */
+const commandsWithoutWords = () =>
+  [...document.querySelectorAll("#commands button")].filter(
+    (button) => !button.querySelector("small") && button.textContent.toLowerCase() !== button.dataset.command,
+  );
+
+/** Shortens the wait of 8 s before another try to connect to 2 s, and counts the tries in window.asked. */
+function hurryAndCountTries() {
+  const wait = window.setTimeout;
+  const ask = window.fetch;
+  window.asked = 0;
+  window.setTimeout = (work, time) => wait(work, time === 8000 ? 2000 : time);
+  window.fetch = (...given) => ask(...given, ++window.asked);
+}
+
 // ------------------------------------------------------------- the map
+/** Returns the length [m] that the scale says, and that of its bar. */
+function scaleLengths() {
+  const { map } = window.virtualBorders;
+  map.layOut();
+  const bar = document.getElementById("scale");
+  return [parseFloat(bar.textContent), bar.getBoundingClientRect().width / map.view.scale];
+}
+
+/** Returns whether the map covers the centre of its frame. */
+function isMapAtCenter() {
+  const { map } = window.virtualBorders;
+  const [width, height] = map.size();
+  const [x0, x1, y0, y1] = map.box;
+  const [left, top] = map.toScreen([x0, y1]);
+  const [right, bottom] = map.toScreen([x1, y0]);
+  return left < width / 2 && right > width / 2 && top < height / 2 && bottom > height / 2;
+}
+
 /** Shows borders with these lines [m], by name. */
 function showBorders(lines) {
   const borders = Object.entries(lines).map(([name, line]) => ({

@@ -79,9 +79,7 @@ class SeenTest(PageTest):
     def test_a_button_shows_its_spoken_command(self):
         with self.small_phone("de") as small:
             small.resize((640, 360))
-            unlabelled = """return [...document.querySelectorAll('#commands button')].filter((button) =>
-                !button.querySelector('small') && button.textContent.toLowerCase() !== button.dataset.command)"""  # Pause
-            self.assertEqual(small.run(unlabelled), [])
+            self.assertEqual(run_script(small, "commandsWithoutWords"), [])
             small.click("#commands [data-command=define_border]")
             small.wait_text("#hint", "die Grenze mit dem Laser auf den Boden")
             self.assertEqual(run_script(small, "findFaults"), [])
@@ -95,9 +93,7 @@ class SeenTest(PageTest):
             draw_carpet(small)
             small.field("#review input[data-key=name]").click()
             small.resize((640, 180))  # the keyboard takes the rest
-            is_seen = """(() => { const box = document.activeElement.getBoundingClientRect();
-                return document.elementFromPoint(box.left + 20, box.top + box.height / 2) === document.activeElement; })()"""
-            small.wait(is_seen, what="the field in view")
+            wait_until(lambda: run_script(small, "isFocusInView"), "the field in view")
             small.resize((640, 360))
             small.click("#review button", "Abbrechen")
             self.assertEqual(small.faults(), [])
@@ -171,10 +167,7 @@ class SeenTest(PageTest):
         draw_carpet(self.browser)
         self.browser.run("window.virtualBorders.map.zoom(1.5)")
         view = self.browser.run("return window.virtualBorders.map.view")
-        self.browser.run("""const wait = window.setTimeout, ask = window.fetch;
-            window.asked = 0;
-            window.setTimeout = (work, time) => wait(work, time === 8000 ? 2000 : time);
-            window.fetch = (...given) => ask(...given, ++window.asked)""")
+        run_script(self.browser, "hurryAndCountTries")
         self.page.process.send_signal(signal.SIGSTOP)
         try:
             self.browser.wait("document.body.dataset.state == 'offline'", what="the lost connection")
