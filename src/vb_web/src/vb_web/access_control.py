@@ -88,12 +88,7 @@ class Sessions:
     The file has digests of each session's cookie and of the code that opened it: changing a code ends its sessions.
     """
 
-    def __init__(
-        self,
-        codes: Dict[str, str],
-        path: Optional[Path] = None,
-        on_fault: Callable[[CodedError], None] = lambda _error: None,
-    ) -> None:
+    def __init__(self, codes: Dict[str, str], path: Optional[Path] = None, on_fault: Callable = print) -> None:
         self._path, self._on_fault = path, on_fault
         self._roles = {_digest(normalize_code(code)): Role[name.upper()] for name, code in codes.items()}
         self._lock = threading.Lock()

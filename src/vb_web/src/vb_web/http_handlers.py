@@ -19,8 +19,7 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from vb_core.errors import CodedError
 from vb_core.rate_limiter import RateLimiter
-from vb_web import access_control
-from vb_web import action_parser
+from vb_web import access_control, action_parser
 from vb_web.access_control import Role
 from vb_web.page_view import answer_from_error, to_json
 
@@ -194,7 +193,7 @@ class _LinkHandler(_GuardedHandler, WebSocketHandler):
         self._unanswered = 0  # requests that are being carried out
         self._message_limiter = RateLimiter(rate=10.0, burst=40.0)
         self.page.browsers.add(self)
-        self._write(self.page.hellos[self.role])
+        self._write_json({"hello": self.page.hello(self.role)})
         asyncio.ensure_future(self._send_view())
 
     def on_close(self) -> None:
@@ -219,11 +218,8 @@ class _LinkHandler(_GuardedHandler, WebSocketHandler):
                     await asyncio.sleep(delay)
 
     def _write_json(self, message: Dict[str, Any]) -> None:
-        self._write(to_json(message))
-
-    def _write(self, text: str) -> None:
         with contextlib.suppress(WebSocketClosedError):
-            self.write_message(text)
+            self.write_message(to_json(message))
 
     def on_message(self, message: Any) -> None:
         """Starts what a message asks for, or answers why not. A browser that is refused too often is disconnected."""

@@ -107,12 +107,11 @@ def map_section(grid: GridMap, base: EncodedImage, restricted: Optional[EncodedI
 
 def draw_restricted(prior: GridMap, posterior: GridMap) -> EncodedImage:
     """Draws stripes where the map with borders is more occupied, fainter for lower occupancy."""
-    return draw_region(np.where(posterior.data > prior.data, posterior.data, np.int8(0)), posterior.resolution)
+    region = np.where(posterior.data > prior.data, posterior.data, np.int8(0))
+    return draw_region(region, posterior.resolution, RESTRICTED_COLOR, MAX_SIDE)
 
 
-def draw_region(
-    region: np.ndarray, resolution: float, tint: Tuple[int, int, int] = RESTRICTED_COLOR, side: int = MAX_SIDE
-) -> EncodedImage:
+def draw_region(region: np.ndarray, resolution: float, tint: Tuple[int, int, int], side: int) -> EncodedImage:
     """Draws stripes over a region.
 
     Args:
