@@ -48,8 +48,9 @@ export function drawNotices() {
 
 // Returns the camera or robot that a notice is about, or "". If there is only one robot, its name is in a value.
 function subjectOf({ camera, robot, values }) {
+  if (camera) return `camera ${camera}`;
   const robotOfNotice = robot || values.who;
-  return camera ? `camera ${camera}` : robotOfNotice ? `robot ${robotOfNotice}` : "";
+  return robotOfNotice ? `robot ${robotOfNotice}` : "";
 }
 
 // Counts the cameras and robots that have a problem, each once, no matter how many nodes report it.
@@ -66,15 +67,18 @@ function countProblems(cameras, drivers) {
   ]).size;
 }
 
+// Says how many problems there are. Without any, nothing is said before something is connected.
+function healthSum(problems, cameras, drivers) {
+  if (problems) return sentence(problems === 1 ? "page_problem" : "page_problems", { count: problems });
+  const isConnected = cameras.length || Object.keys(drivers).length || view.capabilities?.state === "ready";
+  return isConnected ? sentence("page_all_well") : "";
+}
+
 export function drawHealth() {
-  const cameras = view.cameras || [],
-    drivers = view.drivers || {};
+  const cameras = view.cameras || [];
+  const drivers = view.drivers || {};
   const problems = countProblems(cameras, drivers);
-  $("health-sum").textContent = problems
-    ? sentence(problems === 1 ? "page_problem" : "page_problems", { count: problems })
-    : cameras.length || Object.keys(drivers).length || (view.capabilities && view.capabilities.state === "ready")
-      ? sentence("page_all_well")
-      : "";
+  $("health-sum").textContent = healthSum(problems, cameras, drivers);
   $("health-sum").className = problems ? "ill" : "good";
   replaceContent($("cameras"), cameras.map(cameraLine));
   // the same image elements again, as a picture that is replaced flickers
