@@ -21,7 +21,7 @@ from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
 
 from phone import Browser
-from vb_testing import is_listening, wait_until
+from vb_testing import is_listening, listen, wait_until
 from vb_core import geometry, names, sentences
 from vb_core.ros.messages import NumpyOccupancyGrid, grid_from_message, message_from_pose2d, message_from_transform
 from vb_core.ros.notices import NoticeListener
@@ -108,14 +108,14 @@ class OwnRobots(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("own_robots")
-        cls.heard, cls.logged, cls.launch, cls.browser, cls.running = {}, [], None, None, None
+        cls.launch = cls.browser = cls.running = None
+        cls.logged = []
         cls.robots = Robots()
         goals = {name: f"/{name}/move_base_simple/goal" for name in START}
         cls.goals = {name: rospy.Publisher(topic, PoseStamped, queue_size=1) for name, topic in goals.items()}
         kinds = {names.ROBOTS: RobotStatusArray, names.BORDERS: VirtualBorderArray, names.DRIVERS: DriverState}
         kinds.update({f"/{name}/virtual_borders/map": NumpyOccupancyGrid for name in ("ada", "bob")})
-        for topic, kind in kinds.items():
-            rospy.Subscriber(topic, kind, lambda message, topic=topic: cls.heard.__setitem__(topic, message))
+        cls.heard = listen(kinds)
         cls.listener = NoticeListener()
         rospy.Subscriber("/rosout", Log, lambda entry: cls.logged.append((entry.level, entry.msg)), queue_size=100)
 
@@ -133,7 +133,8 @@ class OwnRobots(unittest.TestCase):
         port = free_port()
         state = Path(rospy.get_param("~state"))
         command = ["roslaunch", "vb_bringup", "borders_only.launch", f"state:={state}", f"page_port:={port}"]
-        cls.logged, cls.heard = [], {}
+        cls.logged.clear()
+        cls.heard.clear()
         cls.launch = subprocess.Popen([*command, *arguments], env={**os.environ, **environment}, start_new_session=True)
         cls.wait(lambda: names.BORDERS in cls.heard and names.ROBOTS in cls.heard, "borders_only to start")
         wait_until(lambda: is_listening(port), "the page to listen")

@@ -6,6 +6,7 @@ scripts/env.sh puts this folder on the path.
 import socket
 import subprocess
 import time
+from functools import partial
 from pathlib import Path
 from xmlrpc.client import ServerProxy
 
@@ -60,6 +61,14 @@ def write_program(path, text):
     path.write_text(f"#!/bin/sh\n{text}\n")
     path.chmod(0o755)
     return str(path)
+
+
+def listen(kinds):
+    """Subscribes to topics, given with their message types; returns a dictionary that gets each one's newest message."""
+    heard = {}
+    for topic, kind in kinds.items():
+        rospy.Subscriber(topic, kind, partial(heard.__setitem__, topic))
+    return heard
 
 
 class Newest:

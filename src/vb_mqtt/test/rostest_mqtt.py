@@ -19,7 +19,7 @@ import rostest
 from geometry_msgs.msg import Point
 
 from mosquitto import Hub, Mosquitto
-from vb_testing import TIMEOUT, Process, wait_until
+from vb_testing import TIMEOUT, Process, listen, wait_until
 from vb_core import names
 from vb_core.notices import Notice, Severity
 from vb_core.ros.notices import NoticePublisher
@@ -68,10 +68,8 @@ class MqttTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("rostest_mqtt")
-        cls.heard = {}
         kinds = {names.STATE: InteractionState, names.BORDERS: VirtualBorderArray, names.STOP: Stop}
-        for topic, kind in {**kinds, names.PREVIEW: BorderPreview}.items():
-            rospy.Subscriber(topic, kind, lambda message, topic=topic: cls.heard.__setitem__(topic, message))
+        cls.heard = listen({**kinds, names.PREVIEW: BorderPreview})
         cls.progress = rospy.Publisher(names.PROGRESS, BorderProgress, queue_size=1)
         cls.drawn = rospy.Service(names.GET_DRAWN_BORDER, GetDrawnBorder, cls.on_drawn)
         cls.server = Mosquitto(tempfile.mkdtemp(prefix="vb_mqtt_"))

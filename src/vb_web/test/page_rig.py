@@ -8,7 +8,7 @@ import rospy
 from geometry_msgs.msg import Point
 
 from phone import Browser
-from vb_testing import Process, is_listening, wait_until
+from vb_testing import Process, is_listening, listen, wait_until
 from vb_core import names
 from vb_core.child_processes import free_port
 from vb_msgs.msg import InteractionState, LaserSpot, Stop, VirtualBorder, VirtualBorderArray
@@ -41,9 +41,7 @@ class PageTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("page_test")
-        cls.heard = {}
-        for topic, kind in ((names.BORDERS, VirtualBorderArray), (names.STATE, InteractionState), (names.STOP, Stop)):
-            rospy.Subscriber(topic, kind, lambda message, topic=topic: cls.heard.__setitem__(topic, message))
+        cls.heard = listen({names.BORDERS: VirtualBorderArray, names.STATE: InteractionState, names.STOP: Stop})
         cls.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=5)
         cls.port = free_port()
         cls.codes = Path(rospy.get_param("~state")) / "page_codes.yaml"
