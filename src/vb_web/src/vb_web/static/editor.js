@@ -422,7 +422,7 @@ function reviewPanel(cancel) {
       "div",
       { class: "row decide" },
       cancel,
-      button("page_save", save, "primary", { disabled: Boolean(!check || newestQuestion || isRefused) }),
+      button("page_save", save, "primary", { disabled: !check?.ok || Boolean(newestQuestion) }),
     ),
   ];
 }
