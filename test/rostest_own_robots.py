@@ -190,8 +190,8 @@ class OwnRobots(unittest.TestCase):
         self.assertFalse([text for text in self.warnings() if "amera" in text or "interaction_manager" in text])
         # no Stop that would stop nothing; the header does not wait for nodes that are not meant to run
         self.browser.wait("document.body.dataset.state == 'robot_unready'", what="the header")
-        self.assertFalse(self.browser.run("return Boolean(document.getElementById('stop').getClientRects().length)"))
-        self.assertFalse(self.browser.run("return Boolean(document.getElementById('laser').getClientRects().length)"))
+        self.assertEqual(self.browser.boxes("#stop"), [])
+        self.assertEqual(self.browser.boxes("#laser"), [])
         self.browser.wait_text("#notices", "bob drives through borders")
         # both robots are on the map
         self.browser.wait("Object.keys(window.virtualBorders.view.robots || {}).sort().join() == 'ada,bob'")
@@ -269,7 +269,7 @@ class OwnRobots(unittest.TestCase):
         # the stand-in has no local planner whose speed could be set: the page says so
         self.assertFalse(self.status("ada").obeys_speed)
         self.browser.wait_text("#drivers", "It does not obey slow zones")
-        self.assertFalse(self.browser.run("return Boolean(document.getElementById('laser').getClientRects().length)"))
+        self.assertEqual(self.browser.boxes("#laser"), [])
         self.robots.speeds["ada"] = 0.0
         self.drive("ada", 6.0, 1.5)
         self.wait(lambda: self.robots.speeds["ada"] > 0.1, "ada to drive")
@@ -310,9 +310,9 @@ class OwnRobots(unittest.TestCase):
         self.start(DRIVEN)
         self.wait(lambda: names.DRIVERS in self.heard and self.heard[names.DRIVERS].code == "idle", "cid's driver")
         self.browser.wait_text("#drivers", "cid has a driver")
-        self.assertTrue(self.browser.run("return Boolean(document.getElementById('stop').getClientRects().length)"))
+        self.assertEqual(len(self.browser.boxes("#stop")), 1)
         self.assertFalse([text for text in self.warnings() if "state_lost" in text or "amera" in text])
-        self.assertFalse(self.browser.run("return Boolean(document.getElementById('laser').getClientRects().length)"))
+        self.assertEqual(self.browser.boxes("#laser"), [])
 
 
 if __name__ == "__main__":
