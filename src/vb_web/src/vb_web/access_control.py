@@ -118,8 +118,10 @@ class Sessions:
         name = _digest(cookie or "")
         code, opened_at = self._open.get(name, ("", 0.0))
         role = self._roles.get(code, Role.NOBODY)
-        fresh = 0.0 <= time.time() - opened_at < COOKIE_DAYS * 86400
-        return (role, name) if role and fresh else (Role.NOBODY, "")
+        is_fresh = 0.0 <= time.time() - opened_at < COOKIE_DAYS * 86400
+        if role == Role.NOBODY or not is_fresh:
+            return Role.NOBODY, ""
+        return role, name
 
     def end(self, name: str) -> None:
         """Ends a session."""

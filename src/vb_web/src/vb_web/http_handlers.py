@@ -78,9 +78,10 @@ class _GuardedHandler(web.RequestHandler):
             return self.page.sessions.find(self.get_cookie(access_control.COOKIE))
         # a request by another host's name that leads here, or through a proxy here, is not from this computer
         headers = self.request.headers
-        direct = not any(name in headers for name in ("Forwarded", "X-Forwarded-For", "X-Real-Ip", "Via"))
+        is_direct = not any(name in headers for name in ("Forwarded", "X-Forwarded-For", "X-Real-Ip", "Via"))
         hosts = (access_control.parse_host(self.request.host), self.request.remote_ip or "")
-        return (Role.OPERATOR, "") if direct and all(map(access_control.is_loopback, hosts)) else (Role.NOBODY, "")
+        is_local = is_direct and all(map(access_control.is_loopback, hosts))
+        return Role.OPERATOR if is_local else Role.NOBODY, ""
 
     def write_error(self, status_code: int, **_kwargs: Any) -> None:
         self.set_header("Content-Type", "application/json")

@@ -61,12 +61,11 @@ class ImageCache:
 
 def _reduce(data: np.ndarray, side: int) -> Tuple[np.ndarray, int]:
     """Reduces (H, W) to maxima of blocks, the last padded by the edge. Also returns a block's side [cells]."""
-    cells = max(1, -(-max(data.shape) // side))
-    if cells == 1:
-        return data, 1
+    cells = int(np.ceil(max(data.shape) / side))
     padded = np.pad(data, [(0, -size % cells) for size in data.shape], mode="edge")
-    rows, columns = (size // cells for size in padded.shape)
-    return padded.reshape(rows, cells, columns, cells).max(axis=(1, 3)), cells
+    rows, columns = padded.shape
+    blocks = padded.reshape(rows // cells, cells, columns // cells, cells)
+    return blocks.max(axis=(1, 3)), cells
 
 
 _PNG = (".png", [cv2.IMWRITE_PNG_COMPRESSION, 3])
