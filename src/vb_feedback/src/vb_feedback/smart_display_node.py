@@ -83,9 +83,8 @@ def _write_fitted_config(params: SmartDisplayParams, path: Path) -> None:
     """Waits for the map, and writes the fitted RViz configuration."""
     rospy.loginfo("smart_display: RViz starts as soon as there is a map on %s", names.PHYSICAL_MAP)
     grid = grid_from_message(rospy.wait_for_message(names.PHYSICAL_MAP, NumpyOccupancyGrid))
-    width, height = params.size()
     aspect = rospy.get_param(_ASPECT, None)
-    write_fitted_config(params.config, path, Box.around(grid.corners()), width, height, aspect)
+    write_fitted_config(params.config, path, Box.around(grid.corners()), *params.size(), aspect)
 
 
 def _install_fonts(name: str) -> None:

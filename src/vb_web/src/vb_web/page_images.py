@@ -62,7 +62,8 @@ class ImageCache:
 def _reduce(data: np.ndarray, side: int) -> Tuple[np.ndarray, int]:
     """Reduces (H, W) to maxima of blocks, the last padded by the edge. Also returns a block's side [cells]."""
     cells = int(np.ceil(max(data.shape) / side))
-    padded = np.pad(data, [(0, -size % cells) for size in data.shape], mode="edge")
+    missing = [(0, -size % cells) for size in data.shape]
+    padded = np.pad(data, missing, mode="edge")
     rows, columns = padded.shape
     blocks = padded.reshape(rows // cells, cells, columns // cells, cells)
     return blocks.max(axis=(1, 3)), cells
