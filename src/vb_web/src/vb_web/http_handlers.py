@@ -27,6 +27,7 @@ _SEND_PERIOD = 0.04  # [s] between two messages to a browser: 25 a second look f
 MAX_BODY = 2048  # [B] the only body is a code
 _MAX_UNANSWERED = 4  # requests of one browser
 _MAX_REFUSED = 20  # messages after which the browser is disconnected
+_PROXY_HEADERS = ("Forwarded", "X-Forwarded-For", "X-Real-Ip", "Via")
 
 
 def routes(page: Any) -> List[Tuple]:
@@ -77,11 +78,11 @@ class _GuardedHandler(web.RequestHandler):
         if self.page.sessions is not None:
             return self.page.sessions.find(self.get_cookie(access_control.COOKIE))
         # a request by another host's name that leads here, or through a proxy here, is not from this computer
-        headers = self.request.headers
-        is_direct = not any(name in headers for name in ("Forwarded", "X-Forwarded-For", "X-Real-Ip", "Via"))
+        is_direct = not any(name in self.request.headers for name in _PROXY_HEADERS)
         hosts = (access_control.parse_host(self.request.host), self.request.remote_ip or "")
         is_local = is_direct and all(map(access_control.is_loopback, hosts))
-        return Role.OPERATOR if is_local else Role.NOBODY, ""
+        role = Role.OPERATOR if is_local else Role.NOBODY
+        return role, ""
 
     def write_error(self, status_code: int, **_kwargs: Any) -> None:
         self.set_header("Content-Type", "application/json")

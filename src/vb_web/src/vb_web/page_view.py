@@ -69,8 +69,8 @@ class PageView:
         """Returns the current revision, and a message with all sections newer than `revision`, "" if there are none."""
         with self._lock:
             newer = [f'"{name}":{text}' for name, (changed, text) in self._sections.items() if changed > revision]
-            message = '{"view":{' + ",".join(newer) + "}}"
-            return self._revision, message if newer else ""
+            message = '{"view":{' + ",".join(newer) + "}}" if newer else ""
+            return self._revision, message
 
 
 def mark_borders(previous_marks: Dict[str, str], ids: List[str]) -> Dict[str, str]:
