@@ -23,8 +23,8 @@ export function show(title, ...children) {
 
 // Calls `next` with the answer to a dialog's request, unless the dialog was closed or replaced meanwhile.
 export async function whenAnswered(promise, next) {
-  const title = $("dialog-title"),
-    answer = await promise;
+  const title = $("dialog-title");
+  const answer = await promise;
   if ($("dialog").open && $("dialog-title") === title) next(answer);
 }
 

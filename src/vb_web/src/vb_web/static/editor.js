@@ -22,12 +22,12 @@ import {
 } from "./elements.js";
 
 export let draft = null;
-let modeChanges = 0, // so far
-  taps = [],
-  chosenCorner = null,
-  check = null, // the newest answer to what saving would do
-  newestQuestion = null, // what saving would do, while it has no answer
-  isAsking = false; // whether a question is under way
+let modeChanges = 0; // so far
+let taps = [];
+let chosenCorner = null;
+let check = null; // the newest answer to what saving would do
+let newestQuestion = null; // what saving would do, while it has no answer
+let isAsking = false; // whether a question is under way
 // Called when a border was tapped, and after each change of mode.
 export const listeners = { pick: () => {}, mode: () => {} };
 
@@ -249,7 +249,8 @@ export async function previewDraft() {
   drawReview();
   if (isAsking) return;
   isAsking = true;
-  let question, answer;
+  let question;
+  let answer;
   do {
     question = newestQuestion;
     answer = await page.link.ask("preview", { draft: draftFields(), border: draft.border });

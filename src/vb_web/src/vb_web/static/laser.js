@@ -128,8 +128,8 @@ export function drawState() {
 }
 
 export function drawBanners() {
-  const state = view.state,
-    list = [];
+  const state = view.state;
+  const list = [];
   const add = (kind, text, ...buttons) =>
     list.push(element("p", { class: kind }, element("span", {}, text), ...(isOperator() ? buttons : [])));
   if (!page.online) add("bad", sentence("page_offline"));

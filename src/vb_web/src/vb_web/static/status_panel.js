@@ -94,10 +94,10 @@ export function drawHealth() {
 }
 
 function cameraLine({ name, present, hz, ms }) {
-  const label = sentence(watchedCameras.has(name) ? "page_close" : "page_view"),
-    rate = present
-      ? sentence("page_camera_rate", { hz: words.number(hz, 0), ms: words.number(ms, 0) })
-      : sentence("page_camera_gone");
+  const label = sentence(watchedCameras.has(name) ? "page_close" : "page_view");
+  const rate = present
+    ? sentence("page_camera_rate", { hz: words.number(hz, 0), ms: words.number(ms, 0) })
+    : sentence("page_camera_gone");
   const watchButton = element(
     "button",
     {
@@ -118,8 +118,8 @@ function cameraLine({ name, present, hz, ms }) {
 
 // `driver` is the newest entry of the robot's driver, if there was one.
 function robotLine(name, driver) {
-  const source = driver && driver.present ? `page_motion_source_${driver.source}` : "",
-    lines = view.capabilities ? view.capabilities.lines.filter((line) => line.robot === name) : [];
+  const source = driver && driver.present ? `page_motion_source_${driver.source}` : "";
+  const lines = view.capabilities ? view.capabilities.lines.filter((line) => line.robot === name) : [];
   return element(
     "li",
     {},
@@ -157,8 +157,8 @@ export function toggleWatching(camera) {
 }
 
 export function drawEvents() {
-  const time = { hour: "2-digit", minute: "2-digit", hourCycle: "h23" },
-    today = new Date().toDateString();
+  const time = { hour: "2-digit", minute: "2-digit", hourCycle: "h23" };
+  const today = new Date().toDateString();
   const [clockTime, dated] = [time, { ...time, day: "numeric", month: "short" }].map(
     (parts) => new Intl.DateTimeFormat(words.language, parts),
   );
@@ -170,8 +170,8 @@ export function drawEvents() {
         const values = { ...event.values };
         if (values.command) values.command = commandName(values.command);
         if (values.code) values.reason = sentence(values.code, values);
-        const date = new Date(event.at * 1000),
-          format = date.toDateString() === today ? clockTime : dated;
+        const date = new Date(event.at * 1000);
+        const format = date.toDateString() === today ? clockTime : dated;
         return element(
           "li",
           {},
