@@ -33,12 +33,11 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.image_format import AnyPicture, HalvedPicture, Picture
 from vb_core.parameters import Parameters, param
 from vb_laser_detect.detection import features
-from vb_laser_detect.detection.background import BLOCK
 from vb_laser_detect.detection.features import SpotClassifier
 from vb_laser_detect.detection.projection import ImageGeometry
 from vb_laser_detect.detection.proposals import RegionProposer
 from vb_laser_detect.detection.spot_tracker import SpotTracker
-from vb_laser_detect.detection.stage_results import Box, DetectionResult, SearchedImage, Spot
+from vb_laser_detect.detection.stage_results import BLOCK, Box, DetectionResult, SearchedImage, Spot
 
 __all__ = ["DetectionResult", "DetectorParams", "Spot", "SpotDetector"]
 
@@ -130,7 +129,7 @@ class SpotDetector:
         max_diameters = self._max_diameters(searched, geometry)
         candidates = features.examine_regions(searched, max_diameters, self._classifier, self.params.min_probability)
         self._measured = any(
-            region.may_contain_spot and candidate.rejection not in ("off_floor", "too_large")
+            region.boxes and candidate.rejection not in ("off_floor", "too_large")
             for region, candidate in zip(searched.regions, candidates)
         )
         if geometry is not None:
@@ -156,7 +155,7 @@ class SpotDetector:
 
         Only if there is such a box does the geometry look up a moving camera's pose.
         """
-        boxes = [box for region in searched.regions for box in region.boxes()]
+        boxes = [box for region in searched.regions for box in region.boxes]
         if geometry is None or not boxes:
             return dict.fromkeys(boxes, _MAX_DIAGONAL_SHARE * searched.diagonal)
         middles = np.array(boxes).reshape(-1, 2, 2).mean(axis=1)
