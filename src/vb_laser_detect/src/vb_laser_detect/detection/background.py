@@ -282,37 +282,41 @@ def block_maxima(image: np.ndarray, background: np.ndarray) -> np.ndarray:
     Returns:
         (H // BLOCK, W // BLOCK) uint8.
     """
-    high = BLOCK * max(1, _BAND_BYTES // image[0].nbytes)
-    tops = range(0, image.shape[0] - BLOCK + 1, high)
-    bands = [_band_maxima(image[top : top + high], background[top : top + high]) for top in tops]
+    height = BLOCK * max(1, _BAND_BYTES // image[0].nbytes)  # of a band
+    bands = []
+    for top in range(0, image.shape[0] - BLOCK + 1, height):
+        rows = slice(top, top + height)
+        bands.append(_band_maxima(image[rows], background[rows]))
     if image.shape[0] % BLOCK:  # half of 1080 rows, for example: the rows left over belong to the last blocks
         last = bands[-1][-1:]
         cv2.max(last, _band_maxima(image[-BLOCK:], background[-BLOCK:]), last)
     maxima = cv2.vconcat(bands)
     if image.shape[1] % BLOCK:  # half of 2028 columns, for example
-        strips = (np.ascontiguousarray(picture[:, -BLOCK:]) for picture in (image, background))
-        maxima[:, -1:] = cv2.max(maxima[:, -1:], block_maxima(*strips))
+        strip = np.ascontiguousarray(image[:, -BLOCK:])
+        background_strip = np.ascontiguousarray(background[:, -BLOCK:])
+        maxima[:, -1:] = cv2.max(maxima[:, -1:], block_maxima(strip, background_strip))
     return maxima
 
 
 def _band_maxima(image: np.ndarray, background: np.ndarray) -> np.ndarray:
     """Computes `block_maxima` of a band whose height is a multiple of BLOCK; columns left over are ignored."""
-    high, columns = image.shape[0] // BLOCK, image.shape[1] // BLOCK
+    rows, columns = image.shape[0] // BLOCK, image.shape[1] // BLOCK
     # rows are reduced first, where memory is contiguous; the small rest is then transposed and reduced the same way
-    now, before = (picture[: high * BLOCK].reshape(high, -1) for picture in (image, background))
+    now = image[: rows * BLOCK].reshape(rows, -1)
+    before = background[: rows * BLOCK].reshape(rows, -1)
     length = now.shape[1] // BLOCK
-    rows = _MOSAIC_ROWS if image.ndim == 2 else _COLOR_ROWS
-    first, *parts = [slice(row * length, (row + 1) * length) for row in rows]
+    read_rows = _MOSAIC_ROWS if image.ndim == 2 else _COLOR_ROWS
+    first, *parts = [slice(row * length, (row + 1) * length) for row in read_rows]
     best = cv2.subtract(now[:, first], before[:, first])
     rise = np.empty_like(best)
     for part in parts:
         cv2.subtract(now[:, part], before[:, part], rise)
         cv2.max(best, rise, best)
-    best = max_channel(best.reshape((high,) + image.shape[1:]))
+    best = max_channel(best.reshape((rows,) + image.shape[1:]))
     turned = cv2.transpose(best[:, : columns * BLOCK]).reshape(columns, -1)
-    best = np.ascontiguousarray(turned[:, :high])
+    best = np.ascontiguousarray(turned[:, :rows])
     for column in range(1, BLOCK):
-        cv2.max(best, turned[:, column * high : (column + 1) * high], best)
+        cv2.max(best, turned[:, column * rows : (column + 1) * rows], best)
     return cv2.transpose(best)
 
 

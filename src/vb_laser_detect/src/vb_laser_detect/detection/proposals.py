@@ -16,7 +16,7 @@ import numpy as np
 
 from vb_core.image_format import AnyPicture
 from vb_laser_detect.detection.background import Background
-from vb_laser_detect.detection.stage_results import BLOCK, Box, ChangedRegion, ExpectedSpot, SearchedImage, Spot
+from vb_laser_detect.detection.stage_results import BLOCK, Box, ChangedRegion, ExpectedSpot, SearchedImage
 
 # lowest level of a spot, as a share of `bright_level`: only 3 of 464 known spots are darker, all in darkened clips
 _MIN_LEVEL = 0.86
@@ -103,11 +103,11 @@ class ImageRegistration:
 
 
 class RegionProposer:
-    """Finds regions in one camera's images. Keeps its background, and estimates its motion if it may move."""
+    """Finds regions in one camera's images that are new in its background. Estimates its motion if it may move."""
 
-    def __init__(self, moving_camera: bool) -> None:
+    def __init__(self, background: Background, moving_camera: bool) -> None:
+        self._background = background
         self._registration = ImageRegistration() if moving_camera else None
-        self._background = Background()
 
     def propose(self, picture: AnyPicture, expected: Sequence[ExpectedSpot]) -> SearchedImage:
         """Compares a picture with the background. The spots are `expected` there if the camera has not moved."""
@@ -138,10 +138,6 @@ class RegionProposer:
             changed=changes.brighter | changes.darker,
             ghost_s=background.ghost_s,
         )
-
-    def update_background(self, searched: SearchedImage, spots: Sequence[Spot], elapsed: float) -> None:
-        """Adds an image to the background, `elapsed` [s] after the last one, except where it shows these spots."""
-        self._background.update(searched.picture, searched.changed, spots, elapsed)
 
 
 def _move(spot: ExpectedSpot, motion: np.ndarray) -> ExpectedSpot:
@@ -195,14 +191,18 @@ def find_regions(maxima: np.ndarray, hot: np.ndarray) -> List[Box]:
     x, y, wide, high = cv2.boundingRect(hot.view(np.uint8))
     if not wide:
         return []
-    hot, maxima = (np.ascontiguousarray(blocks[y : y + high, x : x + wide]) for blocks in (hot, maxima))
+    around = slice(y, y + high), slice(x, x + wide)
+    hot = np.ascontiguousarray(hot[around])
+    maxima = np.ascontiguousarray(maxima[around])
     labels, stats, peaks = _components(hot, maxima)
-    large = stats[:, 2:4].max(axis=1) > _LARGE
-    large[0] = False
-    if large.any():
-        labels, stats, peaks = _components(hot & ~(large[labels] & (maxima <= 0.6 * peaks[labels])), maxima)
-    boxes = BLOCK * (stats[1:, :4] + (x, y, 0, 0))[np.argsort(-peaks[1:], kind="stable")]
-    boxes[:, 2:] += boxes[:, :2]
+    is_large = stats[:, 2:4].max(axis=1) > _LARGE
+    is_large[0] = False
+    if is_large.any():
+        is_dim_part = is_large[labels] & (maxima <= 0.6 * peaks[labels])
+        labels, stats, peaks = _components(hot & ~is_dim_part, maxima)
+    order = np.argsort(-peaks[1:], kind="stable")
+    left, top, width, height = stats[1:][order, :4].T
+    boxes = BLOCK * np.column_stack([x + left, y + top, x + left + width, y + top + height])
     return list(map(tuple, boxes.tolist()))
 
 

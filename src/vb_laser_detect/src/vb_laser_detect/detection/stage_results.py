@@ -93,7 +93,9 @@ def blocks_around(shape: Tuple[int, ...], u: float, v: float, reach: float, scal
     left = int(max(0.0, u - reach)) // block
     bottom = int(max(-1.0, v + reach)) // block + 1
     right = int(max(-1.0, u + reach)) // block + 1
-    return slice(top, min(shape[0], bottom)), slice(left, min(shape[1], right))
+    rows = slice(top, min(shape[0], bottom))
+    columns = slice(left, min(shape[1], right))
+    return rows, columns
 
 
 def match_lighting(background: np.ndarray, image: np.ndarray, max_width: float) -> np.ndarray:
