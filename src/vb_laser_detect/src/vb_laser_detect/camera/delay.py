@@ -40,18 +40,22 @@ def measure_delay(switch_times: Sequence[float], images: Sequence[Tuple[float, n
     norms = np.linalg.norm(levels, axis=0) + 1e-6
     # a camera is exposed for part of the time between two images, usually about half of it
     exposure_time = 0.5 * float(np.median(np.diff(stamps)))
-    edge_times = np.repeat(np.array(switch_times, float), 2) + np.tile([-_EDGE, _EDGE], len(switch_times))
-    states = np.tile([0.0, 1.0, 1.0, 0.0], len(switch_times) // 2 + 1)[: len(edge_times)]
+    switch_count = len(switch_times)
+    edge_times = np.repeat(np.array(switch_times, float), 2) + np.tile([-_EDGE, _EDGE], switch_count)
+    states = np.tile([0.0, 1.0, 1.0, 0.0], switch_count // 2 + 1)[: 2 * switch_count]
     correlations = np.zeros(len(_DELAYS))
     for number, delay in enumerate(_DELAYS):
         offsets = np.linspace(-0.5, 0.5, 5) * exposure_time
         light = np.mean([np.interp(stamps - delay + offset, edge_times, states) for offset in offsets], axis=0)
         light -= light.mean()
-        correlations[number] = (light @ levels / (norms * (np.linalg.norm(light) + 1e-6))).max()
+        products = norms * (np.linalg.norm(light) + 1e-6)
+        correlations[number] = (light @ levels / products).max()
     best = int(np.argmax(correlations))
     if correlations[best] < _MIN_CORRELATION or not 0 < best < len(correlations) - 1:
         raise CodedError("no_blinking")
     nearly_best = np.flatnonzero(correlations > correlations[best] - 0.01)
     delays = _DELAYS[nearly_best]
     weights = correlations[nearly_best] - correlations[best] + 0.011
-    return float(np.sum(delays * weights) / np.sum(weights)), float(np.ptp(delays) / 2.0 + 0.002)
+    delay = np.sum(delays * weights) / np.sum(weights)
+    uncertainty = np.ptp(delays) / 2.0 + 0.002
+    return float(delay), float(uncertainty)

@@ -146,11 +146,13 @@ def _cut_out(
 ) -> _Cutout:
     """Cuts the brightest blob whose peak is in a box out of an image, which is larger than the reference by `scale`."""
     left, top, right, bottom = box
+    height, width = image.shape[:2]
     margin, missing = 20, 1
     while missing > 0:
         # even bounds keep each pixel's position in the Bayer pattern
-        x0, y0 = max(0, left - margin) & ~1, max(0, top - margin) & ~1
-        window = slice(y0, min(bottom + margin, image.shape[0])), slice(x0, min(right + margin, image.shape[1]))
+        x0 = max(0, left - margin) & ~1
+        y0 = max(0, top - margin) & ~1
+        window = slice(y0, min(bottom + margin, height)), slice(x0, min(right + margin, width))
         now = image[window]
         floor = _enlarged_part(reference, window, scale)
         if max_width < math.inf:
@@ -159,19 +161,21 @@ def _cut_out(
         rise = reduce(cv2.max, cv2.split(cv2.subtract(now, floor)))
         smooth = cv2.GaussianBlur(rise, (3, 3), 0, borderType=cv2.BORDER_REFLECT_101)
         _, peak, _, peak_pixel = cv2.minMaxLoc(smooth[top - y0 : bottom - y0, left - x0 : right - x0])
-        _, labels, stats, _ = cv2.connectedComponentsWithStats((smooth > _EDGE * peak).astype(np.uint8), connectivity=8)
+        is_blob = (smooth > _EDGE * peak).astype(np.uint8)
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(is_blob, connectivity=8)
         label = labels[peak_pixel[1] + top - y0, peak_pixel[0] + left - x0]
         bx, by, bw, bh, _ = stats[label].tolist()
         if peak < 4 or max(bw, bh) > _MAX_ELONGATION * max_diameter:
             return _Cutout("too_faint" if peak < 4 else "too_large")
         # the window must include the blob's surroundings
         pad = int(math.ceil(0.6 * max(bw, bh))) + 4
-        (window_height, window_width), (height, width) = now.shape[:2], image.shape[:2]
+        window_height, window_width = now.shape[:2]
         spaces = bx, by, window_width - bx - bw, window_height - by - bh
         can_grow = x0 > 0, y0 > 0, x0 + window_width < width, y0 + window_height < height
         missing = pad - min(compress(spaces, can_grow), default=pad)
         margin += missing
-    sx, sy = max(0, bx - pad) & ~1, max(0, by - pad) & ~1
+    sx = max(0, bx - pad) & ~1
+    sy = max(0, by - pad) & ~1
     part = slice(sy, by + bh + pad), slice(sx, bx + bw + pad)
     mask = (labels[part] == label).view(np.uint8)
     area, elongation = _shape_of(mask)

@@ -120,7 +120,10 @@ class RegionProposer:
             motion = self._registration.follow(image)
             shift = self._registration.motion
         if motion is not None:
-            expected = [_move(spot, motion) for spot in expected]
+            expected = [
+                spot._replace(last=cv2.perspectiveTransform(np.array([[spot.last]]), motion)[0, 0].tolist())
+                for spot in expected
+            ]
         changes = background.compare(picture, shift, expected)
         min_level = _MIN_LEVEL * background.bright_level
         # the brightest first: a spot is white on any floor, but on a bright floor a person next to it rises more
@@ -138,11 +141,6 @@ class RegionProposer:
             changed=changes.brighter | changes.darker,
             ghost_s=background.ghost_s,
         )
-
-
-def _move(spot: ExpectedSpot, motion: np.ndarray) -> ExpectedSpot:
-    """Returns the spot expected after the camera's motion (3, 3) has moved the image."""
-    return spot._replace(last=cv2.perspectiveTransform(np.array([[spot.last]]), motion)[0, 0].tolist())
 
 
 def _region(picture: AnyPicture, box: Box, min_level: float, expected: Sequence[ExpectedSpot]) -> ChangedRegion:

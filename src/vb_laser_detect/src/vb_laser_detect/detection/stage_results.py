@@ -82,12 +82,7 @@ class SearchedImage(NamedTuple):
 
 
 def blocks_around(shape: Tuple[int, ...], u: float, v: float, reach: float, scale: int) -> Part:
-    """Returns the rows and columns of a grid (rows, columns) of blocks that are within `reach` of a place.
-
-    Args:
-        u, v, reach: [px] of the picture.
-        scale: number of these per searched pixel, in each direction.
-    """
+    """Returns the rows and columns of a grid (rows, columns) of blocks within `reach` of a place, both in a picture's pixels."""
     block = BLOCK * scale
     top = int(max(0.0, v - reach)) // block
     left = int(max(0.0, u - reach)) // block
