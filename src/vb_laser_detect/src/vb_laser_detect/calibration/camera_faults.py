@@ -155,18 +155,15 @@ def distance_between(a: np.ndarray, b: np.ndarray) -> float:
     if min(len(a), len(b)) < _MIN_COMMON:
         return math.nan
     intervals = np.diff(b[:, 0])
-    previous = np.searchsorted(b[:, 0], a[:, 0], side="right") - 1  # row of b before each row of a
-    is_between = (previous >= 0) & (previous < len(intervals))
-    a = a[is_between]
-    previous = previous[is_between]
-    is_short = intervals[previous] <= min(_MAX_GAP_PERIODS * float(np.median(intervals)), _MAX_GAP)
-    a = a[is_short]
-    previous = previous[is_short]
+    max_gap = min(_MAX_GAP_PERIODS * float(np.median(intervals)), _MAX_GAP)
+    # the interval of b in which each row of a lies; before and after all of b it never ends
+    gaps = np.array([np.inf, *intervals, np.inf])[np.searchsorted(b[:, 0], a[:, 0], side="right")]
+    a = a[gaps <= max_gap]
     if len(a) < _MIN_COMMON:
         return math.nan
-    share = ((a[:, 0] - b[previous, 0]) / intervals[previous])[:, None]
-    interpolated = b[previous, 1:] + share * (b[previous + 1, 1:] - b[previous, 1:])
-    return float(np.median(np.linalg.norm(interpolated - a[:, 1:], axis=1)))
+    x = np.interp(a[:, 0], b[:, 0], b[:, 1])
+    y = np.interp(a[:, 0], b[:, 0], b[:, 2])
+    return float(np.median(np.hypot(x - a[:, 1], y - a[:, 2])))
 
 
 def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, PoseFile]:

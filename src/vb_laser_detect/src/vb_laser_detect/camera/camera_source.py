@@ -16,7 +16,7 @@ import time
 import traceback
 from collections import deque
 from pathlib import Path
-from typing import Any, Callable, Deque, Dict, Iterator, List, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Deque, Iterator, List, NamedTuple, Optional, Tuple
 
 import av
 import numpy as np
@@ -170,19 +170,23 @@ class CameraSource:
         """Reads until the stream ends. A CodedError then says why."""
         try:
             with self._open() as container:
-                for number, shot in enumerate(self._shots(container)):
+                for number, image in enumerate(self._images(container)):
                     if number == 0:
                         self._report(None)
                     if self._closed.is_set():
                         return
-                    self._handle(shot)
+                    self._handle(image)
         except (av.error.FFmpegError, OSError) as error:
             raise self._fault(error) from None
         raise CodedError("camera_ended", source=self._shown_address)
 
     def _open(self) -> Any:
         if is_device(self.address):
-            options = self._device_options()
+            options = {"ts": "abs", "fflags": _NONBLOCK}
+            if self.params.width and self.params.height:
+                options["video_size"] = f"{self.params.width}x{self.params.height}"
+            if self.params.rate:
+                options["framerate"] = f"{self.params.rate:g}"
             # EINVAL: the device lacks this format, and FFmpeg is to choose one that it has
             with contextlib.suppress(ValueError):
                 wanted = {**options, "input_format": self.params.pixel_format}
@@ -193,15 +197,7 @@ class CameraSource:
             return av.open(self.address, options=options, timeout=(_OPEN_TIMEOUT, _STALL_TIMEOUT))
         return av.open(str(Path(self.address).expanduser()))
 
-    def _device_options(self) -> Dict[str, str]:
-        options = {"ts": "abs", "fflags": _NONBLOCK}
-        if self.params.width and self.params.height:
-            options["video_size"] = f"{self.params.width}x{self.params.height}"
-        if self.params.rate:
-            options["framerate"] = f"{self.params.rate:g}"
-        return options
-
-    def _shots(self, container: Any) -> Iterator[CapturedImage]:
+    def _images(self, container: Any) -> Iterator[CapturedImage]:
         if not container.streams.video:
             raise CodedError("camera_no_stream", source=self._shown_address)
         stream = container.streams.video[0]

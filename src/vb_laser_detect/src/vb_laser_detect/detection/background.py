@@ -1,6 +1,8 @@
 """Models a camera's scene without a spot, and finds what an image changes in it, by blocks of pixels.
 
-Whole images are compared only by blocks, which must stay cheap.
+Each image is compared with a keyframe, which never includes a spot. A stationary camera's averages one image a second,
+except where something has just changed; a moving camera's is replaced every few images. Whole images are compared only by
+blocks, which must stay cheap.
 """
 
 from __future__ import annotations
@@ -61,14 +63,11 @@ class Changes(NamedTuple):
 class Background:
     """The background of one camera at full resolution, and each block's noise.
 
-    Blocks that changed are left out of a stationary camera's keyframe until the change has lasted 1.5 s. Blocks that
-    show a spot are left out of every keyframe.
-
+    Blocks that changed are left out of a stationary camera's keyframe until the change has lasted 1.5 s.
     The first image of a scene is its background. A light in it may be a lamp; only if it moves is it a spot. When a lamp
     is switched, the next image becomes the background, but the old one is relit to show the floor under a tracked spot.
 
     Attributes:
-        image: the background itself, at the size searched; None before the first image.
         bright_level: [grey levels] of the brightest surfaces in it, see `SearchedImage`.
         motion: (3, 3) maps the background's pixels to those of the last image; None if the camera was stationary.
         reference: what the last image was compared with: the background as moved and lit in it.
@@ -77,13 +76,13 @@ class Background:
     """
 
     def __init__(self) -> None:
-        self.image: Optional[np.ndarray] = None
+        self._image: Optional[np.ndarray] = None
         self.motion: Optional[np.ndarray] = None
         self.is_keyframe = False
 
     def _adopt(self, image: np.ndarray) -> None:
         """Makes an image the background."""
-        self.image = image
+        self._image = image
         self.is_keyframe = True
         self._sample = sample_blocks(image)
         self.motion = None
@@ -105,7 +104,7 @@ class Background:
             expected: the spots that a new background should not include.
         """
         self.is_keyframe = False
-        changes = None if self.image is None else self._compare(picture.search_pixels, motion)
+        changes = None if self._image is None else self._compare(picture.search_pixels, motion)
         if changes is None or changes.is_global_change:
             self._begin_scene(picture, expected)
             changes = self._compare(picture.search_pixels, None)
@@ -133,12 +132,12 @@ class Background:
         self.motion = motion
         if motion is not None:
             if self._brightest is None:
-                self._brightest = cv2.dilate(self.image, _SQUARE)
+                self._brightest = cv2.dilate(self._image, _SQUARE)
             # a fraction of a pixel does not matter to the maximum of nine
             self.reference = _warp(self._brightest, motion, image.copy(), cv2.INTER_NEAREST)
             self._rise = block_maxima(image, self.reference)
             return Changes(self._rise, self._exceeds_noise(self._rise), np.zeros(self._rise.shape, bool))
-        self.reference = self.image
+        self.reference = self._image
         now = sample_blocks(image)
         changes = self._changes(image, now, self._sample)
         if changes.is_global_change and self._relight_rows(now):
@@ -160,15 +159,15 @@ class Background:
         gains = np.median(light / light_before, axis=1)
         if np.ptp(gains) < _MIN_FLICKER * gains.mean():
             return False
-        self.reference = _apply_row_gains(self.image, gains)
+        self.reference = _apply_row_gains(self._image, gains)
         return True
 
     def _moved_part(self, part: Part, image: np.ndarray) -> np.ndarray:
         """Returns a part of the background as the camera sees it now; where it does not reach, the image."""
         if self.motion is None:
-            return self.image[part]
+            return self._image[part]
         to_part = np.array([[1.0, 0.0, -part[1].start], [0.0, 1.0, -part[0].start], [0.0, 0.0, 1.0]]) @ self.motion
-        return _warp(self.image, to_part, image[part].copy(), cv2.INTER_CUBIC)
+        return _warp(self._image, to_part, image[part].copy(), cv2.INTER_CUBIC)
 
     def _exceeds_noise(self, rise: np.ndarray) -> np.ndarray:
         """Finds the blocks (rows, columns) bool whose rise is no small change, and exceeds the block's own noise."""
@@ -220,8 +219,8 @@ class Background:
         lasting = self._changed_s > _ABSORPTION_TIME
         kept = unsteady & ~lasting
         self._changed_s[lasting] = 0.0
-        keyframe = cv2.addWeighted(image, _WEIGHT, self.image, 1.0 - _WEIGHT, 0.0)
-        for blocks, source in ((lasting, image), (kept, self.image)):
+        keyframe = cv2.addWeighted(image, _WEIGHT, self._image, 1.0 - _WEIGHT, 0.0)
+        for blocks, source in ((lasting, image), (kept, self._image)):
             if blocks.any():
                 cv2.copyTo(source, mask_of_blocks(blocks, *image.shape[:2]), keyframe)
         self._adopt(keyframe)

@@ -1,9 +1,7 @@
 """Finds image regions that are brighter than the background; they are the candidates for a spot.
 
-Each image is compared with a keyframe, which never includes a spot. A stationary camera's keyframe
-averages one image a second, except where something has just changed. A moving camera's keyframe is replaced every few
-images. `ImageRegistration` estimates a single motion from it to each image, so that nothing is resampled twice and no
-error accumulates. As that motion may be off by a pixel, light within a pixel of light in the keyframe counts as old.
+`ImageRegistration` estimates a single motion from a moving camera's keyframe to each image, so that nothing is resampled
+twice and no error accumulates. As it may be off by a pixel, light within a pixel of light in the keyframe counts as old.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from vb_laser_detect.calibration.lens import BoardParams, LensCalibration, find_
 from vb_laser_detect.calibration.live_picture import LivePicture
 from vb_laser_detect.camera.lens_and_settings_files import save_lens, set_capture
 from vb_laser_detect.camera.delay import brightness, measure_delay
-from vb_laser_detect.camera.exposure import SPOT_LEVEL, Brightness, find_exposure, measure_brightness
+from vb_laser_detect.camera.exposure import SPOT_LEVEL, find_exposure
 from vb_laser_detect.camera.camera_source import without_password
 from vb_laser_detect.detection.spot_detector import DetectorParams
 from vb_laser_detect.spot_detector_node_params import image_topic
@@ -233,14 +233,14 @@ def set_exposure(arguments: argparse.Namespace) -> int:
     """Finds an exposure time at which the floor is grey, and checks that the laser spot is then white."""
     camera = RunningCamera(arguments.camera)
 
-    def try_exposure(exposure: int) -> Brightness:
+    def take_image(exposure: int) -> np.ndarray:
         camera.change_settings(exposure=exposure)
-        return measure_brightness(camera.next_image(rospy.Time.now().to_sec() + _SETTLING_TIME)[1].bgr())
+        return camera.next_image(rospy.Time.now().to_sec() + _SETTLING_TIME)[1].bgr()
 
     capture = camera.params.get("capture", {})
     old_values = {name: capture.get(name, 0) for name in ("exposure", "white_balance")}
     try:
-        values = {"exposure": find_exposure(try_exposure, lambda text: print(f"  {text}", flush=True))}
+        values = {"exposure": find_exposure(take_image, lambda text: print(f"  {text}", flush=True))}
         try:
             camera.change_settings(white_balance=_WHITE_BALANCE)
             values["white_balance"] = _WHITE_BALANCE
