@@ -35,7 +35,6 @@ _MAX_GAP = 0.5  # [s]
 # [s] a detector looks up a fixed camera's pose twice a second: until then, spots may be located with the former one
 _POSE_LATENCY = 5.0
 
-Sighting = Tuple[float, float, float]  # stamp [s], x, y [m]
 PoseFile = Union[CameraPose, CodedError]  # a calibration, or why it cannot be read
 
 
@@ -67,7 +66,7 @@ class CameraFaultFinder:
     def __init__(self, cameras: Sequence[str], now: float) -> None:
         self._reports = {name: DetectorReport(now + _START_TIMEOUT - _SILENCE_TIMEOUT) for name in cameras}
         self._ages: Dict[str, Deque[float]] = {name: deque(maxlen=_CLOCK_REPORTS) for name in cameras}
-        self._sightings: Dict[str, Deque[Sighting]] = {}
+        self._sightings: Dict[str, Deque[Tuple[float, float, float]]] = {}  # stamp [s], x, y [m]
         self._pose_changes: Dict[str, float] = {}  # [s] when a camera got its present pose
 
     def report(self, camera: str, report: DetectorReport) -> None:
@@ -157,7 +156,8 @@ def distance_between(a: np.ndarray, b: np.ndarray) -> float:
     intervals = np.diff(b[:, 0])
     max_gap = min(_MAX_GAP_PERIODS * float(np.median(intervals)), _MAX_GAP)
     # the interval of b in which each row of a lies; before and after all of b it never ends
-    gaps = np.array([np.inf, *intervals, np.inf])[np.searchsorted(b[:, 0], a[:, 0], side="right")]
+    row_after = np.searchsorted(b[:, 0], a[:, 0], side="right")
+    gaps = np.array([np.inf, *intervals, np.inf])[row_after]
     a = a[gaps <= max_gap]
     if len(a) < _MIN_COMMON:
         return math.nan

@@ -192,9 +192,8 @@ def floor_uncertainty(camera: CameraModel, T_map_camera: np.ndarray, covariance:
         return math.inf, math.inf
     derivatives = derivatives[on_floor]
     covariances = derivatives @ covariance @ derivatives.transpose(0, 2, 1)
-    largest_variances = np.linalg.eigvalsh(covariances)[:, -1]
     sigma = np.full(len(pixels), np.nan)
-    sigma[on_floor] = np.sqrt(np.maximum(0.0, largest_variances))
+    sigma[on_floor] = np.sqrt(np.maximum(0.0, np.linalg.eigvalsh(covariances)[:, -1]))
     middle = sigma[4] if on_floor[4] else np.nanmin(sigma)
     return float(middle), float(np.nanmax(sigma))
 

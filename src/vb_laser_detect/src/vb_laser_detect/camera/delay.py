@@ -45,8 +45,7 @@ def measure_delay(switch_times: Sequence[float], images: Sequence[Tuple[float, n
         # it is lit after an odd number of switches
         light = np.mean([np.searchsorted(switch_times, stamps - delay + offset) % 2 for offset in offsets], axis=0)
         light -= light.mean()
-        products = norms * (np.linalg.norm(light) + 1e-6)
-        correlations[number] = (light @ levels / products).max()
+        correlations[number] = (light @ levels / (norms * (np.linalg.norm(light) + 1e-6))).max()
     best = int(np.argmax(correlations))
     if correlations[best] < _MIN_CORRELATION or not 0 < best < len(correlations) - 1:
         raise CodedError("no_blinking")

@@ -64,8 +64,7 @@ class Background:
     """The background of one camera at full resolution, and each block's noise.
 
     Blocks that changed are left out of a stationary camera's keyframe until the change has lasted 1.5 s.
-    The first image of a scene is its background. A light in it may be a lamp; only if it moves is it a spot. When a lamp
-    is switched, the next image becomes the background, but the old one is relit to show the floor under a tracked spot.
+    The first image of a scene is its background. A light in it may be a lamp; only if it moves is it a spot.
 
     Attributes:
         bright_level: [grey levels] of the brightest surfaces in it, see `SearchedImage`.
@@ -111,7 +110,7 @@ class Background:
         return changes
 
     def _begin_scene(self, picture: AnyPicture, expected: Sequence[ExpectedSpot]) -> None:
-        """Makes a picture the background and forgets the noise. Where a spot is expected, the old background is relit."""
+        """Makes a picture the background and forgets the noise. Under an expected spot, the old background stays, relit."""
         keyframe = picture.search_pixels.copy()
         blocks = keyframe.shape[0] // BLOCK, keyframe.shape[1] // BLOCK
         for spot in expected:

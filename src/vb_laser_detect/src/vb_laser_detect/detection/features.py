@@ -28,7 +28,6 @@ _ONE_MOSAIC = 0.75
 _WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above this says nothing about colour
 _GRAY = 0.85  # a floor is grey if its weakest channel has at least this share of the strongest
 _MIN_BUSY = 0.02  # ghosts may be left from this value of `busy` on
-FEATURES = ("elongation", "peak", "level", "edge", "fall", "diameter", "chroma_mosaic", "busy")
 # features that do not count against a spot seen where it was expected: they describe its surroundings, or its colour, which
 # it has shown before and which other light or a mosaic may hide now
 _WAIVED_IF_EXPECTED = ("fall", "busy", "chroma_mosaic")
@@ -44,7 +43,7 @@ class Blob:
         u, v: [px] centroid, sub-pixel; the centre of the first pixel is 0.
         diameter: [px] of a disc of the same area.
         problem: code of the reason for a rejection by position or size alone, or "".
-        features: values by their names in FEATURES, NaN for a feature that says nothing; empty if there is a problem.
+        features: values by name, NaN for a feature that says nothing; empty if there is a problem.
         light: the blob's light; None if there is a problem.
     """
 
@@ -77,10 +76,8 @@ def examine_regions(
         probability = 0.0
         rejection = blob.problem
         if not rejection:
-            is_expected = False
-            if region.expected is not None:
-                u, v = region.expected.position
-                is_expected = math.hypot(blob.u - u, blob.v - v) <= region.expected.reach
+            expected = region.expected
+            is_expected = expected is not None and math.dist((blob.u, blob.v), expected.position) <= expected.reach
             probability, reason = classifier.classify(blob, is_expected)
             rejection = reason if probability < min_probability else ""
         tint = None if rejection else blob.light.tint
@@ -104,16 +101,18 @@ def measure_blob(searched: SearchedImage, box: Box, max_diameter: float, max_wid
     """
     if math.isnan(max_diameter):
         return _unmeasured(box, "off_floor")
-    picture, scale, reference = searched.picture, searched.picture.scale, searched.reference
+    picture = searched.picture
+    scale = picture.scale
     left, top, right, bottom = box
     if scale > 1:
         small_box = left // scale, top // scale, -(-right // scale), -(-bottom // scale)
-        cutout = _cut_out(picture.search_pixels, reference, 1, small_box, max_diameter / scale, max_width / scale)
+        limits = max_diameter / scale, max_width / scale
+        cutout = _cut_out(picture.search_pixels, searched.reference, 1, small_box, *limits)
         if cutout.problem == "too_large":
             return _unmeasured(box, "too_large")
     if picture.pixels[top:bottom, left:right].max() < searched.min_level:  # the whole picture is decoded only now
         return _unmeasured(box, "too_dark")
-    cutout = _cut_out(picture.pixels, reference, scale, box, max_diameter, max_width)
+    cutout = _cut_out(picture.pixels, searched.reference, scale, box, max_diameter, max_width)
     if cutout.problem:
         return _unmeasured(box, cutout.problem)
     light = BlobLight(*cutout.images, picture.is_bayer)
@@ -362,9 +361,10 @@ class SpotClassifier:
         A feature that says nothing (NaN) adds nothing. `expected`: whether a tracked spot should be there.
         """
         logit, smallest_part, reason = self.intercept, math.inf, ""
-        for name, value in blob.features.items():
-            if name in self.curves and not math.isnan(value):
-                part = float(np.interp(value, *self.curves[name]))
+        for name, curve in self.curves.items():
+            value = blob.features[name]
+            if not math.isnan(value):
+                part = float(np.interp(value, *curve))
                 if expected and name in _WAIVED_IF_EXPECTED:
                     part = max(0.0, part)
                 logit += part
