@@ -106,8 +106,8 @@ def measure_blob(searched: SearchedImage, box: Box, max_diameter: float, max_wid
     left, top, right, bottom = box
     if scale > 1:
         small_box = left // scale, top // scale, -(-right // scale), -(-bottom // scale)
-        limits = max_diameter / scale, max_width / scale
-        cutout = _cut_out(picture.search_pixels, searched.reference, 1, small_box, *limits)
+        small = picture.search_pixels
+        cutout = _cut_out(small, searched.reference, 1, small_box, max_diameter / scale, max_width / scale)
         if cutout.problem == "too_large":
             return _unmeasured(box, "too_large")
     if picture.pixels[top:bottom, left:right].max() < searched.min_level:  # the whole picture is decoded only now
@@ -146,7 +146,8 @@ def _cut_out(
     """Cuts the brightest blob whose peak is in a box out of an image, which is larger than the reference by `scale`."""
     left, top, right, bottom = box
     height, width = image.shape[:2]
-    margin, missing = 20, 1
+    margin = 20
+    missing = 1
     while missing > 0:
         # even bounds keep each pixel's position in the Bayer pattern
         x0 = max(0, left - margin) & ~1

@@ -141,8 +141,7 @@ def depth_over_plane(
     part = np.nan_to_num(depth[top:bottom, left:right].astype(float)) / units_per_meter
     rows, columns = np.nonzero((part >= _MIN_DEPTH) & (part <= _MAX_DEPTH))
     floor = project_to_floor(camera, T_map_camera, np.column_stack([columns + left, rows + top]), height)
-    optical_axis = T_map_camera[:3, 2]
-    plane_depths = (floor - T_map_camera[:3, 3]) @ optical_axis
+    plane_depths = (floor - T_map_camera[:3, 3]) @ T_map_camera[:3, 2]
     ratios = part[rows, columns] / plane_depths
     ratios = ratios[np.isfinite(ratios)]
     if len(ratios) < max(1.0, _DEPTH_SHARE * part.size):

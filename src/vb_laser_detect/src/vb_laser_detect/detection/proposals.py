@@ -118,10 +118,7 @@ class RegionProposer:
             motion = self._registration.follow(image)
             shift = self._registration.motion
         if motion is not None:
-            expected = [
-                spot._replace(last=cv2.perspectiveTransform(np.array([[spot.last]]), motion)[0, 0].tolist())
-                for spot in expected
-            ]
+            expected = [move_spot(spot, motion) for spot in expected]
         changes = background.compare(picture, shift, expected)
         min_level = _MIN_LEVEL * background.bright_level
         # the brightest first: a spot is white on any floor, but on a bright floor a person next to it rises more
@@ -141,6 +138,11 @@ class RegionProposer:
         )
 
 
+def move_spot(spot: ExpectedSpot, motion: np.ndarray) -> ExpectedSpot:
+    """Returns the spot expected after the camera's motion (3, 3) has moved the image."""
+    return spot._replace(last=cv2.perspectiveTransform(np.array([[spot.last]]), motion)[0, 0].tolist())
+
+
 def _region(picture: AnyPicture, box: Box, min_level: float, expected: Sequence[ExpectedSpot]) -> ChangedRegion:
     """Makes a region from a box of the searched pixels. The last blocks include the pixels left over at the edges."""
     left, top, right, bottom = box
@@ -155,13 +157,13 @@ def _region(picture: AnyPicture, box: Box, min_level: float, expected: Sequence[
     else:  # the highest level that is possible
         level = _max_in_box(picture.search_pixels, (left, top, right, bottom)) / _HALF_LEVEL
     for spot in expected:
-        part = _within_reach(spot, box)
+        part = part_within_reach(spot, box)
         if part is not None:
             return ChangedRegion(box, [box, part] if level >= min_level else [], spot)
     return ChangedRegion(box, [box] if level >= min_level else [], None)
 
 
-def _within_reach(spot: ExpectedSpot, box: Box) -> Optional[Box]:
+def part_within_reach(spot: ExpectedSpot, box: Box) -> Optional[Box]:
     """Returns the part of a box that is within an expected spot's reach, or None if no part is."""
     left, top, right, bottom = box
     u, v = spot.position

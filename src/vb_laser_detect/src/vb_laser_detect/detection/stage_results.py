@@ -82,10 +82,7 @@ class SearchedImage(NamedTuple):
 
 
 def blocks_around(shape: Tuple[int, ...], u: float, v: float, reach: float, scale: int) -> Part:
-    """Returns the rows and columns of a grid (rows, columns) of blocks within `reach` of a place.
-
-    These are in pixels of the picture, of which a searched pixel is `scale` wide.
-    """
+    """Returns the rows and columns of blocks within `reach` of a place, in pixels of which a searched one is `scale` wide."""
     block = BLOCK * scale
     top = int(max(0.0, v - reach)) // block
     left = int(max(0.0, u - reach)) // block
