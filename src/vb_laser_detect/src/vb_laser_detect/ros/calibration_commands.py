@@ -166,8 +166,9 @@ def calibrate_lens(arguments: argparse.Namespace) -> int:
 def _draw_progress(image: np.ndarray, calibration: LensCalibration, pixels: Iterable, problem: str) -> None:
     """Draws the board's corners at `pixels`, the cells that are not covered yet, and two lines of text into an image."""
     height, width = image.shape[:2]
+    radius = max(4, width // 240)
     for u, v in pixels:
-        cv2.circle(image, (round(u), round(v)), max(4, width // 240), (0, 220, 0), -1)
+        cv2.circle(image, (round(u), round(v)), radius, (0, 220, 0), -1)
     line_width = max(1, width // 640)
     for cell in np.argwhere(~calibration.covered):
         upper_left = cell * (width, height) // calibration.covered.shape
