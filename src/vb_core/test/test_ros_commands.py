@@ -77,7 +77,7 @@ def sender(monkeypatch):
 
 
 def no_answer(cause):
-    error = CodedError("no_response", who="$interaction_manager")
+    error = CodedError("no_response", who_code="interaction_manager")
     error.__cause__ = cause
     return error
 
@@ -156,7 +156,7 @@ def test_where_no_manager_answers_a_stop_the_robots_that_hold_it_do(sender, monk
         statuses = [RobotStatus(robot="ada", stops=[stop]), RobotStatus(robot="cleo", driver=True)]
         orders._on_robots(RobotStatusArray(robots=statuses))
 
-    absent = CodedError("no_service", who="$interaction_manager")
+    absent = CodedError("no_service", who_code="interaction_manager")
     manager.answers += [absent, absent]
     monkeypatch.setattr(commands.time, "sleep", report)
     orders.submit("stop")
@@ -200,13 +200,13 @@ def neighbour(monkeypatch):
 
 def test_the_answer_comes_back(neighbour):
     neighbour.ask.side_effect = lambda request: request + 1
-    assert services.call("/s", object, 41, "somebody") == 42
+    assert services.call("/s", object, 41, {"who": "somebody"}) == 42
 
 
 def test_nothing_was_sent_to_an_absent_neighbour(neighbour):
     neighbour.wait.side_effect = rospy.ROSException("timeout exceeded")
     with refused("no_service") as caught:
-        services.call("/s", object, 1, "the integrator")
+        services.call("/s", object, 1, {"who": "the integrator"})
     assert not neighbour.ask.called and "the integrator is not running" in str(caught.value)
 
 
@@ -214,12 +214,12 @@ def test_a_hanging_neighbour_is_given_up(neighbour):
     release = threading.Event()
     neighbour.ask.side_effect = lambda request: release.wait(30)
     with refused("no_response"):
-        services.call("/s", object, 1, "the integrator", service_timeout=0.05, response_timeout=0.1)
+        services.call("/s", object, 1, {"who": "the integrator"}, service_timeout=0.05, response_timeout=0.1)
     release.set()
 
 
 def test_a_lost_connection_counts_as_no_response(neighbour):
     neighbour.ask.side_effect = rospy.ServiceException("transport error")
     with refused("no_response") as caught:
-        services.call("/s", object, 1, "the integrator")
+        services.call("/s", object, 1, {"who": "the integrator"})
     assert isinstance(caught.value.__cause__, rospy.ServiceException)

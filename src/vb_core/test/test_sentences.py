@@ -26,8 +26,8 @@ def test_every_language_has_every_code_with_the_same_values(language):
     assert {code for code in english if placeholders(english[code]) != placeholders(translated[code])} == set()
 
 
-CAUGHT = {"who": "$the_robot", "border": "Rug"}
-UNNAMED = {"who": "ada", "border": "$border_without_name"}
+CAUGHT = {"who_code": "the_robot", "border": "Rug"}
+UNNAMED = {"who": "ada", "border_code": "border_without_name"}
 
 
 @pytest.mark.parametrize(
@@ -40,12 +40,15 @@ UNNAMED = {"who": "ada", "border": "$border_without_name"}
         ("of_a_newer_version", {}, "en", "of a newer version"),
         ("no_response", {"who": "x"}, "tlh", "x is not responding."),
         # a value may be a word in the reader's language, within a sentence or at its beginning
-        ("no_service", {"who": "$map_integrator"}, "en", "The map integrator is not running."),
-        ("no_service", {"who": "$map_integrator"}, "de", "Die Kartenverwaltung läuft nicht."),
-        ("no_service", {"who": "$"}, "en", "$ is not running."),
+        ("no_service", {"who_code": "map_integrator"}, "en", "The map integrator is not running."),
+        ("no_service", {"who_code": "map_integrator"}, "de", "Die Kartenverwaltung läuft nicht."),
+        # whatever people call a robot or a border: no text is read as a code
+        ("no_service", {"who": "$the_robot"}, "de", "$the_robot läuft nicht."),
+        ("no_service", {"who": "the_robot"}, "de", "the_robot läuft nicht."),
+        ("border_restored", {"borders": "$the_robot, the_robot"}, "de", "Wieder in der Karte: $the_robot, the_robot."),
         ("robot_caught_in_border", CAUGHT, "en", "The robot is inside Rug "),
         ("robot_caught_in_border", CAUGHT, "de", "Der Roboter "),
-        ("robot_caught_in_border", {**CAUGHT, "who": "ada"}, "en", "ada is inside Rug "),
+        ("robot_caught_in_border", {"border": "Rug", "who": "ada"}, "en", "ada is inside Rug "),
         ("robot_caught_in_border", UNNAMED, "de", "ada ist in Grenze ohne Namen "),
         ("robot_commands_unheard", {**CAUGHT, "topic": "/x"}, "en", "The velocities of the robot reach nobody"),
         # an unnamed border is numbered in the reader's language

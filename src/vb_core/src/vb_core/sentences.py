@@ -5,9 +5,10 @@ languages/<language>/<topic>.yaml maps each code to one sentence with the values
 
     page_removed: "{border} was removed."
 
-A value that begins with $ is itself a code, for words that differ by language: who = "$the_robot", border =
-"$border_without_name". Its text may contain the sentence's other values, and is capitalised where it begins the
-sentence. The values border and borders are names of borders, see `border_name`.
+Words that differ by language are passed as a code, in a value whose name says so: who_code = "the_robot" gives {who} the
+text of this code. All other values are texts, perhaps a person's, and no text is ever read as a code. A code's text may
+contain the sentence's other values, and is capitalised where it begins the sentence. The values border and borders are
+names of borders, see `border_name`.
 
 No program parses a sentence.
 """
@@ -23,6 +24,7 @@ import yaml
 
 ENGLISH = "en"
 LANGUAGES_FOLDER = Path(__file__).resolve().parent / "languages"
+_CODE = "_code"  # ends the name of a value that is a code
 # a name that the border database gave: alone, in quotes or in a list of names
 _UNNAMED = re.compile(r"(?:^|(?<=^')|(?<=, ))(border|wall) (\d+)(?=$|'$|, )")
 
@@ -56,9 +58,9 @@ class _LenientValues(dict):
         return f"({key})"
 
 
-def robot_placeholder(name: str) -> str:
-    """Returns the value that names a robot in a sentence. An empty name means the only robot."""
-    return name or "$the_robot"
+def robot_values(*names: str, key: str = "who") -> Dict[str, str]:
+    """Returns the value that names robots in a sentence as {key}. An empty name means the only robot."""
+    return {key: ", ".join(names)} if any(names) else {key + _CODE: "the_robot"}
 
 
 def border_name(name: str, language: str = ENGLISH) -> str:
@@ -70,7 +72,7 @@ def translate(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH
     """Returns the sentence for a code; in English where the language has none.
 
     Args:
-        values: the values in the sentence, by their names.
+        values: the values in the sentence, by their names: texts, or codes if the name ends in "_code".
         default: returned for an unknown code, for instance a message's own English sentence; if that is empty too,
             the code's words are returned.
     """
@@ -79,10 +81,14 @@ def translate(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH
         return default or words_of_name(code)
     texts = {}
     for name, value in values.items():
-        texts[name] = border_name(str(value), language) if name in ("border", "borders") else str(value)
-        if texts[name].startswith("$") and len(texts[name]) > 1:
-            other_values = {other_name: text for other_name, text in values.items() if other_name != name}
-            texts[name] = translate(texts[name][1:], other_values, language)
+        text = str(value)
+        if name.endswith(_CODE):
+            other_values = {other_name: other for other_name, other in values.items() if other_name != name}
+            name = name[: -len(_CODE)]
+            text = translate(text, other_values, language)
             if sentence.startswith(f"{{{name}}}"):
-                texts[name] = texts[name][:1].upper() + texts[name][1:]
+                text = text[:1].upper() + text[1:]
+        elif name in ("border", "borders"):
+            text = border_name(text, language)
+        texts[name] = text
     return sentence.format_map(_LenientValues(texts))

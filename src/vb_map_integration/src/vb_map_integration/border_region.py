@@ -284,13 +284,13 @@ class _BorderOnGrid:
         cv2.inRange(self.cells, OCCUPIED_THRESHOLD, 255, dst=framed[1:-1, 1:-1])
         cut = separating_curve.cut_free_space(framed, self.points, fit, tolerance, self.seed, self.find_free_cell)
         line = prior.grid_to_world(cut.line)
-        for (row, column), side, index in zip(cut.stops, ("$line_start", "$line_end"), (0, -1)):
+        for (row, column), side, index in zip(cut.stops, ("line_start", "line_end"), (0, -1)):
             length = float(np.linalg.norm(line[index] - self.border.points[index]))
             on_map = 0 <= row < prior.shape[0] and 0 <= column < prior.shape[1]
             if not on_map or self.cells[row, column] > 127:
                 self.warn("no_wall_found")
             elif length > LONG_EXTENSION:
-                self.warn("extended_far", length=f"{length:.1f}", side=side)
+                self.warn("extended_far", length=f"{length:.1f}", side_code=side)
         return cut.window, cut.region, line
 
     def find_free_cell(self, barred: np.ndarray, away: Optional[np.ndarray] = None) -> Tuple[int, int]:

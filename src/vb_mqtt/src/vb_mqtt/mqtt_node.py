@@ -37,7 +37,7 @@ SWITCH_BORDER = "switch_border"  # name of a switch in the queue of commands, wh
 _PERIOD = 1.0  # [s] between two rounds of publishing, and of looking for silent nodes
 _SILENCE = 4.0  # [s] after which a node is silent; a detector publishes once a second, the manager ten times
 _GRACE = 5.0  # [s] without a broker before a notice says so
-_INTEGRATOR = "$map_integrator"
+_INTEGRATOR = {"who_code": "map_integrator"}
 
 
 @dataclass(frozen=True)
@@ -227,7 +227,9 @@ class MqttNode:
         if self._broker.connected and not self._broker.trouble:
             self._connected_at = now
         silent = now - self._connected_at > _GRACE
-        values = {"broker": self._broker.address, "reason": self._broker.trouble or "$mqtt_unreachable"}
+        trouble = self._broker.trouble
+        reason = {"reason": trouble} if trouble else {"reason_code": "mqtt_unreachable"}
+        values = {"broker": self._broker.address, **reason}
         self._notice_publisher.set([Notice("mqtt_not_connected", Severity.WARNING, values=values)] if silent else [])
 
     # ------------------------------------------------------------------ requests from people

@@ -45,6 +45,7 @@ from vb_robot.subscriptions import RUNNING, contact_message_class, subscribe_map
 STATE_PERIOD = 0.5  # [s] between reports of the source that drives, even if nothing changes
 MIN_STOP = 0.5  # [s] shortest stop that is reported as a notice
 WIRING_PERIOD, AMCL_UPDATE_PERIOD = 1.0, 0.3  # [s] in wall time
+AMCL = {"who": "AMCL"}  # in sentences
 MAX_AMCL_UPDATES = 40  # after so many, AMCL has found its pose, or will not find it
 # codes that are reported as notices, unlike usual ones such as "driving" and "speed_limit"
 STOP_CODES = frozenset(
@@ -258,7 +259,7 @@ class RobotDriverNode:
         if self._amcl_updates_left and self._arbiter.gate.pose_uncertain:
             self._amcl_updates_left -= 1
             try:
-                call("request_nomotion_update", Empty, EmptyRequest(), "AMCL", AMCL_UPDATE_PERIOD, AMCL_UPDATE_PERIOD)
+                call("request_nomotion_update", Empty, EmptyRequest(), AMCL, AMCL_UPDATE_PERIOD, AMCL_UPDATE_PERIOD)
             except CodedError as error:
                 rospy.logwarn_throttle(10.0, f"{rospy.get_name()}: {error}")
 

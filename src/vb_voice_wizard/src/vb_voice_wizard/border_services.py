@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, Type
+from typing import Any, Dict, Mapping, Type
 
 from vb_core import names
 from vb_core.errors import CodedError
@@ -16,6 +16,8 @@ from vb_msgs.srv import AddBorder, GetDrawnBorder, ListBorders, UndoRedo
 # in wall time, as a person waits; extraction and integration take well under 1 s unless the machine is busy
 SERVICE_TIMEOUT = 2.0  # [s] until the service exists
 RESPONSE_TIMEOUT = 5.0  # [s] until the service has answered
+_INTEGRATOR = {"who_code": "map_integrator"}
+_FUSION = {"who_code": "border_fusion"}
 
 
 class BorderServices:
@@ -33,7 +35,7 @@ class BorderServices:
 
     def fetch_drawn_border(self, interaction_id: str) -> VirtualBorder:
         """Fetches the border as drawn, ready to be added."""
-        drawn = self._call(names.GET_DRAWN_BORDER, GetDrawnBorder, "$border_fusion", interaction_id=interaction_id)
+        drawn = self._call(names.GET_DRAWN_BORDER, GetDrawnBorder, _FUSION, interaction_id=interaction_id)
         border = _checked(drawn).border
         border.id = ""
         border.occupancy = self._occupancy
@@ -58,7 +60,7 @@ class BorderServices:
         return self._call(names.PREVIEW_BORDER, PreviewBorderArray, border=border, frame_id=names.MAP_FRAME)
 
     @staticmethod
-    def _call(name: str, service: Type, answering_node: str = "$map_integrator", **fields: Any) -> Any:
+    def _call(name: str, service: Type, answering_node: Mapping[str, str] = _INTEGRATOR, **fields: Any) -> Any:
         request = service._request_class(**fields)
         return services.call(name, service, request, answering_node, SERVICE_TIMEOUT, RESPONSE_TIMEOUT)
 

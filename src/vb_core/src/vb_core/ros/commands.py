@@ -26,7 +26,7 @@ from vb_core.vocabulary import STOP
 from vb_msgs.msg import DriverState, InteractionState, RobotStatus, RobotStatusArray, Stop
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
-MANAGER = "$interaction_manager"
+MANAGER = {"who_code": "interaction_manager"}
 VALIDITY = 5.0  # [s] a command is valid; if a busy manager carried it out later, it would surprise people
 RESPONSE_TIMEOUT = 15.0  # [s] longer than the manager waits for other nodes, so that its answer arrives
 _STOP_TIMEOUT = 5.0  # [s] after which the manager counts as hanging: people who stop a robot must not wait longer
@@ -177,7 +177,7 @@ class CommandSender:
         answer, error = None, None
         try:
             if request.command != STOP and time.monotonic() - given_at > VALIDITY:
-                raise CodedError("expired", command=f"$command_{request.command}")
+                raise CodedError("expired", command_code=f"command_{request.command}")
             answer = carry_out(request) if request.command != STOP else self._send_stop(request)
         except CodedError as caught:
             error = caught
@@ -206,6 +206,6 @@ class CommandSender:
         if not robots:
             raise CodedError("stop_unconfirmed")
         # the robots keep the stop, and report it to the manager when it runs again
-        values = {"robots": ", ".join(map(sentences.robot_placeholder, robots))}
+        values = sentences.robot_values(*robots, key="robots")
         message = sentences.translate("stop_held", values)
         return CommandResponse(True, "stop_held", message, values_from_mapping(values))

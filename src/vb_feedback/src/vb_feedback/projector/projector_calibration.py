@@ -78,7 +78,7 @@ def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> 
     # each corner must stand out from the line through its neighbours: no two clicks coincide, no three are collinear
     longest = max(float(np.linalg.norm(first - second)) for first, second in combinations(points, 2))
     if np.abs(double_areas).min() < _MIN_DISTANCE * longest or double_areas.min() < 0 < double_areas.max():
-        raise CodedError("bad_click", reason="$clicks_out_of_order")
+        raise CodedError("bad_click", reason_code="clicks_out_of_order")
     # the homography is relative to the points' centroid, because large coordinates would reduce its precision
     centroid = points.mean(axis=0)
     relative_points = (points - centroid).astype(np.float32)

@@ -25,7 +25,7 @@ from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import DriverState, RobotStatus
 from vb_robot.driving.command_gate import OTHER_PUBLISHER
 from vb_robot.subscriptions import RUNNING
-from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, is_inside, quote_border_name
+from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, border_values, is_inside
 from vb_robot.monitoring.planner_speed import PlannerSpeed
 from vb_robot.monitoring.navigation_connections import PLANNERS, NavigationWiring
 from vb_robot.monitoring.navigation_connections import find_move_base, find_wiring, resolve_name
@@ -228,7 +228,7 @@ class WatchedRobot:
         if refusal is None:
             return None
         code, border = refusal
-        return self.notice(code, Severity.WARNING, border=quote_border_name(border))
+        return self.notice(code, Severity.WARNING, **border_values(border))
 
     def notices(self, now: float) -> List[Notice]:
         """Returns the notices about the robot's goal and position at time `now` [s]."""
@@ -239,8 +239,8 @@ class WatchedRobot:
         if checker is not None and pose is not None and (self.wiring.move_base or self._has_driver()):
             # not on the map on which it plans, whose borders may have a margin
             if is_inside(self._checked_map(), self._maps.physical, pose[:2]):
-                border = quote_border_name(checker.name_at(pose[:2]))
-                notices.append(self.notice("robot_caught_in_border", Severity.WARNING, border=border))
+                border = border_values(checker.name_at(pose[:2]))
+                notices.append(self.notice("robot_caught_in_border", Severity.WARNING, **border))
         return notices
 
     def notice(self, code: str, severity: Severity, **values: str) -> Notice:
