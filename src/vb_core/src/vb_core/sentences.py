@@ -24,6 +24,7 @@ import yaml
 
 ENGLISH = "en"
 LANGUAGES_FOLDER = Path(__file__).resolve().parent / "languages"
+_FIELD = re.compile(r"\{(\w+)\}")
 _CODE = "_code"  # ends the name of a value that is a code
 # a name that the border database gave: alone, in quotes or in a list of names
 _UNNAMED = re.compile(r"(?:^|(?<=^')|(?<=, ))(border|wall) (\d+)(?=$|'$|, )")
@@ -51,13 +52,6 @@ def words_of_name(name: str) -> str:
     return name.replace("_", " ")
 
 
-class _LenientValues(dict):
-    """Substitutes a missing value by its name, so that the sentence can still be shown."""
-
-    def __missing__(self, key: str) -> str:
-        return f"({key})"
-
-
 def robot_values(*names: str, key: str = "who") -> Dict[str, str]:
     """Returns the value that names robots in a sentence as {key}. An empty name means the only robot."""
     return {key: ", ".join(names)} if any(names) else {key + _CODE: "the_robot"}
@@ -79,16 +73,14 @@ def translate(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH
     sentence = catalog(language).get(code) or catalog(ENGLISH).get(code)
     if sentence is None:
         return default or words_of_name(code)
-    texts = {}
-    for name, value in values.items():
-        text = str(value)
-        if name.endswith(_CODE):
-            other_values = {other_name: other for other_name, other in values.items() if other_name != name}
-            name = name[: -len(_CODE)]
-            text = translate(text, other_values, language)
-            if sentence.startswith(f"{{{name}}}"):
-                text = text[:1].upper() + text[1:]
-        elif name in ("border", "borders"):
-            text = border_name(text, language)
-        texts[name] = text
-    return sentence.format_map(_LenientValues(texts))
+
+    def text_of(field: "re.Match[str]") -> str:
+        name = field[1]
+        if name + _CODE in values:
+            other_values = {other: value for other, value in values.items() if other != name + _CODE}
+            text = translate(values[name + _CODE], other_values, language)
+            return text[:1].upper() + text[1:] if field.start() == 0 else text
+        text = str(values.get(name, f"({name})"))  # a sentence that lacks a value can still be shown
+        return border_name(text, language) if name in ("border", "borders") else text
+
+    return _FIELD.sub(text_of, sentence)

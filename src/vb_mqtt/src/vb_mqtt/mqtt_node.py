@@ -37,7 +37,6 @@ SWITCH_BORDER = "switch_border"  # name of a switch in the queue of commands, wh
 _PERIOD = 1.0  # [s] between two rounds of publishing, and of looking for silent nodes
 _SILENCE = 4.0  # [s] after which a node is silent; a detector publishes once a second, the manager ten times
 _GRACE = 5.0  # [s] without a broker before a notice says so
-_INTEGRATOR = {"who_code": "map_integrator"}
 
 
 @dataclass(frozen=True)
@@ -260,7 +259,7 @@ class MqttNode:
         if border is None:
             raise CodedError("mqtt_no_border", border=request.border)
         order = SetBorderEnabledRequest(id=border.id, enabled=request.enabled, source=SOURCE)
-        return services.call(names.SET_BORDER_ENABLED, SetBorderEnabled, order, _INTEGRATOR)
+        return services.call(names.SET_BORDER_ENABLED, SetBorderEnabled, order, services.INTEGRATOR)
 
     def _on_answer(self, _order: Any, request: MqttRequest, answer: Any, error: Optional[CodedError]) -> None:
         if error is None:

@@ -16,7 +16,6 @@ from vb_msgs.srv import AddBorder, GetDrawnBorder, ListBorders, UndoRedo
 # in wall time, as a person waits; extraction and integration take well under 1 s unless the machine is busy
 SERVICE_TIMEOUT = 2.0  # [s] until the service exists
 RESPONSE_TIMEOUT = 5.0  # [s] until the service has answered
-_INTEGRATOR = {"who_code": "map_integrator"}
 _FUSION = {"who_code": "border_fusion"}
 
 
@@ -60,7 +59,7 @@ class BorderServices:
         return self._call(names.PREVIEW_BORDER, PreviewBorderArray, border=border, frame_id=names.MAP_FRAME)
 
     @staticmethod
-    def _call(name: str, service: Type, answering_node: Mapping[str, str] = _INTEGRATOR, **fields: Any) -> Any:
+    def _call(name: str, service: Type, answering_node: Mapping[str, str] = services.INTEGRATOR, **fields: Any) -> Any:
         request = service._request_class(**fields)
         return services.call(name, service, request, answering_node, SERVICE_TIMEOUT, RESPONSE_TIMEOUT)
 

@@ -26,7 +26,6 @@ from vb_web.page_messages import apply_draft, issues_section, region_uri
 from vb_web.page_view import answer_from_error, make_answer, rounded
 
 _TIMEOUT = 20.0  # [s] a preview of 16 million cells takes half a second on a busy computer
-_INTEGRATOR = {"who_code": "map_integrator"}
 _MONITOR = {"who_code": "robot_monitor"}
 _CHANGES = {  # to a stored border: services whose fields have the same names as the request's
     "update": (names.UPDATE_BORDER, UpdateBorder),
@@ -142,7 +141,9 @@ class ActionExecutor:
         return {**make_answer("ok", True, {}, ""), **self._make_invitation()}
 
 
-def _call(service_name: str, service: Any, answering_node: Mapping[str, str] = _INTEGRATOR, **fields: Any) -> Any:
+def _call(
+    service_name: str, service: Any, answering_node: Mapping[str, str] = services.INTEGRATOR, **fields: Any
+) -> Any:
     """Calls a service with a request of these fields."""
     request = service._request_class(**fields)
     return services.call(service_name, service, request, answering_node, response_timeout=_TIMEOUT)

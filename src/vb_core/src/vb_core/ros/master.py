@@ -42,7 +42,7 @@ def find_commanders(driver: str, base: Base, master: rosgraph.Master) -> Command
     """
     namespace = driver.rpartition("/")[0] + "/"
     relative_names = (base.topic, base.output, *base.trusted)
-    topic, output, *trusted = (name and rosgraph.names.ns_join(namespace, name) for name in relative_names)
+    topic, output, *trusted = [name and rosgraph.names.ns_join(namespace, name) for name in relative_names]
     graph = read_graph(master)
     other_commanders, muxes = graph.find_other_commanders(driver, topic, output)
     other_commanders = {name for name in other_commanders - set(trusted) if not has_exited(master, name)}

@@ -10,6 +10,7 @@ import rospy
 
 from vb_core.errors import CodedError
 
+INTEGRATOR = {"who_code": "map_integrator"}  # how an error's sentence names the node
 UNANSWERED = ("no_service", "no_response")  # codes for a service that does not answer; others come from the service
 
 
