@@ -69,7 +69,8 @@ def sender(monkeypatch):
         manager = Manager(hanging)
         clock = [10.0]
         monkeypatch.setattr(commands.services, "call", manager.call)
-        monkeypatch.setattr(commands.rospy, "get_rostime", lambda: rospy.Time(100))
+        ros = Mock(get_rostime=lambda: rospy.Time(100), Duration=rospy.Duration)
+        monkeypatch.setattr(commands, "rospy", ros)
         monkeypatch.setattr(commands.time, "monotonic", lambda: clock[0])
         return commands.CommandSender("test", manager.note), manager, clock
 

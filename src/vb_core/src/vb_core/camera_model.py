@@ -159,19 +159,22 @@ class CameraModel:
         projected = self.project(np.column_stack([radii, np.zeros(len(radii)), np.ones(len(radii))]))
         finite = np.isfinite(projected[:, 0])
         radius = np.hypot(*target.T)
-        initial = np.interp(radius, np.maximum.accumulate((projected[finite, 0] - center[0]) / focal[0]), radii[finite])
+        image_radii = np.maximum.accumulate((projected[finite, 0] - center[0]) / focal[0])
+        initial = np.interp(radius, image_radii, radii[finite])
         xy = target * (initial / np.maximum(radius, 1e-12))[:, None]
         for _ in range(_STEPS):
             stencil = xy[:, None] + 1e-6 * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
-            uv = self.project(np.dstack([stencil, np.ones(stencil.shape[:2])]).reshape(-1, 3)).reshape(-1, 5, 2)
-            uv = (uv - center) / focal
+            rays = np.dstack([stencil, np.ones(stencil.shape[:2])])
+            uv = (self.project(rays).reshape(-1, 5, 2) - center) / focal
             # the Jacobian by central differences, and each step by Cramer's rule
             u_x, v_x = (uv[:, 1] - uv[:, 2]).T / 2e-6
             u_y, v_y = (uv[:, 3] - uv[:, 4]).T / 2e-6
             error_u, error_v = (target - uv[:, 0]).T
             determinant = u_x * v_y - u_y * v_x
             with np.errstate(all="ignore"):
-                step = (np.array([v_y * error_u - u_y * error_v, u_x * error_v - v_x * error_u]) / determinant).T
+                step_x = (v_y * error_u - u_y * error_v) / determinant
+                step_y = (u_x * error_v - v_x * error_u) / determinant
+                step = np.column_stack([step_x, step_y])
                 # close to the limit, a full step may lead beyond it
                 room = np.maximum(1e-6, self.max_ray_tangent - np.hypot(*xy.T))
                 length = np.maximum(1.0, np.hypot(*step.T) / (0.5 * room))

@@ -30,11 +30,14 @@ def rotation_from_quaternion(quaternion) -> np.ndarray:
     if not np.isfinite(norm) or norm < 1e-9:
         raise ValueError(f"not a rotation: quaternion {quaternion}")
     x, y, z, w = q / norm
+    xx, yy, zz = x * x, y * y, z * z
+    xy, xz, yz = x * y, x * z, y * z
+    xw, yw, zw = x * w, y * w, z * w
     return np.array(
         [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            [1 - 2 * (yy + zz), 2 * (xy - zw), 2 * (xz + yw)],
+            [2 * (xy + zw), 1 - 2 * (xx + zz), 2 * (yz - xw)],
+            [2 * (xz - yw), 2 * (yz + xw), 1 - 2 * (xx + yy)],
         ]
     )
 
@@ -42,12 +45,14 @@ def rotation_from_quaternion(quaternion) -> np.ndarray:
 def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
     """Converts a rotation matrix (3, 3) to a quaternion (x, y, z, w), w >= 0. Inverse of `rotation_from_quaternion`."""
     m = np.asarray(rotation, dtype=float)
-    # dividing by the largest of the four components is well conditioned
+    # the outer product 4 q q^T, each of whose rows is a multiple of q; the one with the largest square is the most exact
     xx, yy, zz = np.diag(m)
     squares = [1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz, 1 + xx + yy + zz]
     products = np.zeros((4, 4))
     products[:3, :3] = m + m.T
-    products[3, :3] = products[:3, 3] = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
+    difference = m - m.T
+    products[:3, 3] = difference[2, 1], difference[0, 2], difference[1, 0]
+    products[3, :3] = products[:3, 3]
     np.fill_diagonal(products, squares)
     q = products[int(np.argmax(squares))]
     q = q / np.linalg.norm(q)
@@ -67,7 +72,9 @@ def quaternion_from_yaw(yaw: float) -> np.ndarray:
 
 def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
     """Returns the matrix (3, 3) that rotates about the fixed axes x, then y, then z [rad], as in URDF and REP 103."""
-    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
+    cr, sr = math.cos(roll), math.sin(roll)
+    cp, sp = math.cos(pitch), math.sin(pitch)
+    cy, sy = math.cos(yaw), math.sin(yaw)
     rx = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
     ry = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
     rz = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])

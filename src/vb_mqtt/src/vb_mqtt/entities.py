@@ -240,7 +240,9 @@ def robot_problems(name: str, lines: Sequence[Notice], notices: Iterable[Notice]
     # a notice about no robot has the empty name too, which is also that of the only robot
     named = sentences.robot_values(name).items()
     warnings = [notice for notice in notices if notice.severity >= Severity.WARNING]
-    problems += [notice for notice in warnings if name and notice.robot == name or named <= notice.values.items()]
+    for notice in warnings:
+        if (name and notice.robot == name) or named <= notice.values.items():
+            problems.append(notice)
     return [notice.sentence(language) for notice in problems]
 
 

@@ -91,7 +91,6 @@ class MqttNode:
         will = (self._lab.topic("availability"), OFFLINE.encode())
         self._broker = MqttClient(params.broker, connection, params.device, will, subscriptions, _on_fault)
         self._command_sender = CommandSender(SOURCE, self._on_answer)
-        self._command_sender.connect()
         self._notice_publisher = NoticePublisher()
         self._notices = NoticeListener()
         self._robots = CapabilitiesListener()

@@ -54,7 +54,6 @@ class ActionExecutor:
         self._has_manager = has_manager
         self._make_invitation = make_invitation
         self._command_sender = CommandSender("page", self._on_answer)
-        self._command_sender.connect()
 
     def carry_out(self, request: ActionRequest, source: str) -> Dict[str, Any]:
         """Carries out a request and returns its answer.

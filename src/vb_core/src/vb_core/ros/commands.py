@@ -94,10 +94,6 @@ class CommandSender:
         # pairs of the time [s] at which a number became known, and the number
         self._stop_numbers: Deque[Tuple[float, str]] = deque([(-math.inf, _NO_STOP)], maxlen=64)
         self._held: Dict[str, Sequence[str]] = {}  # ids of the stops that each robot holds
-        self._stop: Optional[rospy.Publisher] = None
-
-    def connect(self) -> None:
-        """Connects to the interaction's state and the robots. The node must be registered."""
         self._stop = rospy.Publisher(names.STOP, Stop, queue_size=5)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=1, tcp_nodelay=True)
         rospy.Subscriber(names.DRIVERS, DriverState, self._on_robot, queue_size=20)
@@ -149,7 +145,7 @@ class CommandSender:
             seen_stop = self.stop_number(given_at)
         request = make_request(command, source, VALIDITY - (time.monotonic() - given_at), uncertain, seen_stop)
         request.id = identity or request.id
-        if command == STOP and self._stop is not None:
+        if command == STOP:
             self._stop.publish(Stop(id=request.id, source=source))
         answered = threading.Event()
         with self._lock:
