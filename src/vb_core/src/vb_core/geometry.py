@@ -30,14 +30,11 @@ def rotation_from_quaternion(quaternion) -> np.ndarray:
     if not np.isfinite(norm) or norm < 1e-9:
         raise ValueError(f"not a rotation: quaternion {quaternion}")
     x, y, z, w = q / norm
-    xx, yy, zz = x * x, y * y, z * z
-    xy, xz, yz = x * y, x * z, y * z
-    xw, yw, zw = x * w, y * w, z * w
     return np.array(
         [
-            [1 - 2 * (yy + zz), 2 * (xy - zw), 2 * (xz + yw)],
-            [2 * (xy + zw), 1 - 2 * (xx + zz), 2 * (yz - xw)],
-            [2 * (xz - yw), 2 * (yz + xw), 1 - 2 * (xx + yy)],
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
 
@@ -155,9 +152,7 @@ def arc_coordinates(points: np.ndarray, curvature: float) -> Tuple[np.ndarray, n
 
 def chain_length(points: np.ndarray, closed: bool = False) -> float:
     """Returns the length [m] of a polygonal chain (N, 2), with its closing segment if it is closed."""
-    points = np.asarray(points, dtype=float)
-    if len(points) < 2:
-        return 0.0
+    points = np.asarray(points, dtype=float).reshape(-1, 2)
     if closed:
         points = np.vstack([points, points[:1]])
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())

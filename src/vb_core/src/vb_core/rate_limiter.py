@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from typing import Tuple
+from typing import Dict, Tuple
 
 
 class RateLimiter:
@@ -14,7 +13,7 @@ class RateLimiter:
 
     def __init__(self, rate: float, burst: float) -> None:
         self._rate, self._burst = rate, burst
-        self._buckets: "OrderedDict[str, Tuple[float, float]]" = OrderedDict()
+        self._buckets: Dict[str, Tuple[float, float]] = {}  # the one used last is the last
 
     def allows(self, key: str, now: float) -> bool:
         """Takes a token at a time [s]. Returns False if there is none. A clock set back only delays new tokens."""
@@ -25,5 +24,5 @@ class RateLimiter:
             tokens -= 1.0
         self._buckets[key] = (tokens, now)
         while len(self._buckets) > 1000:
-            self._buckets.popitem(last=False)
+            del self._buckets[next(iter(self._buckets))]
         return allowed

@@ -178,11 +178,13 @@ class RobotDriverNode:
     def _look_for_commanders(self) -> None:
         """Looks up which other nodes can command the base, whether or not they do."""
         try:
-            commanders = find_commanders(rospy.get_name(), self._profile.base, rosgraph.Master(rospy.get_name()))
+            master = rosgraph.Master(rospy.get_name())
+            others, allowed, base_listens = find_commanders(rospy.get_name(), self._profile.base, master)
         except (rosgraph.MasterException, OSError):
             return  # without the master, no other node can be connected either
-        self._allowed, self._base_listens = commanders.allowed, commanders.has_listener
-        self._arbiter.gate.other_commanders = tuple(sorted(commanders.others))
+        self._allowed = allowed
+        self._base_listens = base_listens
+        self._arbiter.gate.other_commanders = tuple(sorted(others))
 
     def _on_state(self, message: InteractionState) -> None:
         entered, stamp = message.entered.to_sec(), message.header.stamp.to_sec()

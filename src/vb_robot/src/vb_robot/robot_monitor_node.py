@@ -33,7 +33,6 @@ from vb_robot.dispatching.dispatcher import Dispatcher
 from vb_robot.dispatching.viewpoint import DrawingState
 from vb_robot.driving.scan_clearance import lowest_speed_limit
 from vb_robot.subscriptions import keep_out_borders_for, subscribe_map, subscribe_spots
-from vb_robot.monitoring import watched_robot
 from vb_robot.monitoring.watched_robot import WatchedRobot
 from vb_robot.monitoring.navigation_connections import resolve_name
 from vb_robot.spot_sightings import Sighting
@@ -137,14 +136,14 @@ class RobotMonitorNode:
 
     def _subscribe(self) -> None:
         everyone = list(self._robots.values())
-        subscribe_map(names.PHYSICAL_MAP, functools.partial(self._on_map, watched_robot.PHYSICAL, everyone))
-        subscribe_map(names.MAP_WITH_BORDERS, functools.partial(self._on_map, watched_robot.BORDERS, everyone))
+        subscribe_map(names.PHYSICAL_MAP, functools.partial(self._on_map, "physical", everyone))
+        subscribe_map(names.MAP_WITH_BORDERS, functools.partial(self._on_map, "borders", everyone))
         for robot in everyone:
             keep_out = resolve_name(robot.name, names.MAP_WITH_MARGIN)
-            subscribe_map(keep_out, functools.partial(self._on_map, watched_robot.KEEP_OUT, [robot]))
+            subscribe_map(keep_out, functools.partial(self._on_map, "keep_out", [robot]))
             if robot.name:
                 robot_borders = resolve_name(robot.name, names.MAP_WITH_BORDERS[1:])
-                subscribe_map(robot_borders, functools.partial(self._on_map, watched_robot.ROBOT_BORDERS, [robot]))
+                subscribe_map(robot_borders, functools.partial(self._on_map, "robot_borders", [robot]))
         subscribe_map(names.SPEED_LIMITS, functools.partial(setattr, self, "_speed_limits"))
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
         rospy.Subscriber(names.DRIVERS, DriverState, self._on_driver, queue_size=20)

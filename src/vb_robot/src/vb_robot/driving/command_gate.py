@@ -234,17 +234,18 @@ class CommandGate:
         speeds = [(max_speed, "speed_limit")]
         if v > 0 and any(self.contacts.values()):
             speeds.append((0.0, "contact"))
-        unscanned = self._scan is None or not self.profile.scanner.present
+        scan = self._scan if self.profile.scanner.present else None
         delay = limits.reaction_time
-        if not unscanned:
-            assert self._scan is not None
+        is_scanned = False
+        if scan is not None:
             # the scan's age counts instead of the reaction time if it is longer
             latency = max(delay, now - self.stamps["scan"] + 1.0 / RATE + BASE_DELAY)
-            speeds.append((safe_speed(self._scan.free_distance(v, w, radius, clearance), limits, latency), "obstacle"))
-            unscanned = not self._scan.sees_path(v, w, radius, stop_distance(v, limits, latency))
-            if unscanned and source != TELEOP:
+            free = scan.free_distance(v, w, radius, clearance)
+            speeds.append((safe_speed(free, limits, latency), "obstacle"))
+            is_scanned = scan.sees_path(v, w, radius, stop_distance(v, limits, latency))
+            if not is_scanned and source != TELEOP:
                 speeds.append((0.0, "floor_not_scanned"))
-        if unscanned:
+        if not is_scanned:
             speeds.append((BLIND_SPEED, "floor_not_scanned"))
         pose = self.pose(now)
         workspace = self.workspace

@@ -37,11 +37,6 @@ PATH_POINTS = 100  # approximate number of a path's points that are published
 DEFAULT_RADIUS = 0.18  # [m] of a robot whose radius neither costmap nor profile gives
 
 
-# the maps for a robot: without borders; with all robots' borders; with only its borders, which a robot without a name does
-# not have; and its driver's, with a margin around borders, on which navigation may plan
-PHYSICAL, BORDERS, ROBOT_BORDERS, KEEP_OUT = "physical", "borders", "robot_borders", "keep_out"
-
-
 class WatchedRobot:
     """Collects what is connected to one robot, and sends it to goals through its navigation.
 
@@ -70,7 +65,7 @@ class WatchedRobot:
         self._goal_at = self._status_at = self._driver_heard_at = -math.inf
         self._in_control = False
         self._path = np.zeros((0, 2))
-        self._maps: Dict[str, GridMap] = {}  # the newest ones
+        self._maps: Dict[str, GridMap] = {}  # the newest ones, by layer
         self._borders: Sequence[KnownBorder] = ()
         self._goal_checker: Optional[GoalChecker] = None
         self._checked_radius: Optional[float] = None  # [m] for which the checker was made
@@ -88,7 +83,11 @@ class WatchedRobot:
         self._driver_heard_at, self._in_control = now, message.code != OTHER_PUBLISHER
 
     def set_map(self, layer: str, grid: GridMap) -> None:
-        """Stores a map: PHYSICAL, BORDERS, ROBOT_BORDERS or KEEP_OUT."""
+        """Stores a map. Its layer tells which borders it shows.
+
+        It is "physical" for none; "borders" for all robots'; "robot_borders" for only this robot's, if it has a name; and
+        "keep_out" for the driver's map with a margin around borders, on which navigation may plan.
+        """
         self._maps[layer] = grid
         self._request_another_check()
 
@@ -192,21 +191,21 @@ class WatchedRobot:
 
         A robot with a name waits for its own map, because the common one also has the borders of other robots.
         """
-        borders = ROBOT_BORDERS if self.name else BORDERS
-        return self._maps.get(borders), self._maps.get(PHYSICAL)
+        borders = "robot_borders" if self.name else "borders"
+        return self._maps.get(borders), self._maps.get("physical")
 
     def _checked_map(self) -> Optional[GridMap]:
         """Returns the map on which goals and poses are checked: its own, or the common one if nobody publishes that."""
-        return self._maps.get(ROBOT_BORDERS, self._maps.get(BORDERS))
+        return self._maps.get("robot_borders", self._maps.get("borders"))
 
     def goal_checker(self) -> Optional[GoalChecker]:
         """Returns the checker of this robot's goals on the newest maps, or None until matching maps arrive."""
         grid = self._checked_map()
-        physical = self._maps.get(PHYSICAL)
+        physical = self._maps.get("physical")
         radius = self.wiring.radius
         plans_on_margin = any(topic.endswith(names.MAP_WITH_MARGIN) for topic in self.wiring.maps)
         if grid is not None and plans_on_margin:
-            grid = self._maps.get(KEEP_OUT, grid)
+            grid = self._maps.get("keep_out", grid)
         if grid is None or physical is None or not physical.same_geometry(grid):
             return None
         checker = self._goal_checker
@@ -237,7 +236,7 @@ class WatchedRobot:
         checker, pose = self.goal_checker(), self.pose
         if checker is not None and pose is not None and (self.wiring.move_base or self._has_driver()):
             # not on the map on which it plans, whose borders may have a margin
-            if is_inside(self._checked_map(), self._maps[PHYSICAL], pose[:2]):
+            if is_inside(self._checked_map(), self._maps["physical"], pose[:2]):
                 border = border_values(checker.name_at(pose[:2]))
                 notices.append(self.notice("robot_caught_in_border", Severity.WARNING, **border))
         return notices
