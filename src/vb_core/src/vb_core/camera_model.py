@@ -172,9 +172,7 @@ class CameraModel:
             error_u, error_v = (target - uv[:, 0]).T
             determinant = u_x * v_y - u_y * v_x
             with np.errstate(all="ignore"):
-                step_x = (v_y * error_u - u_y * error_v) / determinant
-                step_y = (u_x * error_v - v_x * error_u) / determinant
-                step = np.column_stack([step_x, step_y])
+                step = (np.array([v_y * error_u - u_y * error_v, u_x * error_v - v_x * error_u]) / determinant).T
                 # close to the limit, a full step may lead beyond it
                 room = np.maximum(1e-6, self.max_ray_tangent - np.hypot(*xy.T))
                 length = np.maximum(1.0, np.hypot(*step.T) / (0.5 * room))

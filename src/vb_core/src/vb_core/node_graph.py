@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Iterable, List, Mapping, Sequence, Set, Tuple
 
+_Entries = Iterable[Tuple[str, Sequence[str]]]
+
 
 class NodeGraph:
     """The ROS graph as a master knows it. `vb_core.ros.master.read_graph` reads it.
@@ -18,11 +20,7 @@ class NodeGraph:
     """
 
     def __init__(
-        self,
-        published: Iterable[Tuple[str, Sequence[str]]],
-        subscribed: Iterable[Tuple[str, Sequence[str]]],
-        services: Iterable[Tuple[str, Sequence[str]]] = (),
-        types: Mapping[str, str] = {},
+        self, published: _Entries, subscribed: _Entries, services: _Entries = (), types: Mapping[str, str] = {}
     ) -> None:
         self.publishers = dict(published)
         self.subscribers = dict(subscribed)

@@ -165,20 +165,17 @@ class ShortestPaths:
         rows, columns = cost.shape
         nodes = np.arange(cost.size).reshape(cost.shape)
         start = cost.size  # an additional node
-        sources = [np.full(len(entries), start)]
-        targets = [nodes[tuple(entries.T)]]
-        lengths = [np.maximum(entry_costs, 1e-6)]  # a length of 0 would mean that there is no edge
+        # edges (from, to, length); a length of 0 would mean that there is no edge
+        edges = [(np.full(len(entries), start), nodes[tuple(entries.T)], np.maximum(entry_costs, 1e-6))]
         for dr, dc in NEIGHBORS:
             left, right = max(0, -dc), max(0, dc)
             from_cells = (slice(0, rows - dr), slice(left, columns - right))
             to_cells = (slice(dr, rows), slice(right, columns - left))
             length = 0.5 * np.hypot(dr, dc) * (cost[from_cells] + cost[to_cells])
             passable = np.isfinite(length)
-            sources.append(nodes[from_cells][passable])
-            targets.append(nodes[to_cells][passable])
-            lengths.append(length[passable])
-        edges = np.concatenate(sources), np.concatenate(targets)
-        graph = csr_matrix((np.concatenate(lengths), edges), shape=(start + 1, start + 1))
+            edges.append((nodes[from_cells][passable], nodes[to_cells][passable], length[passable]))
+        sources, targets, lengths = map(np.concatenate, zip(*edges))
+        graph = csr_matrix((lengths, (sources, targets)), shape=(start + 1, start + 1))
         costs, self._before = dijkstra(graph, directed=False, indices=start, return_predecessors=True)
         self.costs = costs[:-1].reshape(cost.shape)
 

@@ -179,11 +179,10 @@ class RobotDriverNode:
         """Looks up which other nodes can command the base, whether or not they do."""
         try:
             master = rosgraph.Master(rospy.get_name())
-            others, allowed, base_listens = find_commanders(rospy.get_name(), self._profile.base, master)
+            commanders = find_commanders(rospy.get_name(), self._profile.base, master)
         except (rosgraph.MasterException, OSError):
             return  # without the master, no other node can be connected either
-        self._allowed = allowed
-        self._base_listens = base_listens
+        others, self._allowed, self._base_listens = commanders
         self._arbiter.gate.other_commanders = tuple(sorted(others))
 
     def _on_state(self, message: InteractionState) -> None:

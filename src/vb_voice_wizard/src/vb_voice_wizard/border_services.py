@@ -16,7 +16,6 @@ from vb_msgs.srv import AddBorder, GetDrawnBorder, ListBorders, UndoRedo
 # in wall time, as a person waits; extraction and integration take well under 1 s unless the machine is busy
 SERVICE_TIMEOUT = 2.0  # [s] until the service exists
 RESPONSE_TIMEOUT = 5.0  # [s] until the service has answered
-_FUSION = {"who_code": "border_fusion"}
 
 
 class BorderServices:
@@ -34,7 +33,8 @@ class BorderServices:
 
     def fetch_drawn_border(self, interaction_id: str) -> VirtualBorder:
         """Fetches the border as drawn, ready to be added."""
-        drawn = self._call(names.GET_DRAWN_BORDER, GetDrawnBorder, _FUSION, interaction_id=interaction_id)
+        fusion = {"who_code": "border_fusion"}
+        drawn = self._call(names.GET_DRAWN_BORDER, GetDrawnBorder, fusion, interaction_id=interaction_id)
         border = _checked(drawn).border
         border.id = ""
         border.occupancy = self._occupancy

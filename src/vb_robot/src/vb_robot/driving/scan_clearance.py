@@ -89,11 +89,9 @@ class Scan:
         """Returns whether beams cover all directions within `half_angle` [rad] of a bearing [rad] without wide gaps."""
         offsets = wrap_angle(self._bearings - bearing)
         offsets = np.sort(offsets[np.abs(offsets) <= half_angle + self._gap])
-        if not len(offsets):
-            return False
-        covers_right = offsets[0] <= -half_angle + self._gap
-        covers_left = offsets[-1] >= half_angle - self._gap
-        return bool(covers_right and covers_left and (np.diff(offsets) <= self._gap).all())
+        reach = half_angle - self._gap
+        covers_sides = len(offsets) and offsets[0] <= -reach and reach <= offsets[-1]
+        return bool(covers_sides and (np.diff(offsets) <= self._gap).all())
 
     def free_distance(self, v: float, w: float, radius: float, clearance: Clearance) -> float:
         """Returns how far [m] the arc of (v, w) [m/s, rad/s] is clear of points, or inf if none is in the way."""

@@ -83,11 +83,7 @@ class WatchedRobot:
         self._driver_heard_at, self._in_control = now, message.code != OTHER_PUBLISHER
 
     def set_map(self, layer: str, grid: GridMap) -> None:
-        """Stores a map. Its layer tells which borders it shows.
-
-        It is "physical" for none; "borders" for all robots'; "robot_borders" for only this robot's, if it has a name; and
-        "keep_out" for the driver's map with a margin around borders, on which navigation may plan.
-        """
+        """Stores a map: "physical", with all "borders", only "robot_borders", or "keep_out", the driver's with a margin."""
         self._maps[layer] = grid
         self._request_another_check()
 
