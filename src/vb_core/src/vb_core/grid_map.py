@@ -153,8 +153,7 @@ def crop(grid: GridMap, window: Window) -> GridMap:
     top, left = np.maximum(low, 0)
     bottom, right = np.minimum(high, grid.shape)
     if top < bottom and left < right:
-        row, column = low
-        data[top - row : bottom - row, left - column : right - column] = grid.data[top:bottom, left:right]
+        data[top - low[0] : bottom - low[0], left - low[1] : right - low[1]] = grid.data[top:bottom, left:right]
     x, y = grid.cell_to_world(low - 0.5)[0]
     return GridMap(data, grid.resolution, (x, y, grid.origin[2]))
 

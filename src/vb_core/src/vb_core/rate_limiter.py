@@ -19,10 +19,8 @@ class RateLimiter:
         """Takes a token at a time [s]. Returns False if there is none. A clock set back only delays new tokens."""
         tokens, refilled_at = self._buckets.pop(key, (self._burst, now))
         tokens = min(self._burst, tokens + self._rate * max(0.0, now - refilled_at))
-        allowed = tokens >= 1.0
-        if allowed:
-            tokens -= 1.0
-        self._buckets[key] = (tokens, now)
+        is_allowed = tokens >= 1.0
+        self._buckets[key] = (tokens - 1.0 if is_allowed else tokens, now)
         while len(self._buckets) > 1000:
             del self._buckets[next(iter(self._buckets))]
-        return allowed
+        return is_allowed

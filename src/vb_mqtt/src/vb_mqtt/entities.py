@@ -239,9 +239,9 @@ def robot_problems(name: str, lines: Sequence[Notice], notices: Iterable[Notice]
     problems = [line for line in mine if line.severity >= Severity.WARNING or line.code == "robot_not_connected"]
     # a notice about no robot has the empty name too, which is also that of the only robot
     named = sentences.robot_values(name).items()
-    warnings = [notice for notice in notices if notice.severity >= Severity.WARNING]
-    for notice in warnings:
-        if (name and notice.robot == name) or named <= notice.values.items():
+    for notice in notices:
+        is_about_it = (name and notice.robot == name) or named <= notice.values.items()
+        if is_about_it and notice.severity >= Severity.WARNING:
             problems.append(notice)
     return [notice.sentence(language) for notice in problems]
 

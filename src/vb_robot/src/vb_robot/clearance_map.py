@@ -13,6 +13,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
+from vb_core.geometry import Pose
 from vb_core.grid_map import GridMap, Window, clearance_grid, sample
 
 STOP_MARGIN = 0.10  # [m] beyond the radius at a position where a robot stops
@@ -27,10 +28,10 @@ WINDOW_STEP = 2.0  # [m] windows' edges are multiples of it, so that a moving sp
 NEIGHBORS = ((0, 1), (1, 0), (1, 1), (1, -1))  # (rows, columns); each edge is used in both directions
 
 
-def bounding_window(spot: np.ndarray, others: np.ndarray) -> Window:
-    """Returns the window (x_min, y_min, x_max, y_max) [m] around a spot (2,) [m] and the points (N, 2) [m] near it."""
-    near = others[np.abs(others - spot).max(axis=1) <= MAX_WINDOW_REACH]
-    points = np.vstack([spot, near])
+def bounding_window(spot: np.ndarray, line: np.ndarray, robot: Pose) -> Window:
+    """Returns the window (x_min, y_min, x_max, y_max) [m] around a spot (2,) [m], and a line (N, 2) and robot near it."""
+    points = np.vstack([spot, line, robot[:2]])
+    points = points[np.abs(points - spot).max(axis=1) <= MAX_WINDOW_REACH]
     low = points.min(axis=0) - WINDOW_MARGIN
     high = points.max(axis=0) + WINDOW_MARGIN
     x_min, y_min = (np.floor(low / WINDOW_STEP) * WINDOW_STEP).tolist()
@@ -61,13 +62,11 @@ class ClearanceMap:
 
     def has_line_of_sight(self, points: np.ndarray, target) -> np.ndarray:
         """Returns (N,) bool: whether nothing opaque lies between points (N, 2) and a target (2,) [m]."""
-        points = np.asarray(points, dtype=float).reshape(-1, 2)
         offsets = points - np.asarray(target, dtype=float)
         lengths = np.linalg.norm(offsets, axis=1)
         # the samples are at fixed steps from the target, so that a point's result does not depend on the others. The
         # first steps are skipped, because a spot at the foot of a wall is visible although its cell may be the wall's
-        cell = self.grid.resolution
-        distances = np.arange(2.0 * cell, lengths.max(initial=0.0), 0.5 * cell)
+        distances = np.arange(2.0 * self.grid.resolution, lengths.max(initial=0.0), 0.5 * self.grid.resolution)
         units = offsets / np.maximum(lengths, 1e-9)[:, None]
         samples = target + distances[None, :, None] * units[:, None, :]
         opacity = sample(self.grid, self.opaque, samples.reshape(-1, 2), outside=1.0)

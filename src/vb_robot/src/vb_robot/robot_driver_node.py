@@ -169,7 +169,7 @@ class RobotDriverNode:
     def _on_command(self, message: Any) -> None:
         name = message._connection_header.get("callerid", "somebody")
         if name not in self._allowed:
-            self._arbiter.gate.record_other_publisher(name, rospy.get_time())
+            self._arbiter.gate.other_stamps[name] = rospy.get_time()
             self._cmd_vel.publish(Twist())  # the base obeys the newest command, which is this one until the next step
 
     def _on_recovery(self, _message: RecoveryStatus) -> None:

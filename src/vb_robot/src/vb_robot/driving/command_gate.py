@@ -70,6 +70,7 @@ class CommandGate:
         contacts: for each (topic, sensor), the motion that its contact forbids: "forward", "all", or "" without contact.
         pose_uncertain: whether the localisation reports that the robot may be anywhere.
         other_commanders: other nodes that can command this robot's base now.
+        other_stamps: [s] of the last command to this robot's base of each other node, by its name.
         clock_age: [s] of real time since ROS's clock last moved; while it stands still, stamps do not show their age.
         stamps: [s] of the newest scan, state, pose and spot, and of each source's newest command, by name.
     """
@@ -90,7 +91,7 @@ class CommandGate:
         self._corrected_stamp = 0.0  # [s] stamp of the localisation's newest correction
         self._corrected_at = -math.inf  # [s] when it arrived
         self._jump_hold_until = -math.inf
-        self._other_publishers: Dict[str, float] = {}  # [s] time of the last command, by other node
+        self.other_stamps: Dict[str, float] = {}
         self._last_limited = -math.inf  # [s] time of the last call of `limit`
 
     # ------------------------------------------------------------- inputs
@@ -146,14 +147,10 @@ class CommandGate:
         with self._lock:
             self.contacts[sensor] = blocks
 
-    def record_other_publisher(self, name: str, now: float) -> None:
-        """Records that another node has commanded this robot's base."""
-        self._other_publishers[name] = now
-
     # ------------------------------------------------------------- state
     def other_publishers(self, now: float) -> str:
         """Returns the other nodes that can command the robot, or did in the last second."""
-        publishers = list(self._other_publishers.items())
+        publishers = list(self.other_stamps.items())
         recent = [name for name, stamp in publishers if 0.0 <= now - stamp <= OTHER_PUBLISHER_HOLD]
         return ", ".join(sorted({*recent, *self.other_commanders}))
 
