@@ -69,8 +69,7 @@ def sender(monkeypatch):
         manager = Manager(hanging)
         clock = [10.0]
         monkeypatch.setattr(commands.services, "call", manager.call)
-        ros = Mock(get_rostime=lambda: rospy.Time(100), Duration=rospy.Duration)
-        monkeypatch.setattr(commands, "rospy", ros)
+        monkeypatch.setattr(commands, "rospy", Mock(get_rostime=lambda: rospy.Time(100), Duration=rospy.Duration))
         monkeypatch.setattr(commands.time, "monotonic", lambda: clock[0])
         return commands.CommandSender("test", manager.note), manager, clock
 

@@ -192,5 +192,4 @@ def nearest_cell(grid: GridMap, mask: np.ndarray, point, reach: float) -> Tuple[
     if not distances.min(initial=np.inf) <= reach:
         return None, point
     nearest = int(np.argmin(distances))
-    row, column = cells[nearest].tolist()
-    return (row, column), centers[nearest]
+    return (int(cells[nearest, 0]), int(cells[nearest, 1])), centers[nearest]

@@ -178,11 +178,9 @@ class RobotDriverNode:
     def _look_for_commanders(self) -> None:
         """Looks up which other nodes can command the base, whether or not they do."""
         try:
-            master = rosgraph.Master(rospy.get_name())
-            commanders = find_commanders(rospy.get_name(), self._profile.base, master)
+            others, self._allowed, self._base_listens = find_commanders(rospy.get_name(), self._profile.base)
         except (rosgraph.MasterException, OSError):
             return  # without the master, no other node can be connected either
-        others, self._allowed, self._base_listens = commanders
         self._arbiter.gate.other_commanders = tuple(sorted(others))
 
     def _on_state(self, message: InteractionState) -> None:

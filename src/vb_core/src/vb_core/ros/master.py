@@ -18,7 +18,7 @@ def read_graph(master: Optional[rosgraph.Master] = None) -> NodeGraph:
     return NodeGraph(*master.getSystemState(), dict(master.getTopicTypes()))
 
 
-def find_commanders(driver: str, base: Base, master: rosgraph.Master) -> Tuple[Set[str], Set[str], bool]:
+def find_commanders(driver: str, base: Base) -> Tuple[Set[str], Set[str], bool]:
     """Finds who can command a base. `driver` is the driver node's full name, in the robot's namespace.
 
     Returns:
@@ -31,6 +31,7 @@ def find_commanders(driver: str, base: Base, master: rosgraph.Master) -> Tuple[S
     namespace = driver.rpartition("/")[0] + "/"
     relative_names = (base.topic, base.output, *base.trusted)
     topic, output, *trusted = [name and rosgraph.names.ns_join(namespace, name) for name in relative_names]
+    master = rosgraph.Master(driver)
     graph = read_graph(master)
     other_commanders, muxes = graph.find_other_commanders(driver, topic, output)
     other_commanders = {name for name in other_commanders - set(trusted) if not has_exited(master, name)}

@@ -210,8 +210,7 @@ class DispatchPolicy:
             self._wait = self._wait.continued(status.goal.value, now, status.pose)
         elif assessment is not PositionAssessment.UNKNOWN:
             # only a wait where the robot should see the spot may show that something hides it
-            event = "seen" if assessment is PositionAssessment.FIT else ""
-            self._wait = self._wait.continued(event, now, status.pose)
+            self._wait = self._wait.continued("seen" if assessment is PositionAssessment.FIT else "", now, status.pose)
         if assessment in (PositionAssessment.FAILED, PositionAssessment.PREEMPTED, PositionAssessment.HIDDEN):
             self.goal = None
             self._wait = EventWait()

@@ -224,8 +224,7 @@ class ViewpointPlanner:
         cost += UNSEEN_COST * (1.0 - seen_part)
         # while the seed is shown, the border may be saved at any moment, so a robot that need not come waits
         waits = self.drawing.marks_side and self.drawing.seen_by_stationary
-        crossing_cost = np.inf if waits else LOCKED_COST
-        cost += np.where(crossing, crossing_cost, 0.0) + LOCKED_COST * ~self._is_outside(places)
+        cost += np.where(crossing, np.inf if waits else LOCKED_COST, 0.0) + LOCKED_COST * ~self._is_outside(places)
         best = int(np.argmin(cost))
         if not np.isfinite(cost[best]):
             return self._retreat(robot)

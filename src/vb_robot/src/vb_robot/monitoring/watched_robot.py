@@ -119,9 +119,10 @@ class WatchedRobot:
             self._path_subscriber = rospy.Subscriber(wiring.path, Path, self._on_path) if wiring.path else None
         self.wiring = wiring
 
-    def locate(self) -> None:
-        """Looks up the robot's pose."""
+    def locate(self) -> Optional[Pose]:
+        """Looks up the robot's pose, stores it and returns it."""
         self.pose = self._transforms.pose_on_map(self.frame, POSE_SILENCE)
+        return self.pose
 
     def is_driven(self) -> bool:
         """Returns whether the robot has a driver that is in control."""
