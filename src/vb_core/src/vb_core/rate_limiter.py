@@ -19,8 +19,8 @@ class RateLimiter:
         """Takes a token at a time [s]. Returns False if there is none. A clock set back only delays new tokens."""
         tokens, refilled_at = self._buckets.pop(key, (self._burst, now))
         tokens = min(self._burst, tokens + self._rate * max(0.0, now - refilled_at))
-        is_allowed = tokens >= 1.0
-        self._buckets[key] = (tokens - 1.0 if is_allowed else tokens, now)
+        taken = 1.0 if tokens >= 1.0 else 0.0
+        self._buckets[key] = (tokens - taken, now)
         while len(self._buckets) > 1000:
             del self._buckets[next(iter(self._buckets))]
-        return is_allowed
+        return taken > 0.0
