@@ -46,9 +46,13 @@ export class Words {
     return beginsSentence ? phrase.charAt(0).toUpperCase() + phrase.slice(1) : phrase;
   }
 
-  // Returns a border's name. A border or wall that nobody named is numbered in the reader's language.
+  // Returns a border's name, or several. A border or wall that nobody named is numbered in the reader's language: alone, in
+  // quotes or in a list, as in vb_core/sentences.py. "my wall 3" is a person's own name.
   border(name) {
-    return name.replace(/\b(border|wall) (\d+)\b/g, (_, kind, number) => this.say(`unnamed_${kind}`, { number }));
+    return name.replace(
+      /(^'?|, )(border|wall) (\d+)(?=$|'$|, )/g,
+      (_, before, kind, number) => before + this.say(`unnamed_${kind}`, { number }),
+    );
   }
 
   // Returns the sentence of anything that has code, values and message.
