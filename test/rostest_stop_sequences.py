@@ -46,8 +46,6 @@ class StopSequences(unittest.TestCase):
         cls.answers = []
         cls.lock = threading.Lock()
         cls.people = [commands.CommandSender(f"person {number}", cls.on_answer) for number in range(3)]
-        for person in cls.people:
-            person.connect()
         rospy.wait_for_service(names.COMMAND, 120)
         # a person reacts to what the page shows, so it needs a first state
         assert cls.state.message

@@ -194,9 +194,10 @@ def test_every_code_gives_its_sentence_all_values():
             used.update(code.value for code in given[:1] if alone and isinstance(code, ast.Constant))
             sentence = sentences.catalog().get(getattr(given[0], "value", None)) if given else None
             if sentence and name.endswith("Error") and len(given) == 1 and None not in named:
-                wanted = set(re.findall(r"{(\w+)", sentence)) - {"camera", *named}  # the notice names the camera
+                passed = {value.replace("_code", "") for value in named}
+                wanted = set(re.findall(r"{(\w+)", sentence)) - {"camera", *passed}  # the notice names the camera
                 missing += [f"{path}: {value} of {given[0].value}" for value in wanted]
-        pattern = r'"(lab_\w+)"' if path.name == "lab_readiness.py" else r'"\$(\w+)"'
+        pattern = r'"(lab_\w+)"' if path.name == "lab_readiness.py" else r'_code"?[:=] ?"(\w+)"'
         used.update(re.findall(pattern, source))
     codes = {code for code in used if re.fullmatch("[a-z0-9]+(_[a-z0-9]+)+", str(code))}
     assert len(codes) > 100

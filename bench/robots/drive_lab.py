@@ -23,8 +23,7 @@ from vb_core.child_processes import free_port, start_roslaunch
 from vb_core.errors import CodedError
 from vb_core.geometry import chain_length
 from vb_core.grid_map import distance_transform
-from vb_core.ros import messages
-from vb_core.ros.services import call
+from vb_core.ros import messages, services
 from vb_evaluation.navigation_check.move_base_goals import GoalRunner
 from vb_evaluation.navigation_check.plan_observer import Observer, wait_until
 from vb_msgs.msg import DriverState, LabState, ParticipantState, VirtualBorder
@@ -140,7 +139,8 @@ class Lab:
         *positions, seed_point = messages.points_from_array(np.array([*points, seed]))
         border = VirtualBorder(name="drive", kind=kind, occupancy=1.0, enabled=True, points=positions, seed=seed_point)
         previous = self.observer.posterior
-        reply = call(names.ADD_BORDER, AddBorder, AddBorderRequest(border=border, source="bench"), "map_integrator")
+        request = AddBorderRequest(border=border, source="bench")
+        reply = services.call(names.ADD_BORDER, AddBorder, request, {"who": "map_integrator"})
         if not reply.success:
             raise CodedError(reply.code, reply.message)
         wait_until(lambda: self.observer.posterior is not previous, 10.0)
@@ -148,7 +148,7 @@ class Lab:
 
     def remove(self, border: str) -> None:
         previous = self.observer.posterior
-        call(names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(id=border), "map_integrator")
+        services.call(names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(id=border), {"who": "map_integrator"})
         wait_until(lambda: self.observer.posterior is not previous, 10.0)
 
     def entered(self, path) -> float:

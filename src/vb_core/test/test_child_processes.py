@@ -24,7 +24,7 @@ started.wait()
 
 def test_a_child_and_all_it_started_end(tmp_path):
     mark = uuid.uuid4().hex
-    child = ChildProcess([sys.executable, "-c", HANGING], tmp_path / "log" / "child.txt", {**os.environ, "MARK": mark})
+    child = ChildProcess(["env", f"MARK={mark}", sys.executable, "-c", HANGING], tmp_path / "log" / "child.txt")
     wait_until(lambda: child.tail() == "up", "the child")
     assert len(commands_with(mark)) == 2
     child.stop(timeout=0.2)

@@ -69,7 +69,7 @@ def sender(monkeypatch):
         manager = Manager(hanging)
         clock = [10.0]
         monkeypatch.setattr(commands.services, "call", manager.call)
-        monkeypatch.setattr(commands.rospy, "get_rostime", lambda: rospy.Time(100))
+        monkeypatch.setattr(commands, "rospy", Mock(get_rostime=lambda: rospy.Time(100), Duration=rospy.Duration))
         monkeypatch.setattr(commands.time, "monotonic", lambda: clock[0])
         return commands.CommandSender("test", manager.note), manager, clock
 
@@ -77,7 +77,7 @@ def sender(monkeypatch):
 
 
 def no_answer(cause):
-    error = CodedError("no_response", who="$interaction_manager")
+    error = CodedError("no_response", who_code="interaction_manager")
     error.__cause__ = cause
     return error
 
@@ -163,7 +163,7 @@ def test_robots_answer_a_stop_without_a_manager(sender, monkeypatch):
         statuses = [RobotStatus(robot="ada", stops=[stop]), RobotStatus(robot="cleo", driver=True)]
         orders._on_robots(RobotStatusArray(robots=statuses))
 
-    absent = CodedError("no_service", who="$interaction_manager")
+    absent = CodedError("no_service", who_code="interaction_manager")
     manager.answers += [absent, absent]
     monkeypatch.setattr(commands.time, "sleep", report)
     orders.submit("stop")
@@ -208,13 +208,13 @@ def neighbour(monkeypatch):
 
 def test_the_answer_comes_back(neighbour):
     neighbour.ask.side_effect = lambda request: request + 1
-    assert services.call("/s", object, 41, "somebody") == 42
+    assert services.call("/s", object, 41, {"who": "somebody"}) == 42
 
 
 def test_nothing_was_sent_to_an_absent_neighbour(neighbour):
     neighbour.wait.side_effect = rospy.ROSException("timeout exceeded")
     with refused("no_service") as caught:
-        services.call("/s", object, 1, "the integrator")
+        services.call("/s", object, 1, {"who": "the integrator"})
     assert "the integrator is not running" in str(caught.value)
     neighbour.ask.assert_not_called()
 
@@ -223,12 +223,12 @@ def test_a_hanging_neighbour_is_given_up(neighbour):
     release = threading.Event()
     neighbour.ask.side_effect = lambda request: release.wait(30)
     with refused("no_response"):
-        services.call("/s", object, 1, "the integrator", service_timeout=0.05, response_timeout=0.1)
+        services.call("/s", object, 1, {"who": "the integrator"}, service_timeout=0.05, response_timeout=0.1)
     release.set()
 
 
 def test_a_lost_connection_counts_as_no_response(neighbour):
     neighbour.ask.side_effect = rospy.ServiceException("transport error")
     with refused("no_response") as caught:
-        services.call("/s", object, 1, "the integrator")
+        services.call("/s", object, 1, {"who": "the integrator"})
     assert isinstance(caught.value.__cause__, rospy.ServiceException)

@@ -291,7 +291,7 @@ def test_no_stop_is_lost_or_released_by_an_older_command(part, monkeypatch):
         return files[path.name]
 
     monkeypatch.setattr(stop_latch, "write_atomically", write)
-    monkeypatch.setattr(stop_latch, "_read", read)
+    monkeypatch.setattr(Path, "read_bytes", read)
     monkeypatch.setattr(stop_latch, "_empty", lambda path: files.update({path.name: b""} if path.name in files else {}))
     released = stopped = 0
     for seed in range(part * SEQUENCES // 10, (part + 1) * SEQUENCES // 10):

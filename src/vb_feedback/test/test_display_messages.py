@@ -23,7 +23,7 @@ def test_the_preview_says_what_save_would_do():
     assert texts(preview_notices(preview, "en"))[1] == ("Note: it parts the room.", True)
     refused = BorderPreview(code="c", issues=[issue(warning, "a"), issue(error, "b", "the seed is on a wall.")])
     assert texts(preview_notices(refused, "en")) == [("Saving would be refused: the seed is on a wall.", True)]
-    values = values_from_mapping({"who": "$map_integrator"})
+    values = values_from_mapping({"who_code": "map_integrator"})
     unreached = BorderPreview(code="no_service", values=values, message="in English")
     german = "Speichern w\u00fcrde abgelehnt: Die Kartenverwaltung l\u00e4uft nicht."
     assert texts(preview_notices(unreached, "de")) == [(german, True)]

@@ -241,7 +241,7 @@ def test_extending_an_end_across_free_floor_warns_with_the_length(ends, far):
     prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), [])
     result = compute_region(prior, VirtualBorder([(4.0, ends[0]), (4.0, ends[1])], (7.0, 1.0), closed=False))
     issues = [issue for issue in result.issues if issue.code == "extended_far"]
-    assert [sentences.translate(issue.values["side"][1:]) for issue in issues] == far
+    assert [sentences.translate(issue.values["side_code"]) for issue in issues] == far
     length = f"{np.linalg.norm(result.line[-1] - (4.0, ends[1])):.1f}"
     assert all(issue.values["length"] == length and f"{length} m" in issue.message for issue in issues)
 

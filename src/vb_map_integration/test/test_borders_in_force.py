@@ -48,7 +48,7 @@ def test_a_line_with_another_effect_waits_and_keeps_its_old_effect(grown):
 def test_a_border_to_be_confirmed_shows_both_areas(grown):
     keeper, accepted = grown
     notice = next(notice for notice in keeper.notices if notice.border_id == "b1")
-    assert (notice.code, notice.values["why"]) == ("to_be_confirmed", "$closes_something_else")
+    assert (notice.code, notice.values["why_code"]) == ("to_be_confirmed", "closes_something_else")
     area_before, area_now = (float(notice.values[key]) for key in ("before", "now"))
     assert area_before == pytest.approx(accepted, abs=0.5)
     assert area_now > 2.0 * accepted

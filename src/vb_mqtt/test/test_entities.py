@@ -155,7 +155,7 @@ def test_a_robots_problems_are_its_own():
     assert len(entities.robot_problems("bob", lines, notices, "en")) == 1  # bob is not connected
     # the only robot has no name, and a notice without a robot is about it
     alone = derive_capabilities(Connections((ConnectedRobot("", has_driver=True, is_localized=True),))).robot_notices
-    notices.append(Notice("robot_stopped", Severity.WARNING, values={"who": "$the_robot"}))
+    notices.append(Notice("robot_stopped", Severity.WARNING, values={"who_code": "the_robot"}))
     assert entities.robot_problems("", alone, notices, "en") == [notices[2].sentence()]
 
 

@@ -53,7 +53,7 @@ def test_navigation_goals_are_cancelled_while_the_robot_follows():
 
 def test_another_publisher_stops_the_robot_and_is_named():
     rig = Rig().drives()
-    rig.arbiter.gate.record_other_publisher("/move_base", rig.now)
+    rig.arbiter.gate.other_stamps["/move_base"] = rig.now
     assert rig.step().code == "other_cmd_vel_publisher"
     assert (rig.commands[-1].v, rig.commands[-1].w) == (0.0, 0.0)
     assert rig.arbiter.gate.other_publishers(rig.now) == "/move_base"

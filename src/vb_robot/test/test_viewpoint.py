@@ -82,7 +82,7 @@ def test_sides_of_polygon_and_curve():
     left_side = CLEARANCE_MAP.predict_restricted_side((1.0, 1.0), door, False)
     assert left_side[40, 40] and not left_side[40, 280]
     # without a line there are no sides
-    assert CLEARANCE_MAP.predict_restricted_side((5.5, 1.5), np.zeros((0, 2)), False) is None
+    assert not CLEARANCE_MAP.predict_restricted_side((5.5, 1.5), np.zeros((0, 2)), False).any()
 
 
 # ------------------------------------------------------------------ the target

@@ -162,7 +162,7 @@ def saving() -> Interaction:
     return interaction
 
 
-NO_INTEGRATOR = Answer(False, "no_service", {"who": "$map_integrator"})
+NO_INTEGRATOR = Answer(False, "no_service", {"who_code": "map_integrator"})
 
 
 @pytest.mark.parametrize("command", [*sorted(set(COMMANDS) - {STOP, RESUME}), "nonsense"])
@@ -213,14 +213,14 @@ def test_a_save_ends_the_interaction_and_is_recorded_once(saving):
 )
 def test_a_failed_save_says_if_it_may_have_arrived(saving, sent, unanswered_before, code, unanswered, answer_code):
     saving.unanswered_save = unanswered_before
-    answer = saving.finish_pending(Answer(False, code, {"who": "$map_integrator"}), 6.0, is_sent=sent)
+    answer = saving.finish_pending(Answer(False, code, {"who_code": "map_integrator"}), 6.0, is_sent=sent)
     assert (answer.code, answer.success, saving.unanswered_save) == (answer_code, False, unanswered)
     assert (saving.state, saving.pending) == (SEED, "")
 
 
 def test_cancel_after_an_unanswered_save_promises_no_unchanged_map(saving):
     saving.unanswered_save = True
-    saving.finish_pending(Answer(False, "save_unanswered", {"who": "$map_integrator"}), 6.0)
+    saving.finish_pending(Answer(False, "save_unanswered", {"who_code": "map_integrator"}), 6.0)
     answer = saving.command(CANCEL, "a", 7.0)
     assert answer.code == "cancelled_unanswered" and "stays" not in answer.message
     assert saving.take_record().outcome == saving.last_outcome == "unanswered"

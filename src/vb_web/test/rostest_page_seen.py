@@ -33,8 +33,8 @@ class SeenTest(PageTest):
             second_browser.click("#undo", "Rückgängig")
             second_browser.wait_text("#borders", "Noch keine Grenzen")
             notices = NoticePublisher()
-            in_rug = {"who": sentences.robot_placeholder(""), "border": "Rug"}
-            in_unnamed = {"who": "ada", "border": "$border_without_name"}
+            in_rug = {"who_code": "the_robot", "border": "Rug"}
+            in_unnamed = {"who": "ada", "border_code": "border_without_name"}
             caught = [Notice("robot_caught_in_border", values=values) for values in (in_rug, in_unnamed)]
             notices.set([Notice("interaction_ends_soon", Severity.WARNING), *caught])
             self.browser.wait_text("#notices", "discarded soon")
@@ -190,7 +190,7 @@ class SeenTest(PageTest):
         robots = rospy.Publisher(names.ROBOTS, RobotStatusArray, queue_size=1)
         wait_until(robots.get_num_connections, "the page's ear")
         notices = NoticePublisher()
-        notices.set([Notice("robot_caught_in_border", Severity.WARNING, values={"who": "$the_robot", "border": "Rug"})])
+        notices.set([Notice.of_robot("", "robot_caught_in_border", Severity.WARNING, border="Rug")])
         ready = RobotStatus(move_base="/move_base", driver=True, localized=True, plans_round_borders=True)
         message = RobotStatusArray(interaction=True, cameras=["red"], robots=[ready])
         self.browser.run("document.getElementById('health').open = true")

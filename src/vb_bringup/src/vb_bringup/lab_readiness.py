@@ -72,7 +72,7 @@ def check_robot(
     """
 
     def line(severity: Severity, code: str, **values: str) -> Notice:
-        return Notice(code, severity, robot=name, values={"robot": sentences.robot_placeholder(name), **values})
+        return Notice(code, severity, robot=name, values={**sentences.robot_values(name, key="robot"), **values})
 
     faults = []
     if lacks_margin:

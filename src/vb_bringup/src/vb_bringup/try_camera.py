@@ -266,7 +266,7 @@ class TryLab:
     @staticmethod
     def _wait(condition: Callable[[], bool]) -> None:
         if not wait_until(condition, _PLAY_TIMEOUT):
-            raise CodedError("no_response", who="$interaction_manager")
+            raise CodedError("no_response", who_code="interaction_manager")
 
 
 def run(arguments: Optional[List[str]] = None) -> int:

@@ -159,12 +159,13 @@ class CameraModel:
         projected = self.project(np.column_stack([radii, np.zeros(len(radii)), np.ones(len(radii))]))
         finite = np.isfinite(projected[:, 0])
         radius = np.hypot(*target.T)
-        initial = np.interp(radius, np.maximum.accumulate((projected[finite, 0] - center[0]) / focal[0]), radii[finite])
+        image_radii = np.maximum.accumulate((projected[finite, 0] - center[0]) / focal[0])
+        initial = np.interp(radius, image_radii, radii[finite])
         xy = target * (initial / np.maximum(radius, 1e-12))[:, None]
         for _ in range(_STEPS):
             stencil = xy[:, None] + 1e-6 * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
-            uv = self.project(np.dstack([stencil, np.ones(stencil.shape[:2])]).reshape(-1, 3)).reshape(-1, 5, 2)
-            uv = (uv - center) / focal
+            rays = np.dstack([stencil, np.ones(stencil.shape[:2])])
+            uv = (self.project(rays).reshape(-1, 5, 2) - center) / focal
             # the Jacobian by central differences, and each step by Cramer's rule
             u_x, v_x = (uv[:, 1] - uv[:, 2]).T / 2e-6
             u_y, v_y = (uv[:, 3] - uv[:, 4]).T / 2e-6

@@ -140,12 +140,12 @@ def describe_ignored_zone(
         return "border_without_robot", {}
     if not ignoring:
         return None
-    return f"border_unkept_{zone}", {"who": ", ".join(map(sentences.robot_placeholder, ignoring))}
+    return f"border_unkept_{zone}", sentences.robot_values(*ignoring)
 
 
 def _notices_about(robot: ConnectedRobot) -> List[Notice]:
     """Returns what to tell people about a robot: what is missing, how it plans, and what it obeys."""
-    values = {"who": sentences.robot_placeholder(robot.name), "maps": ", ".join(robot.maps) or "-"}
+    values = {**sentences.robot_values(robot.name), "maps": ", ".join(robot.maps) or "-"}
     values["map"] = f"/{robot.name}/virtual_borders/map" if robot.name else "/virtual_borders/map"
 
     def notice(severity: Severity, code: str, **more_values: str) -> Notice:

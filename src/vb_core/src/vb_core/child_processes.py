@@ -13,7 +13,7 @@ import signal
 import socket
 import subprocess
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Sequence
+from typing import Any, List, Sequence
 
 _PORTS = range(20000, 32768)  # below Linux's ephemeral ports
 _OWN_GROUP: Any = {"stdin": subprocess.DEVNULL, "stderr": subprocess.STDOUT, "start_new_session": True}
@@ -45,11 +45,11 @@ def spawn(command: Sequence[str], **options: Any) -> subprocess.Popen:
 class ChildProcess:
     """A child process in its own group, so that everything it started ends with it. See `spawn`."""
 
-    def __init__(self, command: List[str], log: Path, env: Optional[Dict[str, str]] = None) -> None:
+    def __init__(self, command: List[str], log: Path) -> None:
         self.log = log
         log.parent.mkdir(parents=True, exist_ok=True)
         with open(str(log), "w") as output:
-            self._process = spawn(command, stdout=output, env=env, **_OWN_GROUP)
+            self._process = spawn(command, stdout=output, **_OWN_GROUP)
 
     @property
     def running(self) -> bool:

@@ -69,16 +69,14 @@ def write_together(contents: Mapping[Path, bytes], private: bool = False) -> Non
                 os.unlink(name)
 
 
-def append_line(path: Union[str, Path], line: str, private: bool = False) -> None:
-    """Appends a line to a file in one write, so that lines of two writers never mix. Creates the file's folder.
+def append_line(path: Union[str, Path], line: str) -> None:
+    """Appends a line to a file in one write, so that lines of two writers never mix.
 
-    Args:
-        private: whether only its owner may read the file, if this call creates it.
+    Creates the file's folder, and the file so that only its owner may read it.
 
     Raises:
         OSError: if it cannot be written.
     """
     os.makedirs(os.path.dirname(str(path)), exist_ok=True)
-    mode = PRIVATE if private else 0o644
-    with open(str(path), "ab", buffering=0, opener=lambda name, flags: os.open(name, flags, mode)) as log:
+    with open(str(path), "ab", buffering=0, opener=lambda name, flags: os.open(name, flags, PRIVATE)) as log:
         log.write((line + "\n").encode("utf-8"))

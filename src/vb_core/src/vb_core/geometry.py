@@ -42,12 +42,14 @@ def rotation_from_quaternion(quaternion) -> np.ndarray:
 def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
     """Converts a rotation matrix (3, 3) to a quaternion (x, y, z, w), w >= 0. Inverse of `rotation_from_quaternion`."""
     m = np.asarray(rotation, dtype=float)
-    # dividing by the largest of the four components is well conditioned
+    # the outer product 4 q q^T, each of whose rows is a multiple of q; the one with the largest square is the most exact
     xx, yy, zz = np.diag(m)
     squares = [1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz, 1 + xx + yy + zz]
     products = np.zeros((4, 4))
     products[:3, :3] = m + m.T
-    products[3, :3] = products[:3, 3] = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
+    difference = m - m.T
+    products[:3, 3] = difference[2, 1], difference[0, 2], difference[1, 0]
+    products[3, :3] = products[:3, 3]
     np.fill_diagonal(products, squares)
     q = products[int(np.argmax(squares))]
     q = q / np.linalg.norm(q)
@@ -67,7 +69,9 @@ def quaternion_from_yaw(yaw: float) -> np.ndarray:
 
 def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
     """Returns the matrix (3, 3) that rotates about the fixed axes x, then y, then z [rad], as in URDF and REP 103."""
-    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
+    cr, sr = math.cos(roll), math.sin(roll)
+    cp, sp = math.cos(pitch), math.sin(pitch)
+    cy, sy = math.cos(yaw), math.sin(yaw)
     rx = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
     ry = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
     rz = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
@@ -148,9 +152,7 @@ def arc_coordinates(points: np.ndarray, curvature: float) -> Tuple[np.ndarray, n
 
 def chain_length(points: np.ndarray, closed: bool = False) -> float:
     """Returns the length [m] of a polygonal chain (N, 2), with its closing segment if it is closed."""
-    points = np.asarray(points, dtype=float)
-    if len(points) < 2:
-        return 0.0
+    points = np.asarray(points, dtype=float).reshape(-1, 2)
     if closed:
         points = np.vstack([points, points[:1]])
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())

@@ -145,15 +145,16 @@ class GridMap:
 
 def crop(grid: GridMap, window: Window) -> GridMap:
     """Cuts a window (x_min, y_min, x_max, y_max) [m] out of a map. Cells off the map are unknown."""
-    corners = np.array([[window[i], window[j]] for i in (0, 2) for j in (1, 3)])
-    cells = np.floor(grid.world_to_grid(corners) + 0.5).astype(int)[:, ::-1]
-    low, high = cells.min(axis=0), cells.max(axis=0)
-    data = np.full(high - low + 1, -1, dtype=np.int8)
-    begin, end = np.maximum(low, 0), np.minimum(high + 1, grid.shape)
-    if (begin < end).all():
-        (top, left), (bottom, right) = begin - low, end - low
-        data[top:bottom, left:right] = grid.data[begin[0] : end[0], begin[1] : end[1]]
-    x, y = grid.grid_to_world(low[None, ::-1] - 0.5)[0]
+    x_min, y_min, x_max, y_max = window
+    cells = grid.world_to_cell(np.array([(x_min, y_min), (x_min, y_max), (x_max, y_min), (x_max, y_max)]))
+    low = cells.min(axis=0)
+    high = cells.max(axis=0) + 1
+    data = np.full(high - low, UNKNOWN, dtype=np.int8)
+    top, left = np.maximum(low, 0)
+    bottom, right = np.minimum(high, grid.shape)
+    if top < bottom and left < right:
+        data[top - low[0] : bottom - low[0], left - low[1] : right - low[1]] = grid.data[top:bottom, left:right]
+    x, y = grid.cell_to_world(low - 0.5)[0]
     return GridMap(data, grid.resolution, (x, y, grid.origin[2]))
 
 
@@ -184,10 +185,11 @@ def nearest_cell(grid: GridMap, mask: np.ndarray, point, reach: float) -> Tuple[
     row, column = grid.world_to_cell(point)[0]
     span = int(np.ceil(reach / grid.resolution))
     top, left = max(row - span, 0), max(column - span, 0)
-    cells = np.argwhere(mask[top : max(row + span + 1, 0), left : max(column + span + 1, 0)]) + (top, left)
-    centers = grid.cell_to_world(cells) if len(cells) else np.zeros((0, 2))
+    bottom, right = max(row + span + 1, 0), max(column + span + 1, 0)
+    cells = np.argwhere(mask[top:bottom, left:right]) + (top, left)
+    centers = grid.cell_to_world(cells)
     distances = np.linalg.norm(centers - point, axis=1)
-    nearest = int(np.argmin(distances)) if len(cells) else -1
-    if nearest < 0 or distances[nearest] > reach:
+    if not distances.min(initial=np.inf) <= reach:
         return None, point
+    nearest = int(np.argmin(distances))
     return (int(cells[nearest, 0]), int(cells[nearest, 1])), centers[nearest]

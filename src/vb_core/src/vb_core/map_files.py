@@ -92,16 +92,16 @@ def read_map(path: Path) -> GridMap:
     try:
         description = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise _bad(path, error.strerror) from None
+        raise _bad(path, reason=error.strerror) from None
     except (UnicodeDecodeError, yaml.YAMLError, ValueError, RecursionError) as error:
-        raise _bad(path, "$file_format", format="YAML", detail=" ".join(str(error).split())) from None
+        raise _bad(path, reason_code="file_format", format="YAML", detail=" ".join(str(error).split())) from None
     if not isinstance(description, dict):
-        raise _bad(path, "$file_no_keys")
+        raise _bad(path, reason_code="file_no_keys")
 
     def read_key(key: str, example: str, is_right: Callable[[Any], bool], default: Any = None) -> Any:
         value = description.get(key, default)
         if not is_right(value):
-            raise _bad(path, "$file_value", key=key, expected=example, found=repr(value))
+            raise _bad(path, reason_code="file_value", key=key, expected=example, found=repr(value))
         return value
 
     def read_float(key: str, default: Optional[float] = None) -> float:
@@ -131,11 +131,11 @@ def read_map(path: Path) -> GridMap:
     try:
         return GridMap(np.ascontiguousarray(cells[::-1]).astype(np.int8), resolution, tuple(origin))
     except (CodedError, OverflowError) as error:
-        raise _bad(path, str(error)) from None
+        raise _bad(path, reason=str(error)) from None
 
 
-def _bad(path: Path, reason: Optional[str], **values: Any) -> CodedError:
-    return CodedError("bad_map_file", file=str(path), reason=reason, **values)
+def _bad(path: Path, **values: Any) -> CodedError:
+    return CodedError("bad_map_file", file=str(path), **values)
 
 
 def _is_pose(value: Any) -> bool:
@@ -155,15 +155,15 @@ def _read_image(path: Path) -> np.ndarray:
     try:
         content = np.fromfile(str(path), np.uint8)
     except OSError as error:
-        raise _bad(path, error.strerror) from None
+        raise _bad(path, reason=error.strerror) from None
     try:
         image: Optional[np.ndarray] = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
     except cv2.error:  # an image may be too large for OpenCV
         image = None
     if image is None:
-        raise _bad(path, "$file_no_image")
+        raise _bad(path, reason_code="file_no_image")
     if image.dtype == np.uint16:
         image = (image >> 8).astype(np.uint8)
     if image.dtype != np.uint8:
-        raise _bad(path, "$file_pixels", found=image.dtype)
+        raise _bad(path, reason_code="file_pixels", found=image.dtype)
     return image

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from typing import Iterable, List, Mapping, Sequence, Set, Tuple
 
 _Entries = Iterable[Tuple[str, Sequence[str]]]
@@ -23,11 +22,10 @@ class NodeGraph:
     def __init__(
         self, published: _Entries, subscribed: _Entries, services: _Entries = (), types: Mapping[str, str] = {}
     ) -> None:
-        self.publishers, self.subscribers, self.services = (
-            defaultdict(list, {name: list(nodes) for name, nodes in entries})
-            for entries in (published, subscribed, services)
-        )
-        self.types = dict(types)
+        self.publishers = dict(published)
+        self.subscribers = dict(subscribed)
+        self.services = dict(services)
+        self.types = types
 
     @property
     def nodes(self) -> Set[str]:
@@ -35,13 +33,13 @@ class NodeGraph:
         groups = (self.publishers, self.subscribers, self.services)
         return {node for by_name in groups for nodes in by_name.values() for node in nodes}
 
-    def subscriptions(self, node: str, kinds: Sequence[str]) -> List[str]:
-        """Returns the topics of these types that a node subscribes to."""
-        return [topic for topic, nodes in self.subscribers.items() if node in nodes and self.types.get(topic) in kinds]
+    def subscriptions(self, node: str, kind: str) -> List[str]:
+        """Returns the topics of this type that a node subscribes to."""
+        return [topic for topic, nodes in self.subscribers.items() if node in nodes and self.types.get(topic) == kind]
 
-    def publications(self, node: str, kinds: Sequence[str]) -> List[str]:
-        """Returns the topics of these types that a node publishes."""
-        return [topic for topic, nodes in self.publishers.items() if node in nodes and self.types.get(topic) in kinds]
+    def publications(self, node: str, kind: str) -> List[str]:
+        """Returns the topics of this type that a node publishes."""
+        return [topic for topic, nodes in self.publishers.items() if node in nodes and self.types.get(topic) == kind]
 
     def find_other_commanders(self, driver: str, topic: str, output: str) -> Tuple[Set[str], Set[str]]:
         """Finds the nodes that could command the base past its driver, which should be the only way to its wheels.
@@ -63,9 +61,11 @@ class NodeGraph:
             return set(self.publishers.get(name, ())) if is_velocity else set()
 
         muxes = commanders(output) & set(self.subscribers.get(topic, ()))
-        mux_inputs = [name for name, nodes in self.subscribers.items() if name != topic and muxes & set(nodes)]
-        beside = commanders(output).union(*map(commanders, mux_inputs))
-        return (commanders(topic) | (beside - muxes)) - {driver}, muxes
+        others = commanders(topic) | (commanders(output) - muxes)
+        for name, nodes in self.subscribers.items():
+            if name != topic and not muxes.isdisjoint(nodes):
+                others |= commanders(name) - muxes
+        return others - {driver}, muxes
 
     def has_subscriber(self, driver: str, topic: str) -> bool:
         """Returns whether any other node subscribes to the driver's commands."""

@@ -55,8 +55,8 @@ class Notice:
 
     @classmethod
     def of_robot(cls, robot: str, code: str, severity: Severity, **values: str) -> "Notice":
-        """Makes a notice about a robot, whose name is the sentence's value `who`."""
-        return cls(code, severity, robot=robot, values={"who": sentences.robot_placeholder(robot), **values})
+        """Makes a notice about a robot, whom the sentence names as {who}."""
+        return cls(code, severity, robot=robot, values={**sentences.robot_values(robot), **values})
 
     def sentence(self, language: str = sentences.ENGLISH) -> str:
         """Returns the text to show."""

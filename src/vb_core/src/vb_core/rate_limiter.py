@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from typing import Tuple
+from typing import Dict, Tuple
 
 
 class RateLimiter:
@@ -14,16 +13,14 @@ class RateLimiter:
 
     def __init__(self, rate: float, burst: float) -> None:
         self._rate, self._burst = rate, burst
-        self._buckets: "OrderedDict[str, Tuple[float, float]]" = OrderedDict()
+        self._buckets: Dict[str, Tuple[float, float]] = {}  # the one used last is the last
 
     def allows(self, key: str, now: float) -> bool:
         """Takes a token at a time [s]. Returns False if there is none. A clock set back only delays new tokens."""
         tokens, refilled_at = self._buckets.pop(key, (self._burst, now))
         tokens = min(self._burst, tokens + self._rate * max(0.0, now - refilled_at))
-        allowed = tokens >= 1.0
-        if allowed:
-            tokens -= 1.0
-        self._buckets[key] = (tokens, now)
+        taken = 1.0 if tokens >= 1.0 else 0.0
+        self._buckets[key] = (tokens - taken, now)
         while len(self._buckets) > 1000:
-            self._buckets.popitem(last=False)
-        return allowed
+            del self._buckets[next(iter(self._buckets))]
+        return taken > 0.0

@@ -5,9 +5,10 @@ languages/<language>/<topic>.yaml maps each code to one sentence with the values
 
     page_removed: "{border} was removed."
 
-A value that begins with $ is itself a code, for words that differ by language: who = "$the_robot", border =
-"$border_without_name". Its text may contain the sentence's other values, and is capitalised where it begins the
-sentence. The values border and borders are names of borders, see `border_name`.
+Words that differ by language are passed as a code, in a value whose name says so: who_code = "the_robot" gives {who} the
+text of this code. All other values are texts, perhaps a person's, and no text is ever read as a code. A code's text may
+contain the sentence's other values, and is capitalised where it begins the sentence. The values border and borders are
+names of borders, see `border_name`.
 
 No program parses a sentence.
 """
@@ -23,6 +24,8 @@ import yaml
 
 ENGLISH = "en"
 LANGUAGES_FOLDER = Path(__file__).resolve().parent / "languages"
+_FIELD = re.compile(r"\{(\w+)\}")
+_CODE = "_code"  # ends the name of a value that is a code
 # a name that the border database gave: alone, in quotes or in a list of names
 _UNNAMED = re.compile(r"(?:^|(?<=^')|(?<=, ))(border|wall) (\d+)(?=$|'$|, )")
 
@@ -49,16 +52,9 @@ def words_of_name(name: str) -> str:
     return name.replace("_", " ")
 
 
-class _LenientValues(dict):
-    """Substitutes a missing value by its name, so that the sentence can still be shown."""
-
-    def __missing__(self, key: str) -> str:
-        return f"({key})"
-
-
-def robot_placeholder(name: str) -> str:
-    """Returns the value that names a robot in a sentence. An empty name means the only robot."""
-    return name or "$the_robot"
+def robot_values(*names: str, key: str = "who") -> Dict[str, str]:
+    """Returns the value that names robots in a sentence as {key}. An empty name means the only robot."""
+    return {key: ", ".join(names)} if any(names) else {key + _CODE: "the_robot"}
 
 
 def border_name(name: str, language: str = ENGLISH) -> str:
@@ -70,19 +66,21 @@ def translate(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH
     """Returns the sentence for a code; in English where the language has none.
 
     Args:
-        values: the values in the sentence, by their names.
+        values: the values in the sentence, by their names: texts, or codes if the name ends in "_code".
         default: returned for an unknown code, for instance a message's own English sentence; if that is empty too,
             the code's words are returned.
     """
     sentence = catalog(language).get(code) or catalog(ENGLISH).get(code)
     if sentence is None:
         return default or words_of_name(code)
-    texts = {}
-    for name, value in values.items():
-        texts[name] = border_name(str(value), language) if name in ("border", "borders") else str(value)
-        if texts[name].startswith("$") and len(texts[name]) > 1:
-            other_values = {other_name: text for other_name, text in values.items() if other_name != name}
-            texts[name] = translate(texts[name][1:], other_values, language)
-            if sentence.startswith(f"{{{name}}}"):
-                texts[name] = texts[name][:1].upper() + texts[name][1:]
-    return sentence.format_map(_LenientValues(texts))
+
+    def text_of(field: "re.Match[str]") -> str:
+        name = field[1]
+        if name + _CODE in values:
+            other_values = {other: value for other, value in values.items() if other != name + _CODE}
+            text = translate(values[name + _CODE], other_values, language)
+            return text[:1].upper() + text[1:] if field.start() == 0 else text
+        text = str(values.get(name, f"({name})"))  # a sentence that lacks a value can still be shown
+        return border_name(text, language) if name in ("border", "borders") else text
+
+    return _FIELD.sub(text_of, sentence)

@@ -60,7 +60,7 @@ class _Stored:
         readable = True
         try:
             if path is not None:
-                self._restore(json.loads(_read(path)))
+                self._restore(json.loads(path.read_bytes()))
         except FileNotFoundError:
             pass
         except (OSError, ValueError, TypeError, KeyError, AttributeError):
@@ -209,10 +209,6 @@ def _check_ids(values: Any) -> List[str]:
     if not isinstance(values, list) or not all(isinstance(value, str) and value for value in values):
         raise ValueError("expected a list of ids")
     return values
-
-
-def _read(path: Path) -> bytes:
-    return path.read_bytes()
 
 
 def _empty(path: Path) -> None:

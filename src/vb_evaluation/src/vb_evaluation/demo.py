@@ -281,7 +281,7 @@ class Demo:
     def _save_map(self) -> None:
         try:
             request = SaveMapRequest(name="posterior", raw=False)
-            answer = services.call(names.SAVE_MAP, SaveMap, request, "the map integrator", 10.0)
+            answer = services.call(names.SAVE_MAP, SaveMap, request, services.INTEGRATOR, 10.0)
             failed = "" if answer.success else answer.message
         except CodedError as error:
             failed = str(error)

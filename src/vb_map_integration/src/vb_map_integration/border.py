@@ -236,7 +236,7 @@ def borders_from_geojson(text: str) -> List[VirtualBorder]:
     try:
         document = json.loads(text)
     except ValueError as error:
-        raise CodedError("bad_border_file", reason="$file_format", format="JSON", detail=str(error)) from None
+        raise CodedError("bad_border_file", reason_code="file_format", format="JSON", detail=str(error)) from None
     if not isinstance(document, dict):
         raise _file_error("type", "FeatureCollection", document)
     features = document.get("features") if document.get("type") == "FeatureCollection" else [document]
@@ -252,7 +252,7 @@ def borders_from_geojson(text: str) -> List[VirtualBorder]:
 
 
 def _file_error(key: str, expected: str, found: Any) -> CodedError:
-    return CodedError("bad_border_file", reason="$file_value", key=key, expected=expected, found=repr(found))
+    return CodedError("bad_border_file", reason_code="file_value", key=key, expected=expected, found=repr(found))
 
 
 def border_from_feature(feature: Any) -> VirtualBorder:
@@ -267,12 +267,12 @@ def border_from_feature(feature: Any) -> VirtualBorder:
         shape = shapely.geometry.shape(feature.get("geometry"))
     except (shapely.errors.ShapelyError, ValueError, TypeError, LookupError, AttributeError) as error:
         detail = str(error).strip()
-        raise CodedError("bad_border_file", reason="$file_format", format="GeoJSON", detail=detail) from None
+        raise CodedError("bad_border_file", reason_code="file_format", format="GeoJSON", detail=detail) from None
     if shape.geom_type not in ("Polygon", "LineString"):
         raise _file_error("geometry", "Polygon | LineString", shape.geom_type)
     closed = shape.geom_type == "Polygon"
     if closed and shape.interiors:
-        raise CodedError("bad_border_file", reason="$file_polygon_has_holes", found=1 + len(shape.interiors))
+        raise CodedError("bad_border_file", reason_code="file_polygon_has_holes", found=1 + len(shape.interiors))
     points = shapely.get_coordinates(shape.exterior if closed else shape)  # heights are dropped
     properties = feature.get("properties")
     properties = properties if isinstance(properties, dict) else {}
@@ -283,12 +283,12 @@ def border_from_feature(feature: Any) -> VirtualBorder:
         values.pop("id", None)
     if "seed" not in values:
         if not closed and not is_wall:
-            raise CodedError("bad_border_file", reason="$file_no_seed")
+            raise CodedError("bad_border_file", reason_code="file_no_seed")
         values["seed"] = _point_inside(shape) if closed and np.isfinite(points).all() else (0.0, 0.0)
     try:
         return VirtualBorder(points, closed=closed, is_wall=is_wall, **values)
     except TypeError as error:
-        raise CodedError("bad_border_file", reason="$file_keys", detail=str(error)) from None
+        raise CodedError("bad_border_file", reason_code="file_keys", detail=str(error)) from None
 
 
 def _point_inside(polygon: Any) -> Tuple[float, float]:

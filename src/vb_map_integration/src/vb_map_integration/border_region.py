@@ -298,12 +298,12 @@ class _BorderOnGrid:
         line = prior.grid_to_world(cut.line)
         extensions = np.linalg.norm(line[[0, -1]] - self.border.points[[0, -1]], axis=1)
         ends = cut.trace.cells[[0, -1]].tolist()
-        for (row, column), length, side in zip(ends, extensions, ("$line_start", "$line_end")):
+        for (row, column), length, side in zip(ends, extensions, ("line_start", "line_end")):
             on_map = 0 <= row < prior.shape[0] and 0 <= column < prior.shape[1]
             if not on_map or self.cells[row, column] > 127:
                 self.warn("no_wall_found")
             elif length > LONG_EXTENSION:
-                self.warn("extended_far", length=f"{length:.1f}", side=side)
+                self.warn("extended_far", length=f"{length:.1f}", side_code=side)
         return window, mask, line
 
     def find_free_cell(self, barred: np.ndarray, away: Optional[np.ndarray] = None) -> Tuple[int, int]:

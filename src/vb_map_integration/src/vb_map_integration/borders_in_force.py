@@ -27,7 +27,7 @@ from vb_map_integration.places.border_location import BorderLocation, BorderLoca
 # status codes: the border waits for a person, or is not in force
 TO_BE_CONFIRMED, DOES_NOT_FIT = "to_be_confirmed", "inactive_on_this_map"
 # causes of waiting, besides the codes of `IntegrationError`
-PLACE, EFFECT = "$place_uncertain", "$closes_something_else"
+PLACE, EFFECT = "place_uncertain", "closes_something_else"
 # a border closes off the same floor if the IoU of what it closed off and closes off now is at least this
 _MIN_SAME_FLOOR_IOU = 0.5
 # while it waits, what it closes off now is in force only up to this many times the area that was accepted
@@ -81,7 +81,8 @@ class BorderStatus:
     @property
     def sentence_values(self) -> Dict[str, str]:
         """The values for the sentence that belongs to its code."""
-        values = {"border": self.map_border.name, "why": self.cause}
+        why = "why_code" if self.cause in (PLACE, EFFECT) else "why"
+        values = {"border": self.map_border.name, why: self.cause}
         if self.region_before:
             area_now = self.region_after.area_m2 if self.region_after else 0.0
             values.update(before=f"{self.region_before.area_m2:.1f}", now=f"{area_now:.1f}")
@@ -242,12 +243,12 @@ def find_notices(statuses: Sequence[BorderStatus], is_certain: bool, place_name:
 def _describe_place(name: str, borders: Iterable[VirtualBorder]) -> Dict[str, str]:
     """Describes a place to people: by the name that they gave it, else by its borders and their date."""
     if name:
-        return {"place": "$place_named", "map": name}
+        return {"place_code": "place_named", "map": name}
     drawn = sorted(borders, key=lambda border: border.created)
     if not drawn:
-        return {"place": "$place_before"}
+        return {"place_code": "place_before"}
     date = time.strftime("%Y-%m-%d", time.localtime(drawn[0].created))
-    return {"place": "$place_of_borders", "borders": _list_names(drawn), "date": date}
+    return {"place_code": "place_of_borders", "borders": _list_names(drawn), "date": date}
 
 
 def _list_names(borders: Sequence[VirtualBorder]) -> str:

@@ -41,8 +41,7 @@ def import_borders() -> int:
         request.border = message_from_border(border.replace(id=""))
         request.frame_id = names.MAP_FRAME
         try:
-            provider = "the map integrator"
-            answer = services.call(names.ADD_BORDER, AddBorder, request, provider, response_timeout=_TIMEOUT)
+            answer = services.call(names.ADD_BORDER, AddBorder, request, services.INTEGRATOR, response_timeout=_TIMEOUT)
         except CodedError as error:
             print(error, file=sys.stderr)
             return 1

@@ -119,7 +119,7 @@ def describe_entities(lab: LabEntities) -> Dict[str, Dict[str, Any]]:
         name = title("mqtt_camera", camera=camera)
         entities["binary_sensor", entity_key("camera", camera)] = {"name": name, **problem}
     for robot in lab.robots or ():
-        name = title("mqtt_robot", who=sentences.robot_placeholder(robot))
+        name = title("mqtt_robot", **sentences.robot_values(robot))
         entities["binary_sensor", entity_key("robot", robot)] = {"name": name, "needs": MONITOR, **problem}
     for identity, name in (lab.borders or {}).items():
         key = entity_key("border", identity)
@@ -238,9 +238,11 @@ def robot_problems(name: str, lines: Sequence[Notice], notices: Iterable[Notice]
     mine = [line for line in lines if line.robot == name]
     problems = [line for line in mine if line.severity >= Severity.WARNING or line.code == "robot_not_connected"]
     # a notice about no robot has the empty name too, which is also that of the only robot
-    value = sentences.robot_placeholder(name)
-    warnings = [notice for notice in notices if notice.severity >= Severity.WARNING]
-    problems += [notice for notice in warnings if value in (notice.robot, notice.values.get("who"))]
+    named = sentences.robot_values(name).items()
+    for notice in notices:
+        is_about_it = (name and notice.robot == name) or named <= notice.values.items()
+        if is_about_it and notice.severity >= Severity.WARNING:
+            problems.append(notice)
     return [notice.sentence(language) for notice in problems]
 
 

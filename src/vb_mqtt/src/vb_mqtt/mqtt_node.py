@@ -37,7 +37,6 @@ SWITCH_BORDER = "switch_border"  # name of a switch in the queue of commands, wh
 _PERIOD = 1.0  # [s] between two rounds of publishing, and of looking for silent nodes
 _SILENCE = 4.0  # [s] after which a node is silent; a detector publishes once a second, the manager ten times
 _GRACE = 5.0  # [s] without a broker before a notice says so
-_INTEGRATOR = "$map_integrator"
 
 
 @dataclass(frozen=True)
@@ -92,7 +91,6 @@ class MqttNode:
         will = (self._lab.topic("availability"), OFFLINE.encode())
         self._broker = MqttClient(params.broker, connection, params.device, will, subscriptions, _on_fault)
         self._command_sender = CommandSender(SOURCE, self._on_answer)
-        self._command_sender.connect()
         self._notice_publisher = NoticePublisher()
         self._notices = NoticeListener()
         self._robots = CapabilitiesListener()
@@ -227,7 +225,9 @@ class MqttNode:
         if self._broker.connected and not self._broker.trouble:
             self._connected_at = now
         silent = now - self._connected_at > _GRACE
-        values = {"broker": self._broker.address, "reason": self._broker.trouble or "$mqtt_unreachable"}
+        trouble = self._broker.trouble
+        reason = {"reason": trouble} if trouble else {"reason_code": "mqtt_unreachable"}
+        values = {"broker": self._broker.address, **reason}
         self._notice_publisher.set([Notice("mqtt_not_connected", Severity.WARNING, values=values)] if silent else [])
 
     # ------------------------------------------------------------------ requests from people
@@ -258,7 +258,7 @@ class MqttNode:
         if border is None:
             raise CodedError("mqtt_no_border", border=request.border)
         order = SetBorderEnabledRequest(id=border.id, enabled=request.enabled, source=SOURCE)
-        return services.call(names.SET_BORDER_ENABLED, SetBorderEnabled, order, _INTEGRATOR)
+        return services.call(names.SET_BORDER_ENABLED, SetBorderEnabled, order, services.INTEGRATOR)
 
     def _on_answer(self, _order: Any, request: MqttRequest, answer: Any, error: Optional[CodedError]) -> None:
         if error is None:

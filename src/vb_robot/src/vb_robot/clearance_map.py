@@ -13,6 +13,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
+from vb_core.geometry import Pose
 from vb_core.grid_map import GridMap, Window, clearance_grid, sample
 
 STOP_MARGIN = 0.10  # [m] beyond the radius at a position where a robot stops
@@ -27,14 +28,15 @@ WINDOW_STEP = 2.0  # [m] windows' edges are multiples of it, so that a moving sp
 NEIGHBORS = ((0, 1), (1, 0), (1, 1), (1, -1))  # (rows, columns); each edge is used in both directions
 
 
-def bounding_window(spot, *others) -> Window:
-    """Returns the window (x_min, y_min, x_max, y_max) [m] around a spot (2,) [m] and the points (N, 2) near it."""
-    spot = np.asarray(spot, dtype=float)
-    points = np.vstack([spot[None], *(np.asarray(other, dtype=float).reshape(-1, 2) for other in others)])
+def bounding_window(spot: np.ndarray, line: np.ndarray, robot: Pose) -> Window:
+    """Returns the window (x_min, y_min, x_max, y_max) [m] around a spot (2,) [m], and a line (N, 2) and robot near it."""
+    points = np.vstack([spot, line, robot[:2]])
     points = points[np.abs(points - spot).max(axis=1) <= MAX_WINDOW_REACH]
-    low = np.floor((points.min(axis=0) - WINDOW_MARGIN) / WINDOW_STEP) * WINDOW_STEP
-    high = np.ceil((points.max(axis=0) + WINDOW_MARGIN) / WINDOW_STEP) * WINDOW_STEP
-    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+    low = points.min(axis=0) - WINDOW_MARGIN
+    high = points.max(axis=0) + WINDOW_MARGIN
+    x_min, y_min = (np.floor(low / WINDOW_STEP) * WINDOW_STEP).tolist()
+    x_max, y_max = (np.ceil(high / WINDOW_STEP) * WINDOW_STEP).tolist()
+    return x_min, y_min, x_max, y_max
 
 
 class ClearanceMap:
@@ -60,7 +62,6 @@ class ClearanceMap:
 
     def has_line_of_sight(self, points: np.ndarray, target) -> np.ndarray:
         """Returns (N,) bool: whether nothing opaque lies between points (N, 2) and a target (2,) [m]."""
-        points = np.asarray(points, dtype=float).reshape(-1, 2)
         offsets = points - np.asarray(target, dtype=float)
         lengths = np.linalg.norm(offsets, axis=1)
         # the samples are at fixed steps from the target, so that a point's result does not depend on the others. The
@@ -68,9 +69,10 @@ class ClearanceMap:
         distances = np.arange(2.0 * self.grid.resolution, lengths.max(initial=0.0), 0.5 * self.grid.resolution)
         units = offsets / np.maximum(lengths, 1e-9)[:, None]
         samples = target + distances[None, :, None] * units[:, None, :]
-        hidden = sample(self.grid, self.opaque, samples.reshape(-1, 2), outside=1.0).reshape(samples.shape[:2])
-        hidden = np.where(distances[None, :] < lengths[:, None], hidden, 0.0)
-        return ~(hidden > 0).any(axis=1)
+        opacity = sample(self.grid, self.opaque, samples.reshape(-1, 2), outside=1.0)
+        is_opaque = opacity.reshape(samples.shape[:2]) > 0
+        is_between = distances < lengths[:, None]
+        return ~(is_opaque & is_between).any(axis=1)
 
     # ------------------------------------------------------------- paths
     def path_lengths(self, start, places: np.ndarray, others=(), barred: Optional[np.ndarray] = None) -> np.ndarray:
@@ -81,7 +83,7 @@ class ClearanceMap:
         """
         coarse = self.grid.resolution * np.sqrt(self.grid.data.size / MAX_PATH_CELLS)
         step = max(1, int(np.ceil(max(PATH_CELL, coarse) / self.grid.resolution - 0.01)))
-        rows, columns = (size // step for size in self.grid.shape)
+        rows, columns = np.array(self.grid.shape) // step
         blocks = self.clearance[: rows * step, : columns * step].reshape(rows, step, columns, step)
         # uses a block's largest clearance, because the smallest would close doorways that are wide enough
         free = blocks.max(axis=(1, 3), initial=0.0) >= self.radius + TRAVEL_MARGIN
@@ -90,35 +92,38 @@ class ClearanceMap:
         cells = np.argwhere(free)
         centers = self.grid.cell_to_world(cells * step + (step - 1) / 2.0)
         for other in others:
-            free[tuple(cells[np.linalg.norm(centers - other, axis=1) < 2.0 * self.radius + TRAVEL_MARGIN].T)] = False
-        distances = np.where(free[tuple(cells.T)], np.linalg.norm(centers - start, axis=1), np.inf)
+            too_near = np.linalg.norm(centers - other, axis=1) < 2.0 * self.radius + TRAVEL_MARGIN
+            free[tuple(cells[too_near].T)] = False
+        distances = np.linalg.norm(centers - start, axis=1)
+        distances[~free[tuple(cells.T)]] = np.inf
         if self.grid.contains_cells(self.grid.world_to_cell(start))[0]:
             entries = np.argsort(distances, kind="stable")[:1]
             entries = entries[distances[entries] <= START_TOLERANCE]
             distances = np.zeros(len(distances))
         else:
-            at_edge = ((cells == 0) | (cells == np.array(free.shape) - 1)).any(axis=1)
+            at_edge = ((cells == 0) | (cells == (rows - 1, columns - 1))).any(axis=1)
             entries = np.flatnonzero(at_edge & np.isfinite(distances))
-        paths = ShortestPaths(np.where(free, step * self.grid.resolution, np.inf), cells[entries], distances[entries])
+        cost = np.where(free, step * self.grid.resolution, np.inf)
+        paths = ShortestPaths(cost, cells[entries], distances[entries])
         targets = self.grid.world_to_cell(places) // step
-        inside = ((targets >= 0) & (targets < np.array(free.shape))).all(axis=1)
+        inside = ((targets >= 0) & (targets < (rows, columns))).all(axis=1)
         lengths = np.full(len(targets), np.inf)
         lengths[inside] = paths.costs[tuple(targets[inside].T)]
         return lengths
 
     # ------------------------------------------------------------- sides
-    def predict_restricted_side(self, seed, chain: np.ndarray, closed: bool) -> Optional[np.ndarray]:
+    def predict_restricted_side(self, seed, chain: np.ndarray, closed: bool) -> np.ndarray:
         """Predicts the area that a border along the chain would restrict with a seed, less exactly than integration.
 
         Args:
             seed: (2,) [m]; chain: (M, 2) [m]; open ends are extended straight to the next obstacle.
 
         Returns:
-            (H, W) bool; None if the chain does not separate any area.
+            (H, W) bool; no cell if the chain does not separate any area.
         """
-        chain = np.asarray(chain, dtype=float).reshape(-1, 2)
+        nowhere = np.zeros(self.grid.shape, dtype=bool)
         if len(chain) < 2:
-            return None
+            return nowhere
         if not closed:
             start = self.ray_end(chain[0], chain[0] - chain[1])
             end = self.ray_end(chain[-1], chain[-1] - chain[-2])
@@ -129,7 +134,7 @@ class ClearanceMap:
         _, labels = cv2.connectedComponents(canvas, connectivity=4)
         label = sample(self.grid, labels, np.asarray(seed, dtype=float).reshape(1, 2))[0]
         side = labels == label
-        return side if label > 0 and side.sum() <= 0.98 * int(canvas.sum()) else None
+        return side if label > 0 and side.sum() <= 0.98 * int(canvas.sum()) else nowhere
 
     def ray_end(self, start: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Returns the point (2,) [m] at which a ray in a direction hits a blocked cell or the map's edge."""
@@ -157,18 +162,20 @@ class ShortestPaths:
 
     def __init__(self, cost: np.ndarray, entries: np.ndarray, entry_costs: np.ndarray) -> None:
         rows, columns = cost.shape
-        index = np.arange(cost.size).reshape(cost.shape)
-        # the start is an additional node; a length of 0 would mean that there is no edge
-        edges = [(np.full(len(entries), cost.size), index[tuple(entries.T)], np.maximum(entry_costs, 1e-6))]
+        nodes = np.arange(cost.size).reshape(cost.shape)
+        start = cost.size  # an additional node
+        # edges (from, to, length); a length of 0 would mean that there is no edge
+        edges = [(np.full(len(entries), start), nodes[tuple(entries.T)], np.maximum(entry_costs, 1e-6))]
         for dr, dc in NEIGHBORS:
-            from_cells = (slice(0, rows - dr), slice(max(0, -dc), columns - max(0, dc)))
-            to_cells = (slice(dr, rows), slice(max(0, dc), columns + min(0, dc)))
+            left, right = max(0, -dc), max(0, dc)
+            from_cells = (slice(0, rows - dr), slice(left, columns - right))
+            to_cells = (slice(dr, rows), slice(right, columns - left))
             length = 0.5 * np.hypot(dr, dc) * (cost[from_cells] + cost[to_cells])
             passable = np.isfinite(length)
-            edges.append((index[from_cells][passable], index[to_cells][passable], length[passable]))
-        sources, targets, length = (np.concatenate(column) for column in zip(*edges))
-        graph = csr_matrix((length, (sources, targets)), shape=(cost.size + 1, cost.size + 1))
-        costs, self._before = dijkstra(graph, directed=False, indices=cost.size, return_predecessors=True)
+            edges.append((nodes[from_cells][passable], nodes[to_cells][passable], length[passable]))
+        sources, targets, lengths = map(np.concatenate, zip(*edges))
+        graph = csr_matrix((lengths, (sources, targets)), shape=(start + 1, start + 1))
+        costs, self._before = dijkstra(graph, directed=False, indices=start, return_predecessors=True)
         self.costs = costs[:-1].reshape(cost.shape)
 
     def path_to(self, cell) -> np.ndarray:

@@ -45,6 +45,7 @@ from vb_robot.subscriptions import RUNNING, contact_message_class, subscribe_map
 STATE_PERIOD = 0.5  # [s] between reports of the source that drives, even if nothing changes
 MIN_STOP = 0.5  # [s] shortest stop that is reported as a notice
 WIRING_PERIOD, AMCL_UPDATE_PERIOD = 1.0, 0.3  # [s] in wall time
+AMCL = {"who": "AMCL"}  # in sentences
 MAX_AMCL_UPDATES = 40  # after so many, AMCL has found its pose, or will not find it
 # codes that are reported as notices, unlike usual ones such as "driving" and "speed_limit"
 STOP_CODES = frozenset(
@@ -168,7 +169,7 @@ class RobotDriverNode:
     def _on_command(self, message: Any) -> None:
         name = message._connection_header.get("callerid", "somebody")
         if name not in self._allowed:
-            self._arbiter.gate.record_other_publisher(name, rospy.get_time())
+            self._arbiter.gate.other_stamps[name] = rospy.get_time()
             self._cmd_vel.publish(Twist())  # the base obeys the newest command, which is this one until the next step
 
     def _on_recovery(self, _message: RecoveryStatus) -> None:
@@ -177,11 +178,10 @@ class RobotDriverNode:
     def _look_for_commanders(self) -> None:
         """Looks up which other nodes can command the base, whether or not they do."""
         try:
-            commanders = find_commanders(rospy.get_name(), self._profile.base, rosgraph.Master(rospy.get_name()))
+            others, self._allowed, self._base_listens = find_commanders(rospy.get_name(), self._profile.base)
         except (rosgraph.MasterException, OSError):
             return  # without the master, no other node can be connected either
-        self._allowed, self._base_listens = commanders.allowed, commanders.has_listener
-        self._arbiter.gate.other_commanders = tuple(sorted(commanders.others))
+        self._arbiter.gate.other_commanders = tuple(sorted(others))
 
     def _on_state(self, message: InteractionState) -> None:
         entered, stamp = message.entered.to_sec(), message.header.stamp.to_sec()
@@ -258,7 +258,7 @@ class RobotDriverNode:
         if self._amcl_updates_left and self._arbiter.gate.pose_uncertain:
             self._amcl_updates_left -= 1
             try:
-                call("request_nomotion_update", Empty, EmptyRequest(), "AMCL", AMCL_UPDATE_PERIOD, AMCL_UPDATE_PERIOD)
+                call("request_nomotion_update", Empty, EmptyRequest(), AMCL, AMCL_UPDATE_PERIOD, AMCL_UPDATE_PERIOD)
             except CodedError as error:
                 rospy.logwarn_throttle(10.0, f"{rospy.get_name()}: {error}")
 

@@ -33,7 +33,7 @@ class BorderServices:
 
     def fetch_drawn_border(self, interaction_id: str) -> VirtualBorder:
         """Fetches the border as drawn, ready to be added."""
-        drawn = self._call(names.GET_DRAWN_BORDER, GetDrawnBorder, "$border_fusion", interaction_id=interaction_id)
+        drawn = self._call(names.GET_DRAWN_BORDER, GetDrawnBorder, "border_fusion", interaction_id=interaction_id)
         border = _checked(drawn).border
         border.occupancy = self._occupancy
         border.enabled = True
@@ -59,9 +59,9 @@ class BorderServices:
         return border, answer
 
     @staticmethod
-    def _call(name: str, service: Type, answering_node: str = "$map_integrator", **fields: Any) -> Any:
+    def _call(name: str, service: Type, answering_node: str = "map_integrator", **fields: Any) -> Any:
         request = service._request_class(**fields)
-        return services.call(name, service, request, answering_node, SERVICE_TIMEOUT, RESPONSE_TIMEOUT)
+        return services.call(name, service, request, {"who_code": answering_node}, SERVICE_TIMEOUT, RESPONSE_TIMEOUT)
 
 
 def _checked(response: Any) -> Any:

@@ -47,7 +47,6 @@ class ButtonsNode:
         self._map = ButtonMap(params.mapping, params.by_state)
         self._state = "default"
         self._command_sender = commands.CommandSender("buttons", self._on_answer)
-        self._command_sender.connect()
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=1)
         rospy.Subscriber("joy", Joy, self._on_joy, queue_size=20)
 

@@ -241,7 +241,7 @@ class InteractionManagerNode:
         cameras = self._contributing_cameras.get(ended.interaction_id, [])
         rospy.loginfo("interaction %s %s after %.1f s", ended.interaction_id, ended.outcome, ended.total_s)
         try:
-            append_line(self._log_file, ended.to_json(self._params.method, cameras), private=True)
+            append_line(self._log_file, ended.to_json(self._params.method, cameras))
         except OSError as error:
             rospy.logwarn("interaction_manager: cannot write %s: %s", self._log_file, error)
 

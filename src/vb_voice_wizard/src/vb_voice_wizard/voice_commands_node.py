@@ -77,7 +77,6 @@ class VoiceCommandsNode:
         self._sound_publisher = rospy.Publisher(names.SOUND, Sound, queue_size=10)
         # sends from another thread, because an answer may take seconds and listening must continue
         self._command_sender = commands.CommandSender("voice", self._on_answer)
-        self._command_sender.connect()
         node.Worker(self._samples, self._listen)
         node.Worker(self._watch_timer, lambda _woken: self._check_sound())
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=10)

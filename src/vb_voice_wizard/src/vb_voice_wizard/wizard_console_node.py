@@ -54,7 +54,6 @@ class WizardConsoleNode:
         self._heard_at = 0.0
         self._last_answered: Optional[rospy.Time] = None
         self._command_sender = commands.CommandSender(source, self._on_answer)
-        self._command_sender.connect()
         self._notices = NoticeListener()
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
         rospy.Subscriber(names.PROGRESS, BorderProgress, partial(setattr, self._content, "progress"), queue_size=1)

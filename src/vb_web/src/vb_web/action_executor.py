@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import copy
-from typing import Any, Callable, Dict, Optional
+from typing import Any, Callable, Dict, Mapping, Optional
 
 from geometry_msgs.msg import Point
 from vb_msgs.msg import VirtualBorder
@@ -26,8 +26,7 @@ from vb_web.page_messages import apply_draft, issues_section, region_uri
 from vb_web.page_view import answer_from_error, make_answer, rounded
 
 _TIMEOUT = 20.0  # [s] a preview of 16 million cells takes half a second on a busy computer
-_INTEGRATOR = "$map_integrator"
-_MONITOR = "$robot_monitor"
+_MONITOR = {"who_code": "robot_monitor"}
 _CHANGES = {  # to a stored border: services whose fields have the same names as the request's
     "update": (names.UPDATE_BORDER, UpdateBorder),
     "rename": (names.RENAME_BORDER, RenameBorder),
@@ -55,7 +54,6 @@ class ActionExecutor:
         self._has_manager = has_manager
         self._make_invitation = make_invitation
         self._command_sender = CommandSender("page", self._on_answer)
-        self._command_sender.connect()
 
     def carry_out(self, request: ActionRequest, source: str) -> Dict[str, Any]:
         """Carries out a request and returns its answer.
@@ -142,7 +140,9 @@ class ActionExecutor:
         return {**make_answer("ok", True, {}, ""), **self._make_invitation()}
 
 
-def _call(service_name: str, service: Any, answering_node: str = _INTEGRATOR, **fields: Any) -> Any:
+def _call(
+    service_name: str, service: Any, answering_node: Mapping[str, str] = services.INTEGRATOR, **fields: Any
+) -> Any:
     """Calls a service with a request of these fields."""
     request = service._request_class(**fields)
     return services.call(service_name, service, request, answering_node, response_timeout=_TIMEOUT)

@@ -180,7 +180,7 @@ def detector_entry(message: DetectorStatus) -> Dict[str, Any]:
 def driver_entry(message: DriverState) -> Dict[str, Any]:
     """Converts who drives a robot, and the sentence that says why it stands or drives."""
     code = "robot_stopped_inside_border" if message.code == "inside_border" else f"robot_{message.code}"
-    values = {"who": sentences.robot_placeholder(message.robot), "others": "$page_other_program"}
+    values = {**sentences.robot_values(message.robot), "others_code": "page_other_program"}
     return {"source": message.source, "code": code, "values": values, "message": message.message}
 
 

@@ -26,7 +26,7 @@ from vb_core.vocabulary import STOP
 from vb_msgs.msg import DriverState, InteractionState, RobotStatus, RobotStatusArray, Stop
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
-MANAGER = "$interaction_manager"
+MANAGER = {"who_code": "interaction_manager"}
 VALIDITY = 5.0  # [s] a command is valid; if a busy manager carried it out later, it would surprise people
 RESPONSE_TIMEOUT = 15.0  # [s] longer than the manager waits for other nodes, so that its answer arrives
 _STOP_TIMEOUT = 5.0  # [s] after which the manager counts as hanging: people who stop a robot must not wait longer
@@ -94,10 +94,6 @@ class CommandSender:
         # pairs of the time [s] at which a number became known, and the number
         self._stop_numbers: Deque[Tuple[float, str]] = deque([(-math.inf, _NO_STOP)], maxlen=64)
         self._held: Dict[str, Sequence[str]] = {}  # ids of the stops that each robot holds
-        self._stop: Optional[rospy.Publisher] = None
-
-    def connect(self) -> None:
-        """Connects to the interaction's state and the robots. The node must be registered."""
         self._stop = rospy.Publisher(names.STOP, Stop, queue_size=5)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=1, tcp_nodelay=True)
         rospy.Subscriber(names.DRIVERS, DriverState, self._on_robot, queue_size=20)
@@ -149,7 +145,7 @@ class CommandSender:
             seen_stop = self.stop_number(given_at)
         request = make_request(command, source, VALIDITY - (time.monotonic() - given_at), uncertain, seen_stop)
         request.id = identity or request.id
-        if command == STOP and self._stop is not None:
+        if command == STOP:
             self._stop.publish(Stop(id=request.id, source=source))
         answered = threading.Event()
         with self._lock:
@@ -177,7 +173,7 @@ class CommandSender:
         answer, error = None, None
         try:
             if request.command != STOP and time.monotonic() - given_at > VALIDITY:
-                raise CodedError("expired", command=f"$command_{request.command}")
+                raise CodedError("expired", command_code=f"command_{request.command}")
             answer = carry_out(request) if request.command != STOP else self._send_stop(request)
         except CodedError as caught:
             error = caught
@@ -206,6 +202,6 @@ class CommandSender:
         if not robots:
             raise CodedError("stop_unconfirmed")
         # the robots keep the stop, and report it to the manager when it runs again
-        values = {"robots": ", ".join(map(sentences.robot_placeholder, robots))}
+        values = sentences.robot_values(*robots, key="robots")
         message = sentences.translate("stop_held", values)
         return CommandResponse(True, "stop_held", message, values_from_mapping(values))

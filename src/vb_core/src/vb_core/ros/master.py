@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Optional, Set
+from typing import Optional, Set, Tuple
 
 import rosgraph
 import rospy
@@ -19,31 +18,21 @@ def read_graph(master: Optional[rosgraph.Master] = None) -> NodeGraph:
     return NodeGraph(*master.getSystemState(), dict(master.getTopicTypes()))
 
 
-@dataclass(frozen=True)
-class Commanders:
-    """The nodes that can command a base.
-
-    Attributes:
-        others: running nodes that can command the base past the driver.
-        allowed: the driver, its mux, and trusted nodes.
-        has_listener: whether any node subscribes to the driver's commands.
-    """
-
-    others: Set[str]
-    allowed: Set[str]
-    has_listener: bool
-
-
-def find_commanders(driver: str, base: Base, master: rosgraph.Master) -> Commanders:
+def find_commanders(driver: str, base: Base) -> Tuple[Set[str], Set[str], bool]:
     """Finds who can command a base. `driver` is the driver node's full name, in the robot's namespace.
+
+    Returns:
+        The running nodes that can command the base past the driver; the driver, its muxes and trusted nodes, which may; and
+        whether any node subscribes to the driver's commands.
 
     Raises:
         rosgraph.MasterException, OSError: if the master does not answer.
     """
     namespace = driver.rpartition("/")[0] + "/"
     relative_names = (base.topic, base.output, *base.trusted)
-    topic, output, *trusted = (name and rosgraph.names.ns_join(namespace, name) for name in relative_names)
+    topic, output, *trusted = [name and rosgraph.names.ns_join(namespace, name) for name in relative_names]
+    master = rosgraph.Master(driver)
     graph = read_graph(master)
     other_commanders, muxes = graph.find_other_commanders(driver, topic, output)
     other_commanders = {name for name in other_commanders - set(trusted) if not has_exited(master, name)}
-    return Commanders(other_commanders, {driver, *muxes, *trusted}, graph.has_subscriber(driver, topic))
+    return other_commanders, {driver, *muxes, *trusted}, graph.has_subscriber(driver, topic)

@@ -85,7 +85,7 @@ def _interface(name: str, build: Callable[[], Any]) -> str:
     returned = build.__annotations__.get("return", "")
     class_ = build.__globals__.get(returned) if isinstance(returned, str) else returned
     text = inspect.getdoc(class_) or inspect.getdoc(sys.modules[build.__module__]) or ""
-    values = Path(build.__code__.co_filename).resolve().parent.parent.parent / "config" / f"{name}.yaml"
+    values = Path(build.__code__.co_filename).resolve().parents[2] / "config" / f"{name}.yaml"
     parameters = f"\n\nParameters and their defaults: {values}" if values.is_file() else ""
     return f"{name}\n\n{text}{parameters}"
 

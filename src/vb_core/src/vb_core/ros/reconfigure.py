@@ -18,8 +18,8 @@ from vb_core.parameters import Parameters
 
 P = TypeVar("P", bound=Parameters)
 
-_KINDS = {bool: "bool", int: "int", float: "double"}
-_LIMIT = {bool: (False, True), int: (-(2**31), 2**31 - 1), float: (-1e9, 1e9)}
+# each type's name, smallest and largest value
+_KINDS = {bool: ("bool", False, True), int: ("int", -(2**31), 2**31 - 1), float: ("double", -1e9, 1e9)}
 
 
 def reconfigure_description(params: Parameters, fixed: Sequence[str] = ()) -> Any:
@@ -37,11 +37,11 @@ def reconfigure_description(params: Parameters, fixed: Sequence[str] = ()) -> An
             continue
         metadata = field.metadata
         minimum = metadata["low"] if metadata["low"] is not None else metadata["above"]
-        type_minimum, type_maximum = _LIMIT[value_type]
+        kind, type_minimum, type_maximum = _KINDS[value_type]
         unit = f" [{metadata['unit']}]" if metadata["unit"] else ""
         entry = {
             "name": field.name,
-            "type": _KINDS[value_type],
+            "type": kind,
             "default": value,
             "min": value_type(type_minimum if minimum is None else minimum),
             "max": value_type(type_maximum if metadata["high"] is None else metadata["high"]),

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import queue
 import threading
-from typing import Any, Type
+from typing import Any, Mapping, Type
 
 import rospy
 
 from vb_core.errors import CodedError
 
+INTEGRATOR = {"who_code": "map_integrator"}  # how an error's sentence names the node
 UNANSWERED = ("no_service", "no_response")  # codes for a service that does not answer; others come from the service
 
 
@@ -17,7 +18,7 @@ def call(
     name: str,
     service: Type,
     request: Any,
-    answering_node: str,
+    answering_node: Mapping[str, str],
     service_timeout: float = 1.0,
     response_timeout: float = 5.0,
 ) -> Any:
@@ -29,7 +30,7 @@ def call(
     Args:
         name: the service's name.
         service: the service's class, for instance vb_msgs.srv.AddBorder.
-        answering_node: the node's name in the error's sentence: "the map integrator", or "$map_integrator" to translate it.
+        answering_node: {who} in the error's sentence: {"who": "AMCL"}, or {"who_code": "map_integrator"} to translate it.
         service_timeout: [s] how long to wait for the service to appear.
         response_timeout: [s] how long to wait for its response after that.
 
@@ -55,5 +56,5 @@ def call(
         error = TimeoutError(f"no response within {response_timeout:g} s")
     if error is not None:
         code = "no_response" if is_sent.is_set() else "no_service"
-        raise CodedError(code, who=answering_node) from error
+        raise CodedError(code, **answering_node) from error
     return response

@@ -22,7 +22,7 @@ from vb_core import geometry, names, sentences
 from vb_core.errors import CodedError
 from vb_core.navigation_parameters import is_trinary
 from vb_core.ros import messages
-from vb_core.ros.services import call
+from vb_core.ros.services import INTEGRATOR, call
 from vb_core.ros.transforms import TransformLookup
 from vb_evaluation.navigation_check.plan_observer import Observer, wait_until
 from vb_msgs.msg import RobotStatus, RobotStatusArray, VirtualBorder
@@ -122,13 +122,13 @@ class NavigationCheck:
         corners = middle + 0.5 * self._size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
         border.points = messages.points_from_array(corners)
         border.seed = messages.points_from_array(middle[None])[0]
-        reply = call(names.ADD_BORDER, AddBorder, AddBorderRequest(border=border, source="check"), "the map integrator")
+        reply = call(names.ADD_BORDER, AddBorder, AddBorderRequest(border=border, source="check"), INTEGRATOR)
         if not reply.success:
             raise CodedError("refused", f"the map integrator does not take the border ({reply.code}): {reply.message}")
         try:
             yield
         finally:
-            call(names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(id=reply.id), "the map integrator")
+            call(names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(id=reply.id), INTEGRATOR)
 
     def _check_soft_border(self, plan_avoids_border: Callable[[], bool]) -> Check:
         """Checks a soft border, if move_base is configured to see one."""

@@ -87,7 +87,7 @@ def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> 
     is_flat = np.abs(double_areas).min() < _MIN_DISTANCE * longest
     turns_both_ways = double_areas.min() < 0 < double_areas.max()
     if is_flat or turns_both_ways:
-        raise CodedError("bad_click", reason="$clicks_out_of_order")
+        raise CodedError("bad_click", reason_code="clicks_out_of_order")
     # the homography is relative to the points' centroid, because large coordinates would reduce its precision
     centroid = points.mean(axis=0)
     relative_points = (points - centroid).astype(np.float32)

@@ -129,7 +129,8 @@ class CameraFeed:
             if is_device(self._source.address):
                 v4l2_controls.set_controls(self._source.address, params)
             elif params.exposure or params.white_balance:
-                raise CodedError("control_refused", source=without_password(self._source.address), why="$only_devices")
+                address = without_password(self._source.address)
+                raise CodedError("control_refused", source=address, why_code="only_devices")
             self._source.params = params
         self._report.clear_refused_setting()
 

@@ -157,7 +157,8 @@ class DispatchPolicy:
             self._forget_failures()
         self._previous_time, self._previous_key = now, key
         self._failures = [failure for failure in self._failures if now - failure.time < FAILED_MEMORY]
-        self._hidden = self._hidden if unseen > LOST_TIMEOUT else []
+        if unseen <= LOST_TIMEOUT:
+            self._hidden = []
         wanted = robots if key is not None else {}
         able = {name: status for name, status in wanted.items() if status.has_navigation and status.pose is not None}
         if self.serving not in able:
@@ -267,7 +268,9 @@ class DispatchPolicy:
     def _is_near_goal(self, chosen: Optional[Viewpoint], status: DispatchStatus) -> bool:
         """Returns whether a viewpoint is close to where the robot already is or is going."""
         goal = self.goal
-        if chosen is None or goal is None or math.dist(chosen.pose[:2], goal.pose[:2]) >= MIN_GAIN:
+        if chosen is None or goal is None:
             return False
+        distance = math.dist(chosen.pose[:2], goal.pose[:2])
         turn = abs(math.remainder(chosen.pose[2] - goal.pose[2], 2.0 * math.pi))
-        return turn < MIN_TURN and (status.goal.is_running or math.dist(status.pose[:2], goal.pose[:2]) <= MIN_GAIN)
+        has_arrived = math.dist(status.pose[:2], goal.pose[:2]) <= MIN_GAIN
+        return distance < MIN_GAIN and turn < MIN_TURN and (status.goal.is_running or has_arrived)

@@ -39,7 +39,7 @@ class RobotMap:
         borders, physical = self._maps
         if self._view is None or status.pose is None or borders is None:
             return None
-        window = bounding_window(drawing.spot, drawing.chain, [status.pose[:2]])
+        window = bounding_window(drawing.spot, drawing.chain, status.pose)
         if self._clearance_map is None or self._clearance_map[0] != window:
             view_grid = crop(physical, window) if physical is not None else None
             self._clearance_map = window, ClearanceMap(crop(borders, window), self._radius, view_grid)

@@ -74,8 +74,9 @@ class DrawingState:
         """Extrapolates the line from the spot, (K, 2) [m], up to a wall at most; the spot alone if it does not move."""
         if self.velocity is None or self.marks_side:
             return np.array([self.spot])
-        room = float(np.linalg.norm(clearance_map.ray_end(self.spot, self.velocity) - self.spot)) - STEP
-        lengths = np.arange(0.0, min(LINE_AHEAD, max(0.0, room)) + 1e-9, STEP)
+        wall = clearance_map.ray_end(self.spot, self.velocity)
+        room = max(0.0, float(np.linalg.norm(wall - self.spot)) - STEP)
+        lengths = np.arange(0.0, min(LINE_AHEAD, room) + 1e-9, STEP)
         return self.spot + lengths[:, None] * self.velocity / np.linalg.norm(self.velocity)
 
     def target_point(self, ahead: np.ndarray) -> np.ndarray:
@@ -84,18 +85,18 @@ class DrawingState:
         length = min(max(0.5 * REACTION * speed, MIN_LOOKAHEAD), MAX_LOOKAHEAD)
         return ahead[min(int(round(length / STEP)), len(ahead) - 1)]
 
-    def expected_area(self, clearance_map: ClearanceMap) -> Optional[np.ndarray]:
-        """Predicts which cells (H, W) bool the border will restrict, or returns None if it is too early to tell.
+    def expected_area(self, clearance_map: ClearanceMap) -> np.ndarray:
+        """Predicts which cells (H, W) bool the border will restrict: none if it is too early to tell.
 
         While the seed is shown, this is the seed's side. Before that, it is the area between the line and the straight
         line that joins its ends, because a half-drawn polygon looks like a curve.
         """
         if self.marks_side:
             return clearance_map.predict_restricted_side(self.spot, self.chain, self.closed)
-        if len(self.chain) < 2 or float(np.ptp(self.chain, axis=0).max()) < MIN_LINE:
-            return None
         canvas = np.zeros(clearance_map.grid.shape, dtype=np.uint8)
-        cv2.fillPoly(canvas, [np.rint(clearance_map.grid.world_to_grid(self.chain)).astype(np.int32)[:, None]], 1)
+        if len(self.chain) > 1 and np.ptp(self.chain, axis=0).max() >= MIN_LINE:
+            pixels = np.rint(clearance_map.grid.world_to_grid(self.chain)).astype(np.int32)
+            cv2.fillPoly(canvas, [pixels[:, None]], 1)
         return canvas.astype(bool)
 
 
@@ -122,10 +123,12 @@ class RobotCameraView:
     def pixels(self, points: np.ndarray) -> np.ndarray:
         """Projects floor points (N, 2) [m], base frame, to pixels (N, 2) [px], or NaN far outside the image."""
         points = np.asarray(points, dtype=float).reshape(-1, 2)
-        points = geometry.transform_points(self._T_camera_base, np.column_stack([points, np.zeros(len(points))]))
-        ahead = (points[:, 2] > 1e-6) & (np.hypot(points[:, 0], points[:, 1]) <= self._widest * points[:, 2])
+        floor_points = np.column_stack([points, np.zeros(len(points))])
+        in_camera = geometry.transform_points(self._T_camera_base, floor_points)
+        x, y, depth = in_camera.T
+        ahead = (depth > 1e-6) & (np.hypot(x, y) <= self._widest * depth)
         pixels = np.full((len(points), 2), np.nan)
-        pixels[ahead] = self.camera.project(points[ahead])
+        pixels[ahead] = self.camera.project(in_camera[ahead])
         return pixels
 
     def sees(self, points: np.ndarray, margin: Union[float, np.ndarray] = 0.0) -> np.ndarray:
@@ -135,12 +138,13 @@ class RobotCameraView:
             margin: minimum distance from the image's edges, as a fraction of width and height, or (2,) of each.
         """
         points = np.asarray(points, dtype=float).reshape(-1, 2)
-        width, height = self.camera.width, self.camera.height
+        size = np.array([self.camera.width, self.camera.height])
+        edges = margin * size
         pixels = self.pixels(points)
-        edges = margin * np.array([width, height])
         with np.errstate(invalid="ignore"):
-            inside = ((pixels >= edges - 0.5) & (pixels <= np.array([width, height]) - 0.5 - edges)).all(axis=1)
-        return inside & (np.hypot(points[:, 0], points[:, 1]) <= self.max_range)
+            inside = ((pixels >= edges - 0.5) & (pixels <= size - 0.5 - edges)).all(axis=1)
+        in_range = np.hypot(points[:, 0], points[:, 1]) <= self.max_range
+        return inside & in_range
 
 
 @dataclass(frozen=True)
@@ -168,10 +172,12 @@ class ViewpointPlanner:
         self.target_point = drawing.target_point(self._ahead)
         area = drawing.expected_area(clearance_map)
         # the robot stands and drives clear of the future border's area, so that the border does not lock it in
-        area_distance = None if area is None else clearance_grid(area, clearance_map.grid.resolution)
-        self._outside = None if area_distance is None else area_distance >= clearance_map.radius + STOP_MARGIN
-        self._touching = None if area_distance is None else area_distance < clearance_map.radius
-        drawn = geometry.resample_chain(drawing.chain, 0.1, drawing.closed) if len(drawing.chain) > 1 else drawing.chain
+        area_distance = clearance_grid(area, clearance_map.grid.resolution)
+        self._outside = area_distance >= clearance_map.radius + STOP_MARGIN
+        self._touching = area_distance < clearance_map.radius
+        drawn = drawing.chain
+        if len(drawn) > 1:
+            drawn = geometry.resample_chain(drawn, 0.1, drawing.closed)
         self._line = np.vstack([self._ahead, drawn])
 
     def shows_target(self, pose: Pose) -> bool:
@@ -197,7 +203,8 @@ class ViewpointPlanner:
         keep = self.view.sees(np.column_stack([distances, np.zeros_like(distances)]), IMAGE_MARGIN)
         keep &= self.clearance_map.has_room_at(places)
         min_gap = 2.0 * self.clearance_map.radius + STOP_MARGIN
-        for x, y, radius in [*((*other, min_gap) for other in self._others), *avoid]:
+        robot_circles = [(x, y, min_gap) for x, y in self._others]
+        for x, y, radius in [*robot_circles, *avoid]:
             keep &= np.hypot(places[:, 0] - x, places[:, 1] - y) >= radius
         keep[keep] = self._shows(places[keep], yaws[keep])
         places, yaws, distances = places[keep], yaws[keep], distances[keep]
@@ -210,26 +217,30 @@ class ViewpointPlanner:
         lengths[moves < 1e-6] = 0.0
         # the robot first turns towards the position and there to the yaw, or only to the yaw if it is there already
         heading = np.where(moves < 0.1, robot[2], np.arctan2(offsets[:, 1], offsets[:, 0]))
-        turns = np.abs([np.arctan2(np.sin(turn), np.cos(turn)) for turn in (heading - robot[2], yaws - heading)])
+        turns = np.array([heading - robot[2], yaws - heading])
+        turns = np.abs(np.arctan2(np.sin(turns), np.cos(turns)))
         cost = lengths + TURN_COST * turns.sum(axis=0) + DISTANCE_COST * np.abs(distances - BEST_DISTANCE)
-        cost += UNSEEN_COST * (1.0 - self._seen(self._ahead, places, yaws).mean(axis=1))
+        seen_part = self._seen(self._ahead, places, yaws).mean(axis=1)
+        cost += UNSEEN_COST * (1.0 - seen_part)
         # while the seed is shown, the border may be saved at any moment, so a robot that need not come waits
         waits = self.drawing.marks_side and self.drawing.seen_by_stationary
         cost += np.where(crossing, np.inf if waits else LOCKED_COST, 0.0) + LOCKED_COST * ~self._is_outside(places)
         best = int(np.argmin(cost))
         if not np.isfinite(cost[best]):
             return self._retreat(robot)
-        return Viewpoint((*places[best].tolist(), geometry.wrap_angle(float(yaws[best]))), float(cost[best]))
+        yaw = geometry.wrap_angle(float(yaws[best]))
+        return Viewpoint((*places[best].tolist(), yaw), float(cost[best]))
 
     def _cross_area(self, robot: Pose, places: np.ndarray, lengths: np.ndarray) -> np.ndarray:
         """Returns (N,) bool: whether the shortest path to each place, of these lengths [m], crosses the expected area.
 
         Navigation does not know the border before it is saved. A robot that is on the area must leave it in any case.
         """
-        touching, grid = self._touching, self.clearance_map.grid
-        if touching is None or sample(grid, touching, np.array([robot[:2]]), outside=0.0)[0]:
+        is_touching = sample(self.clearance_map.grid, self._touching, np.array([robot[:2]]))[0]
+        if is_touching or not self._touching.any():
             return np.zeros(len(places), dtype=bool)
-        return self.clearance_map.path_lengths(robot[:2], places, self._others, touching) > lengths + 1e-6
+        detours = self.clearance_map.path_lengths(robot[:2], places, self._others, self._touching)
+        return detours > lengths + 1e-6
 
     # ------------------------------------------------------------- one test for all poses
     def _shows(self, places: np.ndarray, yaws: np.ndarray) -> np.ndarray:
@@ -246,17 +257,17 @@ class ViewpointPlanner:
 
     def _is_outside(self, places: np.ndarray) -> np.ndarray:
         """Returns (N,) bool: which places (N, 2) [m] are probably outside the area that the border will restrict."""
-        if self._outside is None:
-            return np.ones(len(places), dtype=bool)
         return sample(self.clearance_map.grid, self._outside, places, outside=1.0) > 0
 
     def _seen(self, points: np.ndarray, places: np.ndarray, yaws: np.ndarray, margin: float = 0.0) -> np.ndarray:
         """Returns (N, K) bool: which points (K, 2) [m] are in the image from each pose."""
-        ahead = np.column_stack([np.cos(yaws), np.sin(yaws)])
-        left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
-        offsets = points[None, :, :] - places[:, None, :]
-        in_base = np.stack([(offsets * axis[:, None, :]).sum(axis=2) for axis in (ahead, left)], axis=2)
-        return self.view.sees(in_base.reshape(-1, 2), margin).reshape(len(places), len(points))
+        x, y = (points[:, None] - places).T  # (N, K) each, from a pose to a point, map frame
+        cosines = np.cos(yaws)[:, None]
+        sines = np.sin(yaws)[:, None]
+        ahead = x * cosines + y * sines
+        left = y * cosines - x * sines
+        in_base = np.column_stack([ahead.ravel(), left.ravel()])
+        return self.view.sees(in_base, margin).reshape(ahead.shape)
 
     def _retreat(self, robot: Pose) -> Optional[Viewpoint]:
         """Returns the nearest pose off the side that the seed marks, if the robot is on it."""
@@ -279,10 +290,12 @@ def _poses_around(target_point: np.ndarray, robot: Pose) -> Tuple[np.ndarray, np
     robot_distance = float(np.hypot(x, y))
     robot_yaw = math.atan2(y, x)
     # starts at the robot's own bearing, so that a robot that only has to come nearer need not drive around the point
-    yaw = np.arange(BEARINGS) * (2.0 * math.pi / BEARINGS) + robot_yaw
-    distance, yaw = (values.ravel() for values in np.meshgrid(np.linspace(MIN_DISTANCE, MAX_DISTANCE, DISTANCES), yaw))
+    bearings = np.arange(BEARINGS) * (2.0 * math.pi / BEARINGS) + robot_yaw
+    distance = np.tile(np.linspace(MIN_DISTANCE, MAX_DISTANCE, DISTANCES), BEARINGS)
+    yaw = np.repeat(bearings, DISTANCES)
     if 0.8 * MIN_DISTANCE <= robot_distance <= 1.3 * MAX_DISTANCE:
         # turning is quicker than driving to a slightly better position
         distance = np.append(distance, robot_distance)
         yaw = np.append(yaw, robot_yaw)
-    return target_point - distance[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)]), yaw, distance
+    directions = np.column_stack([np.cos(yaw), np.sin(yaw)])
+    return target_point - distance[:, None] * directions, yaw, distance

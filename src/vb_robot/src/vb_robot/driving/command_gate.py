@@ -67,9 +67,10 @@ class CommandGate:
     Attributes:
         workspace: the maps; None while they are not known.
         speed_limits: the map of the slow zones' limits, if there is one.
-        contacts: for each (topic, sensor), the motion that its contact forbids: "forward" or "all".
+        contacts: for each (topic, sensor), the motion that its contact forbids: "forward", "all", or "" without contact.
         pose_uncertain: whether the localisation reports that the robot may be anywhere.
         other_commanders: other nodes that can command this robot's base now.
+        other_stamps: [s] of the last command to this robot's base of each other node, by its name.
         clock_age: [s] of real time since ROS's clock last moved; while it stands still, stamps do not show their age.
         stamps: [s] of the newest scan, state, pose and spot, and of each source's newest command, by name.
     """
@@ -86,12 +87,11 @@ class CommandGate:
         self._lock = threading.RLock()
         self._scan: Optional[Scan] = None
         self._recent_fixes: Deque[Fix] = deque(maxlen=64)
-        self._pose_known = False  # whether the newest fix is still valid
         self._periods: Dict[str, Deque[float]] = {}  # [s] between an input's newest messages
         self._corrected_stamp = 0.0  # [s] stamp of the localisation's newest correction
         self._corrected_at = -math.inf  # [s] when it arrived
         self._jump_hold_until = -math.inf
-        self._other_publishers: Dict[str, float] = {}  # [s] time of the last command, by other node
+        self.other_stamps: Dict[str, float] = {}
         self._last_limited = -math.inf  # [s] time of the last call of `limit`
 
     # ------------------------------------------------------------- inputs
@@ -114,21 +114,21 @@ class CommandGate:
         with self._lock:
             if correction != self._corrected_stamp:
                 self._corrected_stamp, self._corrected_at = correction, stamp
-            stamp = min(stamp, self._corrected_at) if correction else stamp
-            was_located = self._pose_known
-            self._pose_known = pose is not None
+            if correction:
+                stamp = min(stamp, self._corrected_at)
             if pose is None:
                 self.stamps.pop("pose", None)
                 return
             fix = Fix(stamp, pose, odometry)
             recent_fixes = self._recent_fixes
-            if not was_located or not recent_fixes or stamp != recent_fixes[-1].stamp:
+            if "pose" not in self.stamps or stamp != recent_fixes[-1].stamp:
                 self.record_input("pose", stamp)  # a repeated pose is as old as before
             # the last fix stays at any age, because the pose must agree with the odometry even after a pause
             while len(recent_fixes) > 1 and not stamp - JUMP_WINDOW <= recent_fixes[0].stamp <= stamp:
                 recent_fixes.popleft()
-            compared_fixes = {recent_fixes[0], recent_fixes[-1]} if recent_fixes else ()
-            if any(earlier.stamp <= stamp and pose_jump(earlier, fix) > MAX_POSE_JUMP for earlier in compared_fixes):
+            compared_fixes = [recent_fixes[0], recent_fixes[-1]] if recent_fixes else []
+            jumps = [pose_jump(earlier, fix) for earlier in compared_fixes if earlier.stamp <= stamp]
+            if any(jump > MAX_POSE_JUMP for jump in jumps):
                 self._jump_hold_until = stamp + POSE_JUMP_HOLD
                 recent_fixes.clear()
             recent_fixes.append(fix)
@@ -145,18 +145,12 @@ class CommandGate:
     def set_contact(self, sensor: Tuple[str, int], blocks: str) -> None:
         """Stores the motion that a sensor's contact forbids: "forward", "all", or "" without contact."""
         with self._lock:
-            self.contacts.pop(sensor, None)
-            if blocks:
-                self.contacts[sensor] = blocks
-
-    def record_other_publisher(self, name: str, now: float) -> None:
-        """Records that another node has commanded this robot's base."""
-        self._other_publishers[name] = now
+            self.contacts[sensor] = blocks
 
     # ------------------------------------------------------------- state
     def other_publishers(self, now: float) -> str:
         """Returns the other nodes that can command the robot, or did in the last second."""
-        publishers = list(self._other_publishers.items())
+        publishers = list(self.other_stamps.items())
         recent = [name for name, stamp in publishers if 0.0 <= now - stamp <= OTHER_PUBLISHER_HOLD]
         return ", ".join(sorted({*recent, *self.other_commanders}))
 
@@ -164,8 +158,9 @@ class CommandGate:
         """Returns the robot's pose, or None if it is unknown or has just jumped."""
         if self._jump_hold_until > now + POSE_JUMP_HOLD + MAX_FUTURE_STAMP:
             self._jump_hold_until = -math.inf  # time has jumped back
-        unknown = not self._pose_known or self.pose_uncertain or now < self._jump_hold_until
-        return None if unknown or self._age(now, "pose") > INPUT_TIMEOUT else self._recent_fixes[-1].pose
+        if self.pose_uncertain or now < self._jump_hold_until or self._age(now, "pose") > INPUT_TIMEOUT:
+            return None
+        return self._recent_fixes[-1].pose
 
     # ------------------------------------------------------------- commands
     def limit(self, now: float, source: str, request: VelocityRequest) -> VelocityRequest:
@@ -230,21 +225,24 @@ class CommandGate:
         """Returns the highest speed [m/s] on the arc of (v, w), and the code of what limits it."""
         limits, radius = self.profile.limits, self.profile.radius
         clearance = CLEARANCES[source]
-        max_speed = min(MAX_SPEED, limits.max_speed) if source in (FOLLOW, ESCAPE) else limits.max_speed
+        max_speed = limits.max_speed
+        if source in (FOLLOW, ESCAPE):
+            max_speed = min(MAX_SPEED, max_speed)
         speeds = [(max_speed, "speed_limit")]
-        if v > 0 and self.contacts:
+        if v > 0 and any(self.contacts.values()):
             speeds.append((0.0, "contact"))
-        unscanned = self._scan is None or not self.profile.scanner.present
+        scan = self._scan if self.profile.scanner.present else None
         delay = limits.reaction_time
-        if not unscanned:
-            assert self._scan is not None
+        is_scanned = False
+        if scan is not None:
             # the scan's age counts instead of the reaction time if it is longer
             latency = max(delay, now - self.stamps["scan"] + 1.0 / RATE + BASE_DELAY)
-            speeds.append((safe_speed(self._scan.free_distance(v, w, radius, clearance), limits, latency), "obstacle"))
-            unscanned = not self._scan.sees_path(v, w, radius, stop_distance(v, limits, latency))
-            if unscanned and source != TELEOP:
+            free = scan.free_distance(v, w, radius, clearance)
+            speeds.append((safe_speed(free, limits, latency), "obstacle"))
+            is_scanned = scan.sees_path(v, w, radius, stop_distance(v, limits, latency))
+            if not is_scanned and source != TELEOP:
                 speeds.append((0.0, "floor_not_scanned"))
-        if unscanned:
+        if not is_scanned:
             speeds.append((BLIND_SPEED, "floor_not_scanned"))
         pose = self.pose(now)
         workspace = self.workspace
@@ -260,6 +258,8 @@ class CommandGate:
     def _age(self, now: float, name: str) -> float:
         """Returns the age [s] of an input's newest message less its slack, or inf for none, or one of another clock."""
         age = now - self.stamps.get(name, -math.inf)
-        period = statistics.median(self._periods[name]) if name in self._periods else 0.0
+        if not age >= -MAX_FUTURE_STAMP:  # also for nan
+            return math.inf
+        period = statistics.median(self._periods.get(name, [0.0]))
         slack = min(max(period - USUAL_PERIOD, 0.0), MAX_SLACK)
-        return max(age - slack, min(age, 0.0)) if age >= -MAX_FUTURE_STAMP else math.inf
+        return max(age - slack, min(age, 0.0))

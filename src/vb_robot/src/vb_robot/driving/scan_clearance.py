@@ -89,9 +89,9 @@ class Scan:
         """Returns whether beams cover all directions within `half_angle` [rad] of a bearing [rad] without wide gaps."""
         offsets = wrap_angle(self._bearings - bearing)
         offsets = np.sort(offsets[np.abs(offsets) <= half_angle + self._gap])
-        if not len(offsets) or offsets[0] > -half_angle + self._gap or offsets[-1] < half_angle - self._gap:
-            return False
-        return bool((np.diff(offsets) <= self._gap).all())
+        reach = half_angle - self._gap
+        covers_sides = len(offsets) and offsets[0] <= -reach and reach <= offsets[-1]
+        return bool(covers_sides and (np.diff(offsets) <= self._gap).all())
 
     def free_distance(self, v: float, w: float, radius: float, clearance: Clearance) -> float:
         """Returns how far [m] the arc of (v, w) [m/s, rad/s] is clear of points, or inf if none is in the way."""
@@ -126,7 +126,8 @@ def lowest_speed_limit(limits: GridMap, position, reach: float) -> float:
     reach += 2.0 * limits.resolution  # distances are to the cells' centres, not to their edges
     surroundings = crop(limits, (x - reach, y - reach, x + reach, y + reach))
     cells = np.argwhere(surroundings.data > 0)
-    cells = cells[np.hypot(*(surroundings.cell_to_world(cells) - position).T) <= reach]
+    offsets = surroundings.cell_to_world(cells) - position
+    cells = cells[np.hypot(*offsets.T) <= reach]
     return float(surroundings.data[tuple(cells.T)].min()) / 100.0 if len(cells) else math.inf
 
 
@@ -147,7 +148,8 @@ def pose_jump(earlier: Fix, later: Fix) -> float:
     expected = earlier.pose
     elapsed = later.stamp - earlier.stamp
     if earlier.odometry is not None and later.odometry is not None:
-        position = base_to_map(map_to_base(later.odometry[:2], earlier.odometry), earlier.pose)[0]
+        motion = map_to_base(later.odometry[:2], earlier.odometry)
+        position = base_to_map(motion, earlier.pose)[0]
         expected = (*position, earlier.pose[2] + later.odometry[2] - earlier.odometry[2])
         elapsed = 0.0
     distance = max(0.0, math.dist(expected[:2], later.pose[:2]) - elapsed)

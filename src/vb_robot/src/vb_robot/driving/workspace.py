@@ -45,7 +45,8 @@ class PoseUncertainty:
         """Adds the covariance (3, 3) [m, m, rad] of one update's x, y and yaw. Returns whether `meters` has changed."""
         finite = bool(np.isfinite(covariance).all())
         largest_variance = float(np.linalg.eigvalsh(covariance[:2, :2])[-1]) if finite else math.inf
-        self.lost = largest_variance > MAX_STD**2 or not 0.0 <= float(covariance[2, 2]) <= MAX_YAW_STD**2
+        yaw_variance = float(covariance[2, 2])
+        self.lost = largest_variance > MAX_STD**2 or not 0.0 <= yaw_variance <= MAX_YAW_STD**2
         self._last.append(STD_FACTOR * math.sqrt(max(largest_variance, 0.0)))
         previous = self.meters
         uncertainty = min(max(*self._last, MIN_UNCERTAINTY), MAX_UNCERTAINTY)
@@ -102,11 +103,12 @@ class Workspace:
         inside it, so that a person can guide it out. Nothing is free off the map.
         """
         distances = np.arange(0.0, HORIZON + 1e-9, 0.02)
-        positions = arc_positions(pose, distances * math.copysign(1.0, v), w / v)
+        direction = math.copysign(1.0, v)
+        positions = arc_positions(pose, direction * distances, w / v)
         clearance = sample(self.borders, self._blocked_distance, positions)
         required = min(self._radius + margin, float(clearance[0]))
         too_near = np.flatnonzero(clearance < required - 1e-6)
-        return float(max(0.0, distances[too_near[0]] - 0.02)) if len(too_near) else math.inf
+        return max(0.0, float(distances[too_near[0]]) - 0.02) if len(too_near) else math.inf
 
     def _at(self, layer: np.ndarray, point) -> float:
         return float(sample(self.borders, layer, np.asarray(point, dtype=float)[:2].reshape(1, 2), outside=np.inf)[0])

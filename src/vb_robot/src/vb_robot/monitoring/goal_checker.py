@@ -7,7 +7,7 @@ is no room at the goal, or no free floor from the robot to it. The map without b
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Optional, Sequence, Tuple
+from typing import Dict, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -59,9 +59,9 @@ def is_inside(borders: GridMap, physical: GridMap, point) -> bool:
     return bool(with_borders >= LETHAL_THRESHOLD and with_borders > without)
 
 
-def quote_border_name(name: str) -> str:
-    """Returns a border's name as it appears in sentences."""
-    return f"'{name}'" if name else "$border_without_name"
+def border_values(name: str) -> Dict[str, str]:
+    """Returns the value that names a border in a sentence as {border}."""
+    return {"border": f"'{name}'"} if name else {"border_code": "border_without_name"}
 
 
 class GoalChecker:

@@ -12,9 +12,6 @@ import yaml
 
 from vb_core import names
 
-GRIDS = ("nav_msgs/OccupancyGrid",)
-PATHS = ("nav_msgs/Path",)
-VELOCITIES = ("geometry_msgs/Twist",)
 # local planners whose speed can be limited while they run, with its maximum values and others that must stay below these
 PLANNERS: Mapping[str, Tuple[str, ...]] = {
     "DWAPlannerROS": ("max_vel_trans", "max_vel_x", "min_vel_trans"),
@@ -67,18 +64,20 @@ def find_wiring(graph: Any, robot: str, parameters: Mapping[str, Any]) -> Naviga
     node = find_move_base(graph, robot)
     if not node:
         return NavigationWiring()
-    maps = tuple(sorted(graph.subscriptions(node, GRIDS)))
+    maps = tuple(sorted(graph.subscriptions(node, "nav_msgs/OccupancyGrid")))
     is_serving = bool(graph.publishers.get(resolve_name(robot, "move_base/status")))
+    velocities = graph.publications(node, "geometry_msgs/Twist")
+    paths = sorted(graph.publications(node, "nav_msgs/Path"))
     planner = next((name for name in PLANNERS if f"{node}/{name}/set_parameters" in graph.services), "")
     return NavigationWiring(
         move_base=node,
         maps=maps,
         # the action server starts once it has all maps, so a running one waits for none
         missing_maps=tuple(topic for topic in maps if not (is_serving or graph.publishers.get(topic))),
-        unheard=tuple(topic for topic in graph.publications(node, VELOCITIES) if not graph.subscribers.get(topic)),
+        unheard=tuple(topic for topic in velocities if not graph.subscribers.get(topic)),
         plans_round_borders=_plans_round_borders(robot, maps, parameters),
         # the global planner's path; local planners call theirs global_plan and local_plan
-        path=next((topic for topic in sorted(graph.publications(node, PATHS)) if topic.endswith("/plan")), ""),
+        path=next((topic for topic in paths if topic.endswith("/plan")), ""),
         planner=planner,
         radius=_radius(parameters),
     )

@@ -106,7 +106,8 @@ class PlannerSpeed:
 
     def _set_parameters(self, values: Mapping[str, float]) -> Dict[str, float]:
         """Sets parameters of the planner, and returns its resulting values."""
-        config = Config(doubles=[DoubleParameter(name=name, value=value) for name, value in values.items()])
-        request = ReconfigureRequest(config)
-        answer = services.call(f"{self._server}/set_parameters", Reconfigure, request, self._server, TIMEOUT, TIMEOUT)
+        doubles = [DoubleParameter(name=name, value=value) for name, value in values.items()]
+        request = ReconfigureRequest(Config(doubles=doubles))
+        who = {"who": self._server}
+        answer = services.call(f"{self._server}/set_parameters", Reconfigure, request, who, TIMEOUT, TIMEOUT)
         return {entry.name: float(entry.value) for entry in answer.config.doubles if entry.name in self._names}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -25,7 +24,7 @@ from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import DriverState, RobotStatus
 from vb_robot.driving.command_gate import OTHER_PUBLISHER
 from vb_robot.subscriptions import RUNNING
-from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, is_inside, quote_border_name
+from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, border_values, is_inside
 from vb_robot.monitoring.planner_speed import PlannerSpeed
 from vb_robot.monitoring.navigation_connections import PLANNERS, NavigationWiring
 from vb_robot.monitoring.navigation_connections import find_move_base, find_wiring, resolve_name
@@ -36,16 +35,6 @@ POSE_SILENCE = 3.0  # [s] without a message from localisation, after which the p
 MIN_REPORTED = 10.0  # [s] for which a refusal is reported, or longer if navigation still works on its goal
 PATH_POINTS = 100  # approximate number of a path's points that are published
 DEFAULT_RADIUS = 0.18  # [m] of a robot whose radius neither costmap nor profile gives
-
-
-@dataclass
-class NewestMaps:
-    """The newest maps for one robot. A map that has not arrived is None."""
-
-    physical: Optional[GridMap] = None  # the map without borders
-    borders: Optional[GridMap] = None  # the map with all robots' borders
-    robot_borders: Optional[GridMap] = None  # the map with only its borders; a robot without a name has none
-    keep_out: Optional[GridMap] = None  # the driver's, with a margin around borders; navigation may plan on it
 
 
 class WatchedRobot:
@@ -76,7 +65,7 @@ class WatchedRobot:
         self._goal_at = self._status_at = self._driver_heard_at = -math.inf
         self._in_control = False
         self._path = np.zeros((0, 2))
-        self._maps = NewestMaps()
+        self._maps: Dict[str, GridMap] = {}  # the newest ones, by layer
         self._borders: Sequence[KnownBorder] = ()
         self._goal_checker: Optional[GoalChecker] = None
         self._checked_radius: Optional[float] = None  # [m] for which the checker was made
@@ -94,8 +83,8 @@ class WatchedRobot:
         self._driver_heard_at, self._in_control = now, message.code != OTHER_PUBLISHER
 
     def set_map(self, layer: str, grid: GridMap) -> None:
-        """Stores a map. The layer is a field of NewestMaps."""
-        setattr(self._maps, layer, grid)
+        """Stores a map: "physical", with all "borders", only "robot_borders", or "keep_out", the driver's with a margin."""
+        self._maps[layer] = grid
         self._request_another_check()
 
     def set_borders(self, borders: Sequence[KnownBorder]) -> None:
@@ -130,9 +119,10 @@ class WatchedRobot:
             self._path_subscriber = rospy.Subscriber(wiring.path, Path, self._on_path) if wiring.path else None
         self.wiring = wiring
 
-    def locate(self) -> None:
-        """Looks up the robot's pose."""
+    def locate(self) -> Optional[Pose]:
+        """Looks up the robot's pose, stores it and returns it."""
         self.pose = self._transforms.pose_on_map(self.frame, POSE_SILENCE)
+        return self.pose
 
     def is_driven(self) -> bool:
         """Returns whether the robot has a driver that is in control."""
@@ -198,19 +188,21 @@ class WatchedRobot:
 
         A robot with a name waits for its own map, because the common one also has the borders of other robots.
         """
-        borders = self._maps.robot_borders if self.name else self._maps.borders
-        return borders, self._maps.physical
+        borders = "robot_borders" if self.name else "borders"
+        return self._maps.get(borders), self._maps.get("physical")
 
     def _checked_map(self) -> Optional[GridMap]:
         """Returns the map on which goals and poses are checked: its own, or the common one if nobody publishes that."""
-        return self._maps.borders if self._maps.robot_borders is None else self._maps.robot_borders
+        return self._maps.get("robot_borders", self._maps.get("borders"))
 
     def goal_checker(self) -> Optional[GoalChecker]:
         """Returns the checker of this robot's goals on the newest maps, or None until matching maps arrive."""
-        grid, physical, radius = self._checked_map(), self._maps.physical, self.wiring.radius
+        grid = self._checked_map()
+        physical = self._maps.get("physical")
+        radius = self.wiring.radius
         plans_on_margin = any(topic.endswith(names.MAP_WITH_MARGIN) for topic in self.wiring.maps)
-        if grid is not None and plans_on_margin and self._maps.keep_out is not None:
-            grid = self._maps.keep_out
+        if grid is not None and plans_on_margin:
+            grid = self._maps.get("keep_out", grid)
         if grid is None or physical is None or not physical.same_geometry(grid):
             return None
         checker = self._goal_checker
@@ -224,11 +216,14 @@ class WatchedRobot:
     def check_goal(self, goal) -> Optional[Notice]:
         """Returns a notice that says why a goal (2,) [m] will be refused, or None if nothing is known against it."""
         checker = self.goal_checker()
-        refusal = checker.check(self.pose[:2] if self.pose else None, np.asarray(goal)) if checker else None
+        if checker is None:
+            return None
+        position = self.pose[:2] if self.pose else None
+        refusal = checker.check(position, np.asarray(goal))
         if refusal is None:
             return None
         code, border = refusal
-        return self.notice(code, Severity.WARNING, border=quote_border_name(border))
+        return self.notice(code, Severity.WARNING, **border_values(border))
 
     def notices(self, now: float) -> List[Notice]:
         """Returns the notices about the robot's goal and position at time `now` [s]."""
@@ -238,9 +233,9 @@ class WatchedRobot:
         checker, pose = self.goal_checker(), self.pose
         if checker is not None and pose is not None and (self.wiring.move_base or self._has_driver()):
             # not on the map on which it plans, whose borders may have a margin
-            if is_inside(self._checked_map(), self._maps.physical, pose[:2]):
-                border = quote_border_name(checker.name_at(pose[:2]))
-                notices.append(self.notice("robot_caught_in_border", Severity.WARNING, border=border))
+            if is_inside(self._checked_map(), self._maps["physical"], pose[:2]):
+                border = border_values(checker.name_at(pose[:2]))
+                notices.append(self.notice("robot_caught_in_border", Severity.WARNING, **border))
         return notices
 
     def notice(self, code: str, severity: Severity, **values: str) -> Notice:

@@ -34,22 +34,25 @@ export class Words {
   say(code, values = {}, fallback = "") {
     const sentence = this.table[code] || fallback || String(code).replaceAll("_", " ");
     return sentence.replace(/\{(\w+)\}/g, (_, name, offset) =>
-      name in values ? this.value(name, values, offset === 0) : `(${name})`,
+      name in values || `${name}_code` in values ? this.value(name, values, offset === 0) : `(${name})`,
     );
   }
 
-  // Returns a sentence's value. One that begins with $ is itself a code, with the sentence's other values, and begins with
-  // a capital where it begins the sentence.
-  value(name, { [name]: raw, ...others }, beginsSentence) {
-    const text = name === "border" || name === "borders" ? this.border(raw) : raw;
-    if (!/^\$./.test(text)) return text;
-    const phrase = this.say(text.slice(1), others);
+  // Returns a sentence's value. One whose name ends in _code is itself a code, with the sentence's other values, and begins
+  // with a capital where it begins the sentence. Any other value is a text, perhaps a person's, and never read as a code.
+  value(name, { [name]: text, [`${name}_code`]: code, ...others }, beginsSentence) {
+    if (code === undefined) return name === "border" || name === "borders" ? this.border(text) : text;
+    const phrase = this.say(code, others);
     return beginsSentence ? phrase.charAt(0).toUpperCase() + phrase.slice(1) : phrase;
   }
 
-  // Returns a border's name. A border or wall that nobody named is numbered in the reader's language.
+  // Returns a border's name, or several. A border or wall that nobody named is numbered in the reader's language: alone, in
+  // quotes or in a list, as in vb_core/sentences.py. "my wall 3" is a person's own name.
   border(name) {
-    return name.replace(/\b(border|wall) (\d+)\b/g, (_, kind, number) => this.say(`unnamed_${kind}`, { number }));
+    return name.replace(
+      /(^'?|, )(border|wall) (\d+)(?=$|'$|, )/g,
+      (_, before, kind, number) => before + this.say(`unnamed_${kind}`, { number }),
+    );
   }
 
   // Returns the sentence of anything that has code, values and message.

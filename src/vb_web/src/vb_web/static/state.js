@@ -11,13 +11,13 @@ export const sentence = (code, values) => words.say(code, values);
 export const isOperator = () => hello.role === "operator";
 // Whether a command has an effect with what is connected. Where that is not known (null: not any more), all are offered.
 export const isAvailable = (command) => !view.capabilities || view.capabilities.commands.includes(command);
-export const robotName = (name) => name || "$the_robot";
+export const robotValues = (name) => (name ? { who: name } : { who_code: "the_robot" });
 export const row = (table, name) => hello[table].find((entry) => entry.name === name) || {};
 // The code of the sentence that says what to do in the current state, or null. It is also the code of the answer that led
 // there, so that one place on the page says it.
 export const promptCode = () => row("states", document.body.dataset.state).prompt || null;
 export const commandName = (command) => sentence(`page_command_${command}`);
-export const kindWord = (kind) => ({ what: kind === "wall" ? "$page_what_wall" : "$page_what_border" });
+export const kindWord = (kind) => ({ what_code: kind === "wall" ? "page_what_wall" : "page_what_border" });
 export const sourceName = (source) => {
   const [kind] = String(source || "").split(" ");
   return words.has(`page_source_${kind}`) ? sentence(`page_source_${kind}`) : source;

@@ -1,7 +1,7 @@
 // The rest of the panel: goals, notices, cameras, robots and events; and the picture of the floor.
 "use strict";
 import { drawHint, map } from "./editor.js";
-import { commandName, isOperator, robotName, sentence, shownNotices, sourceName, view, words } from "./state.js";
+import { commandName, isOperator, robotValues, sentence, shownNotices, sourceName, view, words } from "./state.js";
 import { $, ask, button, dropRepeatedToast, element, replaceContent, toast } from "./elements.js";
 
 export let floorOn = false;
@@ -22,7 +22,7 @@ export function drawGoals() {
           "span",
           {},
           sentence("page_drive", {
-            who: robotName(name),
+            ...robotValues(name),
             x: words.number(goal[0] / 100, 1),
             y: words.number(goal[1] / 100, 1),
           }),
@@ -49,7 +49,7 @@ export function drawNotices() {
 // Returns the camera or robot that a notice is about, or "". If there is only one robot, its name is in a value.
 function subjectOf({ camera, robot, values }) {
   if (camera) return `camera ${camera}`;
-  const robotOfNotice = robot || values.who;
+  const robotOfNotice = robot || values.who || values.who_code;
   return robotOfNotice ? `robot ${robotOfNotice}` : "";
 }
 
@@ -62,7 +62,7 @@ function countProblems(cameras, drivers) {
     ...cameras.filter((camera) => !camera.present).map((camera) => `camera ${camera.name}`),
     ...Object.keys(drivers)
       .filter((name) => !drivers[name].present)
-      .map((name) => `robot ${robotName(name)}`),
+      .map((name) => subjectOf({ values: robotValues(name) })),
     ...warnings.map(subjectOf).filter(Boolean),
   ]).size;
 }
@@ -126,7 +126,7 @@ function robotLine(name, driver) {
     element(
       "span",
       {},
-      driver && (source ? words.tell(driver) : sentence("page_driver_gone", { who: robotName(name) })),
+      driver && (source ? words.tell(driver) : sentence("page_driver_gone", robotValues(name))),
       words.has(source) ? element("small", { class: "muted" }, sentence(source)) : null,
       ...lines.map((line) => element("small", { class: line.severity ? "ill" : "muted" }, words.tell(line))),
     ),
