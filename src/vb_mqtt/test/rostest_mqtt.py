@@ -153,8 +153,9 @@ class MqttTest(unittest.TestCase):
         identity = self.add_border("Nursery")
         key = f"border_{identity}"
         self.wait(key, lambda value: value["enabled"], "the border")
-        for enabled in (False, True):
-            self.assertEqual(self.send(border=key, enabled=enabled)["event_type"], "done")
+        for enabled, text in ((False, "Nursery was switched off."), (True, "Nursery was switched on.")):
+            answer = self.send(border=key, enabled=enabled)
+            self.assertEqual((answer["event_type"], answer["text"]), ("done", text))
             self.wait(key, lambda value: value["enabled"] is enabled, f"enabled: {enabled}")
         self.assertEqual(self.send(border="border_none", enabled=True)["code"], "mqtt_no_border")
         self.remove_border(identity)

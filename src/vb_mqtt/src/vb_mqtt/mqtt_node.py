@@ -258,7 +258,11 @@ class MqttNode:
         if border is None:
             raise CodedError("mqtt_no_border", border=request.border)
         order = SetBorderEnabledRequest(id=border.id, enabled=request.enabled, source=SOURCE)
-        return services.call(names.SET_BORDER_ENABLED, SetBorderEnabled, order, services.INTEGRATOR)
+        answer = services.call(names.SET_BORDER_ENABLED, SetBorderEnabled, order, services.INTEGRATOR)
+        if answer.success:
+            event = "page_event_enabled" if request.enabled else "page_event_disabled"
+            answer.message = sentences.translate(event, {"border": border.name}, self._language)
+        return answer
 
     def _on_answer(self, _order: Any, request: MqttRequest, answer: Any, error: Optional[CodedError]) -> None:
         if error is None:
