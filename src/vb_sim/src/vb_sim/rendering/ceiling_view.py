@@ -141,7 +141,7 @@ class CeilingView(View):
         half = (slice(_HALF // 2, None, _HALF), slice(_HALF // 2, None, _HALF))
         height, width = self.model.height // _HALF, self.model.width // _HALF
         self._inverse_half = np.ascontiguousarray(buffer.inverse[half][:height, :width])
-        self._floor_mask = (buffer.ids == 0).view(np.uint8)
+        self._object_ids = buffer.ids
         radius2 = (grid.x * grid.x + grid.y * grid.y) * np.ones_like(columns)
         corner = max(1e-9, float(radius2.max()))
         shade = self._optics.exposure_gain * (1.0 - self._optics.vignetting * radius2 / corner)
@@ -298,9 +298,6 @@ class CeilingView(View):
         self._undo.append((image[area], image[area].copy()))
 
     # ------------------------------------------------------------- the laser
-    def _floor_is_free(self) -> np.ndarray:
-        return self._floor_mask
-
     def _visible(self, spot: SpotImage) -> float:
         visible, (column, row) = super()._visible(spot), spot.pixel
         for sprite in self._visible_sprites:

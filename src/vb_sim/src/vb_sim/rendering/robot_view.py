@@ -44,6 +44,7 @@ class RobotView(View):
             self._floors.append(self._floors[-1].halved())
         self._pose: Pose = robot.start_pose()
         self._buffer = DepthBuffer(RayGrid(self.model))
+        self._object_ids = self._buffer.ids
         self._depth_grid = RayGrid(self.depth_model)
         x, y = self._depth_grid.x, self._depth_grid.y
         self._slant = np.sqrt(1.0 + x * x + y * y)
@@ -122,9 +123,6 @@ class RobotView(View):
         cv2.add(image, self._brighter[part], dst=image)
         cv2.subtract(image, self._darker[part], dst=image)
         return image
-
-    def _floor_is_free(self) -> np.ndarray:
-        return self._buffer.ids == 0
 
     def _albedo(self, spot: SpotImage) -> np.ndarray:
         column, row = spot.pixel
