@@ -14,6 +14,7 @@ from refusals import refused
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap
+from vb_core.robot_profile import RobotProfile
 from vb_sim.robot.path_planner import COST_FACTOR, INFLATION, INSCRIBED, LETHAL, NEUTRAL_COST, NO_INFORMATION, Costmap
 from vb_sim.robot.path_planner import Planner
 from vb_sim.robot.navigator import GOAL_ANGLE, GOAL_DISTANCE, MAX_TURN_RATE, PathFollower
@@ -160,8 +161,7 @@ STRAIGHT = np.column_stack([np.linspace(0.0, 3.0, 61), np.zeros(61)])
 
 
 def follow(path, goal, pose, obstacles=lambda pose: np.zeros((0, 2)), limit=60.0, dt=0.1):
-    follower, poses, motions = PathFollower(), [pose], []
-    follower.set_goal(goal)
+    follower, poses, motions = PathFollower(RobotProfile(), goal), [pose], []
     follower.set_path(path)
     for _ in range(int(limit / dt)):
         motion = follower.step(pose, obstacles(pose), dt)

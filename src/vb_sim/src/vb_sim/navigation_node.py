@@ -183,7 +183,6 @@ class NavigationNode:
             with self._lock:
                 self._obstacles = np.zeros((0, 2))
             self._driving = False
-            self._navigator.halt()
             if not rospy.is_shutdown():
                 self._cmd_vel.publish(Twist())
 

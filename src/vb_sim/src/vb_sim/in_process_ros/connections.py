@@ -51,7 +51,8 @@ class Publisher:
     def __init__(self, graph: Graph, name: str, data_class: type, *_: Any, latch: bool = False, **__: Any) -> None:
         self._graph, self.node = graph, graph.node
         self.resolved_name = self.name = graph.node.resolve(name)
-        self.data_class, self.type = data_class, data_class._type
+        self.data_class = data_class
+        self.type = data_class._type
         self._header = {"callerid": graph.node.name, "topic": self.resolved_name, "type": self.type}
         self._latch = latch
         self.latched: Optional[Delivery] = None
@@ -88,11 +89,6 @@ class Publisher:
         """Returns the number of subscribers."""
         return len(self._topic.subscribers)
 
-    def unregister(self) -> None:
-        """Ends publishing."""
-        if self in self._topic.publishers:
-            self._topic.publishers.remove(self)
-
 
 class Subscriber:
     """Replaces rospy.Subscriber: its own task calls the callback for one message after the other."""
@@ -109,7 +105,9 @@ class Subscriber:
     ) -> None:
         self.node = graph.node
         self.resolved_name = self.name = self.node.resolve(name)
-        self.kind, self._callback, self._extra = data_class, callback, callback_args
+        self.kind = data_class
+        self._callback = callback
+        self._extra = [] if callback_args is None else [callback_args]
         size = queue_size if queue_size is not None and queue_size > 0 else None
         self._queue: Deque[Delivery] = deque(maxlen=size)
         self._ended = False
@@ -134,7 +132,7 @@ class Subscriber:
                 continue
             message = self._queue.popleft().message(self.kind)
             if self._callback is not None:
-                self._callback(message, *([] if self._extra is None else [self._extra]))
+                self._callback(message, *self._extra)
 
     def unregister(self) -> None:
         """Ends the subscription."""
@@ -152,14 +150,11 @@ class Service:
     """Replaces rospy.Service."""
 
     def __init__(self, graph: Graph, name: str, service_class: Any, handler: Callable[[Any], Any], **_: Any) -> None:
-        self._graph, self.node = graph, graph.node
+        self.node = graph.node
+        self.kind = service_class
+        self.handler = handler
         self.resolved_name = graph.node.resolve(name)
-        self.kind, self.handler = service_class, handler
         graph.services[self.resolved_name] = self
-
-    def shutdown(self, reason: str = "") -> None:
-        """Withdraws the service."""
-        self._graph.services.pop(self.resolved_name, None)
 
 
 class ServiceProxy:
@@ -167,7 +162,8 @@ class ServiceProxy:
 
     def __init__(self, graph: Graph, name: str, service_class: Any, **_: Any) -> None:
         self._graph = graph
-        self.resolved_name, self._kind = graph.node.resolve(name), service_class
+        self.resolved_name = graph.node.resolve(name)
+        self._kind = service_class
 
     def call(self, *args: Any, **kwargs: Any) -> Any:
         """Calls the service, and waits for the answer.
@@ -202,9 +198,6 @@ class ServiceProxy:
         return Delivery(answers[0], {}).message(self._kind._response_class)
 
     __call__ = call
-
-    def close(self) -> None:
-        """Does nothing: there is no connection to close."""
 
 
 class Timer(rospy.Timer):

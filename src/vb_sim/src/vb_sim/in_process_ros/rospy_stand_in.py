@@ -15,7 +15,7 @@ import rosmaster.paramserver
 import rospy
 
 from vb_sim.in_process_ros.connections import Publisher, Service, ServiceProxy, Subscriber, Timer, Topic
-from vb_sim.in_process_ros.threading_stand_in import Scheduler, StandIns, master_stand_ins, replaced
+from vb_sim.in_process_ros.threading_stand_in import Scheduler, StandIns, replaced
 
 _CONNECTIONS = (Publisher, Subscriber, Service, ServiceProxy, Timer)
 LOG = logging.getLogger("vb_sim.nodes")
@@ -126,8 +126,27 @@ class Graph:
             rospy.rostime: {"wallsleep": lambda seconds: self.scheduler.wait(int(max(seconds, 0.0) * 1e9))},
             rospy.timer: {"sleep": self.sleep},
             rospy.core: {"is_shutdown": lambda: self.scheduler.closed},
-            rosgraph.masterapi.Master: master_stand_ins(self._topics, self.services),
+            # a real master, if there is one, knows another graph
+            rosgraph.masterapi.Master: {
+                "getSystemState": lambda _master: self._system_state(),
+                "getTopicTypes": lambda _master: self._topic_types(),
+                # vb_core's has_exited takes "" for an address; tf2_ros looks up a debugging service
+                "lookupNode": lambda _master, _name: "",
+                "lookupService": lambda _master, _name: "",
+            },
         }
+
+    def _system_state(self) -> List[List[Tuple[str, List[str]]]]:
+        publishers = {name: topic.publishers for name, topic in self._topics.items()}
+        subscribers = {name: topic.subscribers for name, topic in self._topics.items()}
+        services = {name: [service] for name, service in self.services.items()}
+        return [
+            [(name, [user.node.name for user in users]) for name, users in by_name.items() if users]
+            for by_name in (publishers, subscribers, services)
+        ]
+
+    def _topic_types(self) -> List[Tuple[str, str]]:
+        return [(name, topic.publishers[0].type) for name, topic in self._topics.items() if topic.publishers]
 
 
 _NOBODY = Node("/study", {})

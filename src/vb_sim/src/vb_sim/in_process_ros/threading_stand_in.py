@@ -13,8 +13,8 @@ import threading as real_threading
 import time as real_time
 from collections import deque
 from functools import partial
-from types import FunctionType
-from typing import Any, Callable, Deque, Dict, Iterator, List, Mapping, Optional, Tuple
+from types import FunctionType, SimpleNamespace
+from typing import Any, Callable, Deque, Dict, Iterator, List, Optional, Tuple
 
 import greenlet
 
@@ -162,7 +162,8 @@ class StandIns:
     """
 
     def __init__(self, scheduler: Scheduler) -> None:
-        self.modules, self._undone = _modules(scheduler), contextlib.ExitStack()
+        self.modules = _modules(scheduler)
+        self._undone = contextlib.ExitStack()
         self.restore = self._undone.close
 
     def replace(self) -> None:
@@ -176,33 +177,25 @@ class StandIns:
                     self._undone.enter_context(replaced({module: {attribute: self.modules[attribute]}}))
 
 
-class _Module:
-    """A module some of whose names are replaced."""
-
-    def __init__(self, real: Any, **names: Any) -> None:
-        self._real = real
-        self.__dict__.update(names)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._real, name)
-
-
-def _modules(scheduler: Scheduler) -> Dict[str, _Module]:
+def _modules(scheduler: Scheduler) -> Dict[str, SimpleNamespace]:
     def seconds() -> float:
         return scheduler.now_ns * 1e-9
 
     lock = partial(Lock, scheduler)
-    locks: Dict[str, Any] = {"_allocate_lock": lock, "Lock": lock, "RLock": partial(Lock, scheduler, True)}
-    for kind in (real_threading.Condition, real_threading.Event):
-        locks[kind.__name__] = _copy_class(kind, **locks, _time=seconds)
-    threading = _Module(real_threading, **locks, Thread=partial(Thread, scheduler, locks["Event"]))
+    names: Dict[str, Any] = {"_allocate_lock": lock, "Lock": lock, "_time": seconds}
+    names["RLock"] = _copy_class(real_threading._RLock, **names, get_ident=greenlet.getcurrent)
+    names["Condition"] = _copy_class(real_threading.Condition, **names)
+    names["Event"] = _copy_class(real_threading.Event, **names)
+    names["Thread"] = partial(Thread, scheduler, names["Event"])
+    threading = SimpleNamespace(**{**vars(real_threading), **names})
     clock: Dict[str, Any] = dict.fromkeys(("time", "monotonic", "perf_counter"), seconds)
     clock["time_ns"] = lambda: scheduler.now_ns
     clock["sleep"] = lambda duration: scheduler.wait(_ns(max(duration, 0.0)))
+    queue_class = _copy_class(real_queue.Queue, threading=threading, time=seconds)
     return {
         "threading": threading,
-        "time": _Module(real_time, **clock),
-        "queue": _Module(real_queue, Queue=_copy_class(real_queue.Queue, threading=threading, time=seconds)),
+        "time": SimpleNamespace(**{**vars(real_time), **clock}),
+        "queue": SimpleNamespace(**{**vars(real_queue), "Queue": queue_class}),
     }
 
 
@@ -251,52 +244,32 @@ class WaitQueue:
 
 
 class Lock:
-    """Replaces threading.Lock or, if `reentrant`, RLock; Python's own conditions, events and queues are built on it."""
+    """Replaces threading.Lock. Python's own reentrant locks, conditions, events and queues are built on it."""
 
-    def __init__(self, scheduler: Scheduler, reentrant: bool = False) -> None:
-        self._waiting, self._reentrant = WaitQueue(scheduler), reentrant
-        self._holder: Any = None
-        self._depth = 0
+    def __init__(self, scheduler: Scheduler) -> None:
+        self._waiting = WaitQueue(scheduler)
+        self._is_held = False
 
     def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
         """Acquires the lock, waiting until it is free."""
-        current = greenlet.getcurrent()
-        if self._reentrant and self._holder is current:
-            self._depth += 1
-            return True
         # almost always free: one task runs at a time
-        if self._holder is not None and not self._waiting.wait_for(
-            lambda: self._holder is None, _ns(timeout) if blocking else 0
-        ):
-            return False
-        self._holder, self._depth = current, 1
+        if self._is_held:
+            timeout_ns = _ns(timeout) if blocking else 0
+            if not self._waiting.wait_for(lambda: not self._is_held, timeout_ns):
+                return False
+        self._is_held = True
         return True
 
     def release(self) -> None:
         """Releases the lock to the task that has waited longest."""
-        self._depth -= 1
-        if self._depth <= 0:
-            self._holder = None
-            self._waiting.wake()
+        self._is_held = False
+        self._waiting.wake()
 
     def __enter__(self) -> bool:
         return self.acquire()
 
     def __exit__(self, *_: Any) -> None:
         self.release()
-
-    # ------------------------------------------------------------- what threading.Condition asks of a lock
-    def _is_owned(self) -> bool:
-        return self._holder is greenlet.getcurrent()
-
-    def _release_save(self) -> int:
-        depth, self._depth = self._depth, 1
-        self.release()
-        return depth
-
-    def _acquire_restore(self, depth: int) -> None:
-        self.acquire()
-        self._depth = depth
 
 
 class Thread(real_threading.Thread):
@@ -337,33 +310,3 @@ def replaced(targets: Dict[Any, Dict[str, Any]]) -> Iterator[None]:
                 restore.callback(setattr, target, name, getattr(target, name))
                 setattr(target, name, value)
         yield
-
-
-def master_stand_ins(topics: Mapping[str, Any], services: Mapping[str, Any]) -> Dict[str, Callable[..., Any]]:
-    """Returns stand-ins for a ROS master proxy's methods. A real master, if there is one, knows another graph.
-
-    Args:
-        topics: by name, with `publishers` and `subscribers`; services: by name. All of them know their `node`.
-    """
-
-    def system_state(_master: Any) -> List[List[Tuple[str, List[str]]]]:
-        publishers = {name: topic.publishers for name, topic in topics.items()}
-        subscribers = {name: topic.subscribers for name, topic in topics.items()}
-        offered = {name: [service] for name, service in services.items()}
-        return [
-            [(name, [user.node.name for user in users]) for name, users in by_name.items() if users]
-            for by_name in (publishers, subscribers, offered)
-        ]
-
-    def topic_types(_master: Any) -> List[Tuple[str, str]]:
-        return [(name, topic.publishers[0].type) for name, topic in topics.items() if topic.publishers]
-
-    def no_address(*_: Any) -> str:  # has_exited takes this for "there"; tf2_ros looks up a debugging service
-        return ""
-
-    return {
-        "getSystemState": system_state,
-        "getTopicTypes": topic_types,
-        "lookupNode": no_address,
-        "lookupService": no_address,
-    }
