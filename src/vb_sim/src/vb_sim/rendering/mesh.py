@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from vb_core.camera_model import CameraModel
-from vb_core.geometry import invert_transform
+from vb_core.geometry import invert_transform, transform_points
 from vb_sim.floor_plan import wall_outline
 from vb_sim.world import Furniture, World
 
@@ -176,7 +176,7 @@ class DepthBuffer:
     def draw_mesh(self, mesh: Mesh, T_map_optical: np.ndarray, gain: float = 1.0) -> None:
         """Draws the faces of a mesh that the camera sees, with their colours multiplied by a gain."""
         T = invert_transform(T_map_optical)
-        corners = mesh.corners @ T[:3, :3].T + T[:3, 3]
+        corners = transform_points(T, mesh.corners)
         normals = mesh.normals @ T[:3, :3].T
         starts = mesh.starts[:-1]
         offsets = np.einsum("ij,ij->i", normals, corners[starts])
