@@ -252,7 +252,8 @@ class CeilingView(View):
             offset: (2,) [px] to add to the halved outlines.
             static_inverse: (h, w) [1/m] inverse depth of the static scene, which may hide the body.
         """
-        color, inverse = np.zeros((*static_inverse.shape, 3), np.uint8), np.zeros(static_inverse.shape, np.float32)
+        color = np.zeros((*static_inverse.shape, 3), np.uint8)
+        inverse = np.zeros(static_inverse.shape, np.float32)
         outer = outlines.points / _HALF + offset
         centers = 0.5 * (outer.min(axis=1, keepdims=True) + outer.max(axis=1, keepdims=True))
         inner = _to_fixed_point(centers + 0.72 * (outer - centers))
