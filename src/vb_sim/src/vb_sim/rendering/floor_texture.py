@@ -86,9 +86,11 @@ def _make_brightness(floor: Floor, shape: Tuple[int, int], resolution: float, rn
     result += 0.12 * floor.contrast * _make_noise(shape, (0.004 / resolution, 0.004 / resolution), rng)
     if floor.kind == "plain":
         return result + 0.15 * floor.contrast * _make_noise(shape, (0.03 / resolution, 0.03 / resolution), rng)
-    length, breadth = (max(2.0, size / resolution) for size in floor.plank)
+    length = max(2.0, floor.plank[0] / resolution)
+    breadth = max(2.0, floor.plank[1] / resolution)
     if floor.kind == "tiles":
         breadth = length
+    # positions counted in boards or tiles; the rows are shifted against each other by random shares of a board
     rows = np.arange(height, dtype=np.float32) / breadth
     row_numbers = rows.astype(int)
     shifts = rng.random(row_numbers[-1] + 1).astype(np.float32)
@@ -96,17 +98,24 @@ def _make_brightness(floor: Floor, shape: Tuple[int, int], resolution: float, rn
         shifts[:] = 0.0
     columns = np.arange(width, dtype=np.float32)[None, :] / length + shifts[row_numbers][:, None]
     column_numbers = columns.astype(np.int32)
-    tones = rng.normal(0.0, 1.0, (row_numbers[-1] + 1, int(column_numbers.max()) + 1)).astype(np.float32)
+    counts = (row_numbers[-1] + 1, int(column_numbers.max()) + 1)
+    tones = rng.normal(0.0, 1.0, counts).astype(np.float32)
     result += 0.42 * floor.contrast * tones[row_numbers[:, None], column_numbers]
     if floor.kind == "planks":
         # the grain runs along the boards
-        result += 0.28 * floor.contrast * _make_noise(shape, (0.006 / resolution, 0.25 / resolution), rng)
-        result += 0.18 * floor.contrast * _make_noise(shape, (0.02 / resolution, 0.5 / resolution), rng)
-    seam = 0.0015 / resolution if floor.kind == "planks" else 0.002 / resolution
-    across = np.minimum(rows - row_numbers, 1.0 - (rows - row_numbers)) * breadth
-    along = np.minimum(columns - column_numbers, 1.0 - (columns - column_numbers)) * length
-    gap = np.maximum(np.exp(-((across / seam) ** 2))[:, None], np.exp(-((along / seam) ** 2)))
-    return result * (1.0 - min(1.0, 1.8 * floor.contrast) * gap)
+        fine_grain = _make_noise(shape, (0.006 / resolution, 0.25 / resolution), rng)
+        coarse_grain = _make_noise(shape, (0.02 / resolution, 0.5 / resolution), rng)
+        result += 0.28 * floor.contrast * fine_grain
+        result += 0.18 * floor.contrast * coarse_grain
+    seam = (0.0015 if floor.kind == "planks" else 0.002) / resolution
+    # [px] distances to the nearest seam
+    row_shares = rows - row_numbers
+    across = np.minimum(row_shares, 1.0 - row_shares) * breadth
+    column_shares = columns - column_numbers
+    along = np.minimum(column_shares, 1.0 - column_shares) * length
+    row_gap = np.exp(-((across / seam) ** 2))[:, None]
+    column_gap = np.exp(-((along / seam) ** 2))
+    return result * (1.0 - min(1.0, 1.8 * floor.contrast) * np.maximum(row_gap, column_gap))
 
 
 def _cut_patch(texture: FloorTexture, patch: FloorPatch) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
