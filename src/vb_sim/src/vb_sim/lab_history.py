@@ -80,14 +80,16 @@ class LabHistory:
 def _interpolate(a: Snapshot, b: Snapshot, share: float, interval: float, stamp: float) -> Snapshot:
     nearest = a if share < 0.5 else b
     robots = {name: _interpolate_pose(a.robots.get(name, pose), pose, share) for name, pose in b.robots.items()}
-    present = a.person is not None and b.person is not None
-    person = _interpolate_pose(a.person, b.person, share) if present else nearest.person
-    laser, velocity = nearest.laser, (0.0, 0.0)
-    if a.laser is not None and b.laser is not None:
-        dx, dy = b.laser[0] - a.laser[0], b.laser[1] - a.laser[1]
-        if math.hypot(dx, dy) < _MAX_JUMP:
-            laser = (a.laser[0] + share * dx, a.laser[1] + share * dy)
-            velocity = (dx / interval, dy / interval)
+    person = nearest.person
+    if a.person is not None and b.person is not None:
+        person = _interpolate_pose(a.person, b.person, share)
+    laser = nearest.laser
+    velocity = (0.0, 0.0)
+    if a.laser is not None and b.laser is not None and math.dist(a.laser, b.laser) < _MAX_JUMP:
+        dx = b.laser[0] - a.laser[0]
+        dy = b.laser[1] - a.laser[1]
+        laser = (a.laser[0] + share * dx, a.laser[1] + share * dy)
+        velocity = (dx / interval, dy / interval)
     return Snapshot(stamp, robots, laser, nearest.laser_color, velocity, person)
 
 

@@ -43,11 +43,13 @@ class DistanceField:
         c, r = math.floor(column), math.floor(row)
         if not (0 <= c < self._columns - 1 and 0 <= r < self._rows - 1):
             return 0.0
-        fc, fr = column - c, row - r
-        d = self._distance
-        low = d[r, c] * (1 - fc) + d[r, c + 1] * fc
-        high = d[r + 1, c] * (1 - fc) + d[r + 1, c + 1] * fc
-        return float(low * (1 - fr) + high * fr)
+        # bilinear interpolation between the centres of four cells
+        right, up = column - c, row - r
+        low_left, low_right = self._distance[r, c : c + 2]
+        high_left, high_right = self._distance[r + 1, c : c + 2]
+        low = low_left * (1 - right) + low_right * right
+        high = high_left * (1 - right) + high_right * right
+        return float(low * (1 - up) + high * up)
 
     def cast_rays(self, origin: Tuple[float, float], angles: np.ndarray, range_max: float) -> np.ndarray:
         """Returns the ranges (N,) [m] of beams from `origin` [m] at `angles` (N,) [rad] in the map; inf without a hit.

@@ -98,11 +98,7 @@ class CeilingView(View):
     """Renders one ceiling camera.
 
     Args:
-        camera: the camera.
-        radii: radius [m] of each robot by its name.
-        floor, mesh: the world's floor, walls and furniture.
-        models: parameters of optics and noise.
-        seed: seed of the noise.
+        floor, mesh: the world's floor, walls and furniture. The other arguments are as for `View`.
     """
 
     def __init__(

@@ -213,9 +213,8 @@ class Navigator:
             self._follower.halt()
             return Motion()
         motion = self._follower.step(pose, obstacles, dt)
-        if motion.arrived:
-            return replace(motion, path=path)
-        self._last_moved_at = now if self._last_moved_at is None or not motion.blocked else self._last_moved_at
+        if self._last_moved_at is None or not motion.blocked:
+            self._last_moved_at = now
         if now - self._last_moved_at >= _CONTROLLER_PATIENCE:
             raise CodedError("blocked", "something has been standing in the way for too long")
         if motion.off_path > _REPLAN_DISTANCE:

@@ -102,11 +102,14 @@ class RobotBody:
 
     def _update_odometry(self, distance: float, turn: float) -> None:
         model = self._model
-        noise = self._rng.standard_normal(3)
-        measured = distance * self._scale[0] + model.odometry_distance_noise * math.sqrt(abs(distance)) * noise[0]
-        turned = turn * self._scale[1] + model.odometry_turn_noise * math.sqrt(abs(turn)) * noise[1]
-        turned += model.odometry_drift_noise * math.sqrt(abs(distance)) * noise[2]
-        self.odometry = advance(self.odometry, measured, turned)
+        distance_noise, turn_noise, drift_noise = self._rng.standard_normal(3)
+        # random walks: their variance grows in proportion to distance and turn
+        root_distance = math.sqrt(abs(distance))
+        root_turn = math.sqrt(abs(turn))
+        measured_distance = distance * self._scale[0] + model.odometry_distance_noise * root_distance * distance_noise
+        measured_turn = turn * self._scale[1] + model.odometry_turn_noise * root_turn * turn_noise
+        measured_turn += model.odometry_drift_noise * root_distance * drift_noise
+        self.odometry = advance(self.odometry, measured_distance, measured_turn)
 
     # ------------------------------------------------------------ localisation
     def _update_error(self, dt: float) -> None:
