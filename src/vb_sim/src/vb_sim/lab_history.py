@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import threading
 from bisect import bisect_left
-from collections import deque
 from dataclasses import dataclass, field, replace
-from typing import Any, Deque, Dict, Optional, Tuple
+from typing import Any, Dict, Optional, Tuple
 
 from vb_core.geometry import Pose, wrap_angle
 
@@ -17,6 +15,7 @@ Point2 = Tuple[float, float]
 _MAX_JUMP = 0.4
 _EXTRAPOLATION = 0.03  # [s] how far motion is extrapolated beyond the newest snapshot
 _STALE = 1.0  # [s] without a snapshot after which the scene is empty
+_LENGTH = 64  # [snapshots], more than a second
 
 
 @dataclass(frozen=True)
@@ -51,26 +50,24 @@ def snapshot_from_message(message: Any) -> Snapshot:
 
 
 class LabHistory:
-    """The newest snapshots. Different threads may add and read them."""
+    """The newest snapshots. One thread may add them while others read them."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._snapshots: Deque[Snapshot] = deque(maxlen=64)
+        self._snapshots: Tuple[Snapshot, ...] = ()  # replaced as a whole, so that no lock is needed
 
     def add(self, snapshot: Snapshot) -> None:
-        """Adds a snapshot, which must be newer than the others."""
-        with self._lock:
-            self._snapshots.append(snapshot)
+        """Adds a snapshot, which must be newer than the others. Only one thread may call it."""
+        self._snapshots = (*self._snapshots[-_LENGTH + 1 :], snapshot)
 
     def at(self, stamp: float) -> Snapshot:
         """Interpolates the scene at time `stamp` [s]. The scene is empty if all snapshots differ by over a second."""
-        with self._lock:
-            snapshots = list(self._snapshots)
+        snapshots = self._snapshots
         if not snapshots or stamp - snapshots[-1].stamp > _STALE or snapshots[0].stamp - stamp > _STALE:
             return Snapshot(stamp)
         if len(snapshots) == 1:
             return replace(snapshots[0], stamp=stamp)
-        index = min(max(bisect_left([snapshot.stamp for snapshot in snapshots], stamp), 1), len(snapshots) - 1)
+        index = bisect_left([snapshot.stamp for snapshot in snapshots], stamp)
+        index = min(max(index, 1), len(snapshots) - 1)
         first, second = snapshots[index - 1], snapshots[index]
         interval = second.stamp - first.stamp
         time = min(max(stamp, first.stamp), second.stamp + _EXTRAPOLATION)

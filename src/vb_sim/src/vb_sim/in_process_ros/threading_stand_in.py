@@ -51,8 +51,7 @@ class Scheduler:
         self.closed = False
         self._hub = greenlet.getcurrent()
         self._ready: Deque[Tuple[Task, int]] = deque()
-        # (time [ns], sequence number, task, number of its wait that ends); without a task, the last one is a function
-        self._due: List[Tuple[int, int, Optional[Task], Any]] = []
+        self._due: List[Tuple[int, int, Callable[[], None]]] = []  # (time [ns], sequence number, what is called then)
         self._count = 0
         self._tasks: List[Task] = []
         self._fault: Optional[BaseException] = None
@@ -93,7 +92,7 @@ class Scheduler:
             raise greenlet.GreenletExit
         task.waits += 1
         if timeout_ns is not None:
-            self._push(max(int(timeout_ns), MIN_TIMEOUT_NS), task, task.waits)
+            self.call_later(max(int(timeout_ns), MIN_TIMEOUT_NS), partial(self._resume, task, task.waits, False))
         return bool(self._hub.switch())
 
     def wake(self, task: Task) -> None:
@@ -102,11 +101,8 @@ class Scheduler:
 
     def call_later(self, delay_ns: int, work: Callable[[], None]) -> None:
         """Calls a short function after a time [ns]. It must not wait."""
-        self._push(delay_ns, None, work)
-
-    def _push(self, delay_ns: int, task: Optional[Task], wake_reason: Any) -> None:
         self._count += 1
-        heapq.heappush(self._due, (self.now_ns + delay_ns, self._count, task, wake_reason))
+        heapq.heappush(self._due, (self.now_ns + delay_ns, self._count, work))
 
     def run(self, is_over: Callable[[], bool], until_ns: int) -> None:
         """Runs the tasks until `is_over` returns true, a time [ns] is reached or nothing is left to do.
@@ -119,13 +115,8 @@ class Scheduler:
                 task, waits = self._ready.popleft()
                 self._resume(task, waits, True)
             elif self._due:
-                due, _, task, wake_reason = heapq.heappop(self._due)
-                if task is None:
-                    self.now_ns = due
-                    wake_reason()
-                elif not task.dead and task.waits == wake_reason:
-                    self.now_ns = due
-                    self._resume(task, wake_reason, False)
+                self.now_ns, _, work = heapq.heappop(self._due)
+                work()
             else:
                 return
             if self._fault is not None:
