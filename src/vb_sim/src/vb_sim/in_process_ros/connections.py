@@ -57,9 +57,9 @@ class Publisher:
         self._latch = latch
         self.latched: Optional[Delivery] = None
         self._sequence = 0
-        self._topic = graph.topic(self.resolved_name)
+        self._topic = graph.topics[self.resolved_name]
         self._topic.publishers.append(self)
-        self._delay = graph.delay_of(self.resolved_name)
+        self._delay = graph.delays_ns.get(self.resolved_name, 0)
 
     def publish(self, *args: Any, **kwargs: Any) -> None:
         """Serialises the message and sends it to all subscribers."""
@@ -112,7 +112,7 @@ class Subscriber:
         self._queue: Deque[Delivery] = deque(maxlen=size)
         self._ended = False
         self._waiting = WaitQueue(graph.scheduler)
-        self._topic = graph.topic(self.resolved_name)
+        self._topic = graph.topics[self.resolved_name]
         self._topic.subscribers.append(self)
         graph.scheduler.spawn(self._receive)
         for publisher in self._topic.publishers:
@@ -186,7 +186,7 @@ class ServiceProxy:
                 answers.append(convert_return_to_response(reply, service.kind._response_class))
             except rospy.ServiceException as error:
                 answers.append(error)
-            delay = self._graph.delay_of(self.resolved_name)
+            delay = self._graph.delays_ns.get(self.resolved_name, 0)
             if delay:
                 scheduler.wait(delay)
             scheduler.wake(caller)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+from collections import defaultdict
 from functools import partial
 from typing import Any, Callable, Dict, Iterator, List, Mapping, Tuple
 
@@ -53,14 +54,16 @@ class Graph:
 
     Attributes:
         parameters: the ROS master's own parameter server; takes resolved names.
+        topics, services: by resolved name.
+        delays_ns: [ns] what a topic's messages or a service's answers take, by resolved name.
     """
 
     def __init__(self, scheduler: Scheduler, delays: Mapping[str, float]) -> None:
         self.scheduler = scheduler
         self.parameters = rosmaster.paramserver.ParamDictionary(None)
         self.services: Dict[str, Service] = {}
-        self._delays = {name: int(seconds * 1e9) for name, seconds in delays.items()}
-        self._topics: Dict[str, Topic] = {}
+        self.topics: Dict[str, Topic] = defaultdict(Topic)
+        self.delays_ns = {name: int(seconds * 1e9) for name, seconds in delays.items()}
         self._stand_ins = StandIns(scheduler)
         self._sleepers: List[Tuple[Any, Any]] = []
 
@@ -83,14 +86,6 @@ class Graph:
                 self.scheduler.close()
                 self._stand_ins.restore()
                 rospy.rostime._rostime_initialized, rospy.rostime._rostime_current = previous_clock
-
-    def delay_of(self, name: str) -> int:
-        """Returns the time [ns] that a topic's messages or a service's answers take."""
-        return self._delays.get(name, 0)
-
-    def topic(self, name: str) -> Topic:
-        """Returns a topic by its resolved name."""
-        return self._topics.setdefault(name, Topic())
 
     def set_clock(self, now: genpy.Time) -> None:
         """Sets the clock to a message of /clock, for all nodes."""
@@ -137,8 +132,8 @@ class Graph:
         }
 
     def _system_state(self) -> List[List[Tuple[str, List[str]]]]:
-        publishers = {name: topic.publishers for name, topic in self._topics.items()}
-        subscribers = {name: topic.subscribers for name, topic in self._topics.items()}
+        publishers = {name: topic.publishers for name, topic in self.topics.items()}
+        subscribers = {name: topic.subscribers for name, topic in self.topics.items()}
         services = {name: [service] for name, service in self.services.items()}
         return [
             [(name, [user.node.name for user in users]) for name, users in by_name.items() if users]
@@ -146,7 +141,7 @@ class Graph:
         ]
 
     def _topic_types(self) -> List[Tuple[str, str]]:
-        return [(name, topic.publishers[0].type) for name, topic in self._topics.items() if topic.publishers]
+        return [(name, topic.publishers[0].type) for name, topic in self.topics.items() if topic.publishers]
 
 
 _NOBODY = Node("/study", {})

@@ -221,13 +221,6 @@ class WaitQueue:
             if task in self._tasks:
                 self._tasks.remove(task)
 
-    def wait_for(self, predicate: Callable[[], Any], timeout_ns: Optional[int] = None) -> bool:
-        """Waits until a condition holds or a time [ns] has passed. Returns whether it holds. Checks at each wake-up."""
-        end = None if timeout_ns is None else self._scheduler.now_ns + timeout_ns
-        while not predicate() and (end is None or self._scheduler.now_ns < end):
-            self.wait(None if end is None else end - self._scheduler.now_ns)
-        return bool(predicate())
-
     def wake(self) -> None:
         """Wakes the task that has waited longest."""
         if self._tasks:
@@ -244,9 +237,8 @@ class Lock:
     def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
         """Acquires the lock, waiting until it is free."""
         # almost always free: one task runs at a time
-        if self._is_held:
-            timeout_ns = _ns(timeout) if blocking else 0
-            if not self._waiting.wait_for(lambda: not self._is_held, timeout_ns):
+        while self._is_held:
+            if not blocking or not self._waiting.wait(_ns(timeout)):
                 return False
         self._is_held = True
         return True

@@ -147,15 +147,6 @@ class Navigator:
         self._profile = profile
         self._planner: Optional[Planner] = None  # on the static map
 
-    def _reset(self, goal: Pose) -> None:
-        self._goal = np.array(goal[:2])
-        self._follower = PathFollower(self._profile, goal)
-        self._planned_at: Optional[float] = None
-        self._last_plan_at: Optional[float] = None  # when planning last succeeded
-        self._last_moved_at: Optional[float] = None
-        self._planned_on: Optional[Planner] = None
-        self._failed = False
-
     # ------------------------------------------------------------ maps
     def set_map(self, grid: GridMap) -> Costmap:
         """Sets the static map and returns its costs."""
@@ -187,7 +178,13 @@ class Navigator:
     def begin(self, goal: Pose) -> None:
         """Sets a new goal (x, y, yaw) [m, m, rad], map frame. Raises CodedError "no_map"."""
         self.static()  # checks for a map before the robot's pose is looked up, which may fail too
-        self._reset(goal)
+        self._goal = np.array(goal[:2])
+        self._follower = PathFollower(self._profile, goal)
+        self._planned_at: Optional[float] = None
+        self._last_plan_at: Optional[float] = None  # when planning last succeeded
+        self._last_moved_at: Optional[float] = None
+        self._planned_on: Optional[Planner] = None
+        self._failed = False
 
     def step(self, now: float, pose: Pose, obstacles: np.ndarray, dt: float) -> Motion:
         """Plans if due, and computes the next command.
