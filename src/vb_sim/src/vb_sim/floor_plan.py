@@ -46,8 +46,9 @@ def wall_outline(wall: Wall) -> np.ndarray:
     """Returns a wall's outline (4, 2) [m] seen from above."""
     a = np.array(wall.start, dtype=float)
     b = np.array(wall.end, dtype=float)
-    along = (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)
-    across = np.array([-along[1], along[0]]) * wall.thickness / 2.0
+    length = max(float(np.linalg.norm(b - a)), 1e-9)
+    along_x, along_y = (b - a) / length
+    across = np.array([-along_y, along_x]) * wall.thickness / 2.0
     return np.array([a - across, b - across, b + across, a + across])
 
 

@@ -72,12 +72,13 @@ def piece_outlines(pieces: BodyParts) -> np.ndarray:
     """Returns 32 points (N, 32, 3) [m] on the two ellipses of each piece."""
     c = np.cos(pieces.yaws)[:, None]
     s = np.sin(pieces.yaws)[:, None]
+    circle_x, circle_y = UNIT_CIRCLE.T
     ends = []
     for centers, radii in ((pieces.low, pieces.low_radii), (pieces.high, pieces.high_radii)):
-        x, y, z = centers.T[:, :, None]
-        along = UNIT_CIRCLE[:, 0] * radii[:, :1]
-        across = UNIT_CIRCLE[:, 1] * radii[:, 1:]
-        ends.append(np.stack([x + c * along - s * across, y + s * along + c * across, z + 0.0 * along], axis=2))
+        along = circle_x * radii[:, :1]
+        across = circle_y * radii[:, 1:]
+        offsets = np.stack([c * along - s * across, s * along + c * across, np.zeros(along.shape)], axis=2)
+        ends.append(centers[:, None, :] + offsets)
     return np.concatenate(ends, axis=1)
 
 

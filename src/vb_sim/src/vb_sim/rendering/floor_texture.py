@@ -14,6 +14,8 @@ from vb_sim.model_params import make_generator
 from vb_sim.floor_plan import wall_outline
 from vb_sim.world import Floor, FloorPatch, World
 
+_CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])  # of a square
+
 
 @dataclass(frozen=True)
 class FloorTexture:
@@ -127,9 +129,12 @@ def _cut_patch(texture: FloorTexture, patch: FloorPatch) -> Tuple[np.ndarray, np
     rows, columns = np.indices(part.shape[:2], dtype=np.float32)
     dx = (columns + left + 0.5) * texture.resolution + texture.origin[0] - patch.x
     dy = (rows + top + 0.5) * texture.resolution + texture.origin[1] - patch.y
-    c = math.cos(math.radians(patch.yaw))
-    s = math.sin(math.radians(patch.yaw))
-    return part, c * dx + s * dy, c * dy - s * dx
+    yaw = math.radians(patch.yaw)
+    c = math.cos(yaw)
+    s = math.sin(yaw)
+    x = c * dx + s * dy
+    y = c * dy - s * dx
+    return part, x, y
 
 
 def _draw_carpet(texture: FloorTexture, patch: FloorPatch, rng: np.random.Generator) -> None:
@@ -138,15 +143,18 @@ def _draw_carpet(texture: FloorTexture, patch: FloorPatch, rng: np.random.Genera
         return
     half_x, half_y = np.array(patch.size) / 2.0
     edge = np.minimum(half_x - np.abs(x), half_y - np.abs(y))  # [m] distance to the nearest edge
-    weave = 0.5 * (np.sin(2 * math.pi * x / 0.011) * np.sin(2 * math.pi * y / 0.011))
+    warp = np.sin(2 * math.pi * x / 0.011)
+    weft = np.sin(2 * math.pi * y / 0.011)
     step = 0.007 / texture.resolution
     fibres = _make_noise(part.shape[:2], (step, step), rng)
     wear = _make_noise(part.shape[:2], (60 * step, 60 * step), rng)
-    tone = 1.0 + patch.contrast * (0.35 * weave + 0.22 * fibres)
+    tone = 1.0 + patch.contrast * (0.35 * 0.5 * (warp * weft) + 0.22 * fibres)
     tone += 0.10 * patch.contrast * wear
     # a woven border and diamonds, which may mislead a spot detector as real carpets do
     is_stripe = ((edge > 0.05) & (edge < 0.065)) | ((edge > 0.10) & (edge < 0.125))
-    rhomb = np.abs(((x + 0.2) % 0.4) / 0.4 - 0.5) + np.abs(((y + 0.2) % 0.4) / 0.4 - 0.5)
+    across_x = np.abs(((x + 0.2) % 0.4) / 0.4 - 0.5)
+    across_y = np.abs(((y + 0.2) % 0.4) / 0.4 - 0.5)
+    rhomb = across_x + across_y
     is_diamond = (rhomb > 0.16) & (rhomb < 0.21) & (edge > 0.16)
     figures = is_stripe.astype(np.float32) + 0.7 * is_diamond.astype(np.float32)
     tone *= 1.0 + 1.2 * patch.contrast * figures
@@ -160,11 +168,11 @@ def _draw_snippets(texture: FloorTexture, patch: FloorPatch, rng: np.random.Gene
     for _ in range(patch.count):
         center = (rng.random(2) - 0.5) * np.array(patch.size)
         angle = rng.random() * math.pi
-        half_x, half_y = patch.snippet * rng.uniform(0.3, 0.6, 2)
-        rectangle = np.array([[-half_x, -half_y], [half_x, -half_y], [half_x, half_y], [-half_x, half_y]])
+        half_size = patch.snippet * rng.uniform(0.3, 0.6, 2)
         # torn paper: a rectangle with each corner displaced
-        torn = rectangle * rng.uniform(0.7, 1.1, (4, 2))
-        outline = texture.pixels(base_to_map(base_to_map(torn, (*center, angle)), pose))
+        torn = half_size * _CORNERS * rng.uniform(0.7, 1.1, (4, 2))
+        in_patch = base_to_map(torn, (*center, angle))
+        outline = texture.pixels(base_to_map(in_patch, pose))
         shade = float(rng.uniform(1.0 - patch.contrast, 1.0))
         color = tuple(shade * value for value in patch.color)
         corners = np.round(outline * 16).astype(np.int32)

@@ -170,8 +170,13 @@ def _spread_light(u: np.ndarray, v: np.ndarray, total: float, covariance: np.nda
     dv = v - (instants * smear[1]).astype(np.float32)
     squared_distance = uu * du * du + (np.float32(2) * uv * du) * dv + vv * dv * dv
     light = np.exp(np.float32(-0.5) * squared_distance).sum(axis=0)
-    light *= np.float32(total / (2.0 * math.pi * math.sqrt(determinant)) / count)
+    light *= np.float32(_core_peak(total, covariance) / count)
     return light
+
+
+def _core_peak(total: float, covariance: np.ndarray) -> float:
+    """Returns the light [grey levels] in the centre of an ellipse with a covariance (2, 2) [px^2]."""
+    return total / (2.0 * math.pi * math.sqrt(_determinant(covariance)))
 
 
 def _halo_peak(total: float, optics: Optics) -> float:
@@ -201,10 +206,10 @@ def _footprint_covariance(point: Tuple[float, float], source: Optional[np.ndarra
 
 def _light_radius(total: float, covariance: np.ndarray, optics: Optics) -> float:
     """Computes the radius [px] beyond which the spot adds less than half a grey level."""
-    determinant = _determinant(covariance)
     half_trace = 0.5 * float(covariance[0, 0] + covariance[1, 1])
-    largest_eigenvalue = half_trace + math.sqrt(max(0.0, half_trace**2 - determinant))
-    peak = max(1.0, total / (2.0 * math.pi * math.sqrt(determinant)))
+    squared_difference = half_trace**2 - _determinant(covariance)
+    largest_eigenvalue = half_trace + math.sqrt(max(0.0, squared_difference))
+    peak = max(1.0, _core_peak(total, covariance))
     core_radius = math.sqrt(largest_eigenvalue) * math.sqrt(2.0 * math.log(2.0 * peak + 1.0))
     halo_radius = optics.halo_scale_px * math.log(max(1.0, 2.0 * _halo_peak(total, optics)))
     return max(core_radius, halo_radius) + 2.0
