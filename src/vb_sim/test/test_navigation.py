@@ -81,7 +81,7 @@ def test_paths_are_the_cheapest(seed):
     rng = np.random.default_rng(seed)
     data = np.where(rng.random((30, 40)) < 0.2, OCCUPIED, FREE).astype(np.int8)
     costmap = Costmap(GridMap(data, 0.1), 0.05)  # some blocked cells meet only at their corners
-    free = np.argwhere(costmap.traversable())
+    free = np.argwhere(costmap.costs < INSCRIBED)
     start, goal = free[0], free[-1]
     planner = Planner(costmap)
     ends = costmap.grid.cell_to_world(np.array([start, goal]))
@@ -100,7 +100,7 @@ def test_no_path_touches_a_blocked_cell(seed):
     rng = np.random.default_rng(seed)
     data = np.where(rng.random((40, 50)) < 0.012, OCCUPIED, FREE).astype(np.int8)
     costmap = Costmap(GridMap(data, 0.05), 0.1)
-    free = np.argwhere(costmap.traversable())
+    free = np.argwhere(costmap.costs < INSCRIBED)
     if len(free) < 2:
         return
     ends = costmap.grid.cell_to_world(free[rng.integers(len(free), size=2)])
@@ -114,7 +114,7 @@ def test_no_path_touches_a_blocked_cell(seed):
     cells = costmap.grid.world_to_cell(fine)
     # it never enters an obstacle, and the inscribed zone by less than a cell, where a line cuts its corner
     assert (costmap.costs[cells[:, 0], cells[:, 1]] != LETHAL).all()
-    inside = distance_transform_edt(~costmap.traversable())[cells[:, 0], cells[:, 1]]
+    inside = distance_transform_edt(~(costmap.costs < INSCRIBED))[cells[:, 0], cells[:, 1]]
     assert inside.max() <= 1.5
 
 

@@ -12,7 +12,7 @@ import json
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Callable, List, Optional, Tuple
+from typing import Callable, List, Tuple
 
 import numpy as np
 from shapely.geometry import LinearRing
@@ -105,10 +105,9 @@ class Stroke:
         closed: bool,
         model: ParticipantModel,
         rng: np.random.Generator,
-        is_floor: Optional[IsFloor] = None,
-        style: Optional[Style] = None,
+        is_floor: IsFloor,
+        style: Style,
     ) -> None:
-        style = style or load_styles()[0]
         scale = model.stroke_scale
         border = np.asarray(border, dtype=float)
         # corners and the ends of an open border are aimed at with small errors
@@ -118,7 +117,7 @@ class Stroke:
             chain = np.vstack([aimed, aimed[:1]])
             chain = _move_end(chain, excess + abs(rng.normal(0.0, model.overlap)))
         else:
-            chain = _move_ends_to_floor(aimed, is_floor) if is_floor is not None else aimed
+            chain = _move_ends_to_floor(aimed, is_floor)
         self.points, times = self._draw(chain, style, scale)
         self._arc = arc_lengths(self.points)
         self.length = float(self._arc[-1])

@@ -145,7 +145,7 @@ class Person:
         self.walker = Walker(self.grid, model, start_near)
         self.walker.position = self.walker.find_place_near(start_near, 1.2, 2.0, self.rng)
         self.drawing_speed = float(self.rng.uniform(model.drawing_speed[0], max(model.drawing_speed)))
-        self._tremor = Tremor(model.tremor, (model.tremor_band[0], model.tremor_band[1]), self.rng)
+        self._tremor = Tremor(model.tremor, model.tremor_band, self.rng)
         self.perception = Perception()
         self.spot: Optional[np.ndarray] = None
         # the style is that of the same real person in all scenarios, with all methods
@@ -223,9 +223,9 @@ class Person:
         """Waits for a random reaction time."""
         yield from self.wait(self.model.reaction_time * float(self.rng.uniform(0.7, 1.6)))
 
-    def arrive(self) -> Step:
-        """Waits until the person has arrived at the goal."""
-        yield from self.wait(math.inf, lambda: not self.walker.walking)
+    def arrive(self, seconds: float = math.inf) -> Step:
+        """Waits until the person has arrived at the goal, or `seconds` [s] have passed."""
+        yield from self.wait(seconds, lambda: not self.walker.walking)
 
     def walk_within_reach(self, spot: np.ndarray, line: np.ndarray) -> None:
         """Starts walking to within reach of the spot, unless it is already in reach."""

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Callable, Dict, List, Optional, Tuple
+from typing import Callable, Dict, List, Optional, Tuple, Union
 
 import numpy as np
 
 from vb_core.camera_model import CameraModel
 from vb_core.geometry import Pose
 from vb_sim.lab_history import Snapshot
-from vb_sim.model_params import Models, make_generator
+from vb_sim.model_params import CameraNoise, Models, RobotCamera, make_generator
 from vb_sim.rendering import bodies
 from vb_sim.rendering.laser_spot import SpotImage, add_spot, render_spot
 
@@ -44,9 +44,9 @@ class View:
         model: the camera.
         encoding: the images' encoding, as named in sensor_msgs.
         radii: radius [m] of each robot by its name.
-        models: parameters of optics and noise.
+        models: parameters of optics and people.
+        noise: of the camera's sensor.
         seed: seed of the noise.
-        full_well_e: [electrons] at 255, which determines the photon noise.
     """
 
     def __init__(
@@ -56,15 +56,15 @@ class View:
         encoding: str,
         radii: Dict[str, float],
         models: Models,
+        noise: Union[CameraNoise, RobotCamera],
         seed: int,
-        full_well_e: float,
     ) -> None:
         self.model = model
         self.encoding = encoding
         self._radii = radii
         self._models = models
         self._optics = models.optics
-        self._full_well_e = full_well_e
+        self._noise_model = noise
         self._rng = make_generator(seed, name)
         self._object_ids = np.zeros((model.height, model.width), np.uint8)  # 0 where nothing hides the floor
 
@@ -140,7 +140,7 @@ class View:
             return
         weights = visible * exposure * self._albedo(spot) * self._optics.response(snapshot.laser_color)
         self._before_change(image, spot.area)
-        add_spot(image, spot, weights, self.encoding, self._full_well_e, self._rng)
+        add_spot(image, spot, weights, self.encoding, self._noise_model.full_well_e, self._rng)
 
     def _before_change(self, image: np.ndarray, area: Tuple[slice, slice]) -> None:
         """Is called before an area of an image is changed."""

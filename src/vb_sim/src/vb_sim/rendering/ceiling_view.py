@@ -104,9 +104,8 @@ class CeilingView(View):
     def __init__(
         self, camera: CeilingCamera, radii: Dict[str, float], floor: FloorTexture, mesh: Mesh, models: Models, seed: int
     ) -> None:
-        self._noise = models.camera_noise
-        well = self._noise.full_well_e
-        super().__init__(f"ceiling camera {camera.name}", camera.model(), camera.encoding, radii, models, seed, well)
+        name = f"ceiling camera {camera.name}"
+        super().__init__(name, camera.model(), camera.encoding, radii, models, models.camera_noise, seed)
         self.pose = camera.pose()
         background = self._draw_background(floor, mesh)
         self._images = self._make_noisy_images(background)
@@ -150,10 +149,10 @@ class CeilingView(View):
 
     def _make_noisy_images(self, background: np.ndarray) -> List[np.ndarray]:
         values = np.ascontiguousarray(encode(background, self.encoding)).astype(np.float32)
-        values *= 1.0 + self._noise.prnu * self._rng.standard_normal(values.shape, dtype=np.float32)
-        sigma = self._noise.sigma(values).astype(np.float32)
+        values *= 1.0 + self._noise_model.prnu * self._rng.standard_normal(values.shape, dtype=np.float32)
+        sigma = self._noise_model.sigma(values).astype(np.float32)
         images = []
-        for _ in range(self._noise.frames):
+        for _ in range(self._noise_model.frames):
             noisy = values + sigma * self._rng.standard_normal(values.shape, dtype=np.float32)
             images.append(np.clip(noisy + 0.5, 0, 255).astype(np.uint8))
         return images
@@ -163,7 +162,7 @@ class CeilingView(View):
         shape = (self.model.height + 64, self.model.width + 64)
         if self._images[0].ndim == 3:
             shape += (3,)
-        noise = float(self._noise.sigma(100.0)) * self._rng.standard_normal(shape, dtype=np.float32)
+        noise = float(self._noise_model.sigma(100.0)) * self._rng.standard_normal(shape, dtype=np.float32)
         return np.clip(noise + _NOISE_OFFSET + 0.5, 0, 255).astype(np.uint8)
 
     # ------------------------------------------------------------- moving parts

@@ -31,9 +31,8 @@ class RobotView(View):
     def __init__(
         self, robot: Robot, radii: Dict[str, float], floor: FloorTexture, mesh: Mesh, models: Models, seed: int
     ) -> None:
-        self._noise_model = models.robot_camera
-        well = self._noise_model.full_well_e
-        super().__init__(f"camera of robot {robot.name}", robot.color_model(), "rgb8", radii, models, seed, well)
+        name = f"camera of robot {robot.name}"
+        super().__init__(name, robot.color_model(), "rgb8", radii, models, models.robot_camera, seed)
         self.robot = robot
         self.depth_model = robot.depth_model()
         self._own_names = {robot.name, robot.namespace.strip("/")}

@@ -53,10 +53,6 @@ class Costmap:
         self.distance = distance_transform(static == LETHAL) * np.float32(grid.resolution)
         self.costs = inflate(static, self.distance, radius, inflation)
 
-    def traversable(self) -> np.ndarray:
-        """Returns (H, W) bool: whether the robot's centre may be in each cell; unknown cells are not traversable."""
-        return self.costs < INSCRIBED
-
     def occupancy(self) -> np.ndarray:
         """Returns (H, W) int8 as costmap_2d publishes it: 100 lethal, 99 inscribed, 98 to 0, -1 unknown."""
         table = np.zeros(256, np.int16)
@@ -93,8 +89,10 @@ class Planner:
     """Plans paths on one costmap. It stores the search from the last start, so further goals from there are fast."""
 
     def __init__(self, costmap: Costmap) -> None:
-        self.costmap, self._grid = costmap, costmap.grid
-        self._free = costmap.traversable()
+        self.costmap = costmap
+        self._grid = costmap.grid
+        # where the robot's centre may be; not in unknown cells
+        self._free = costmap.costs < INSCRIBED
         self._weights = NEUTRAL_COST + COST_FACTOR * costmap.costs.astype(np.float64)
         # a start, and the result of `_search` from there
         self._last_search: Optional[Tuple[Cell, np.ndarray, np.ndarray]] = None
