@@ -8,8 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Dict, Optional, Tuple
 
 from vb_core.geometry import Pose, wrap_angle
-
-Point2 = Tuple[float, float]
+from vb_sim.world import Point2
 
 # [m] a spot that jumps farther between two snapshots was moved with the laser off, not swept over the floor
 _MAX_JUMP = 0.4

@@ -8,11 +8,12 @@ from typing import List, Optional, Set, Tuple
 
 import numpy as np
 
+from vb_core.geometry import Pose
 from vb_core.grid_map import OCCUPIED, GridMap, distance_transform
 from vb_sim.model_params import Models
 from vb_sim.robot.robot_body import RobotBody
 from vb_sim.floor_plan import physical_map
-from vb_sim.world import World
+from vb_sim.world import Point2, World
 
 
 class DistanceField:
@@ -51,7 +52,7 @@ class DistanceField:
         high = high_left * (1 - right) + high_right * right
         return float(low * (1 - up) + high * up)
 
-    def cast_rays(self, origin: Tuple[float, float], angles: np.ndarray, range_max: float) -> np.ndarray:
+    def cast_rays(self, origin: Point2, angles: np.ndarray, range_max: float) -> np.ndarray:
         """Returns the ranges (N,) [m] of beams from `origin` [m] at `angles` (N,) [rad] in the map; inf without a hit.
 
         Uses sphere tracing: each beam advances by the distance that is known to be free. It may cross a hundred cells
@@ -77,9 +78,7 @@ class DistanceField:
         return result
 
 
-def cast_disc(
-    origin: Tuple[float, float], angles: np.ndarray, center: Tuple[float, float], radius: float
-) -> np.ndarray:
+def cast_disc(origin: Point2, angles: np.ndarray, center: Point2, radius: float) -> np.ndarray:
     """Returns the ranges (N,) [m] at which beams hit a disc, for instance a person's legs; inf if they miss it."""
     to_center = np.asarray(center, dtype=float) - np.asarray(origin, dtype=float)
     along = np.cos(angles) * to_center[0] + np.sin(angles) * to_center[1]
@@ -105,7 +104,7 @@ class SimulatedLab:
             RobotBody(item.start_pose(), item.radius, models, self.field.clearance, np.random.default_rng(child))
             for item, child in zip(world.robots, sequence)
         ]
-        self.person: Optional[Tuple[float, float, float]] = None
+        self.person: Optional[Pose] = None
         self.now = 0.0
 
     def step(self, dt: float, now: float) -> None:

@@ -167,9 +167,6 @@ class _Rospy:
     def resolve_name(self, name: str, caller_id: Any = None) -> str:
         return self._graph.node.resolve(name)
 
-    def remap_name(self, name: str) -> str:
-        return name
-
     # ------------------------------------------------------------- parameters
     def get_param(self, name: str, *default: Any) -> Any:
         try:

@@ -19,6 +19,7 @@ from shapely.geometry import LinearRing
 
 from vb_core.geometry import arc_lengths, base_to_map, bounding_diagonal
 from vb_sim.model_params import MODELS_FILE, ParticipantModel
+from vb_sim.world import Point2
 
 IsFloor = Callable[[np.ndarray], np.ndarray]
 STROKES_FILE = MODELS_FILE.with_name("strokes.json")
@@ -168,9 +169,7 @@ class Stroke:
         return float(self._pace[min(max(int(arc / self._bin), 0), len(self._pace) - 1)])
 
 
-def perceive_border(
-    border: np.ndarray, closed: bool, offset: Tuple[float, float], turn: float, margin: float
-) -> np.ndarray:
+def perceive_border(border: np.ndarray, closed: bool, offset: Point2, turn: float, margin: float) -> np.ndarray:
     """Returns the chain that a person intends to draw who sees marks on the floor, but no map.
 
     Args:

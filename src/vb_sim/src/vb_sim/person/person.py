@@ -15,12 +15,13 @@ from typing import Callable, Generator, Optional, Tuple
 import numpy as np
 
 from vb_core import geometry
+from vb_core.geometry import Pose
 from vb_core.grid_map import FREE, UNKNOWN, GridMap, sample
 from vb_sim.model_params import ParticipantModel
 from vb_sim.person.hand import Stroke, Tremor, load_styles
 from vb_sim.person.walking import Walker
 from vb_sim.floor_plan import physical_map
-from vb_sim.world import Scenario, World
+from vb_sim.world import Point2, Scenario, World
 
 Step = Generator[None, None, None]
 FEEDBACK_GAP = 0.3  # [s] since the last feedback after which the spot counts as unseen
@@ -55,7 +56,7 @@ class Perception:
     """
 
     now: float = 0.0
-    robot: Optional[Tuple[float, float, float]] = None
+    robot: Optional[Pose] = None
     last_seen: float = -math.inf
     last_seen_by_robot: float = -math.inf
     has_seed: bool = False
@@ -64,9 +65,7 @@ class Perception:
     answer: CommandReply = CommandReply(True, "ok", "")
     answered: int = 0
 
-    def record_spot(
-        self, spot: Optional[Tuple[float, float]], stamp: float, sighting: Tuple[float, float], mobile: bool
-    ) -> None:
+    def record_spot(self, spot: Optional[Point2], stamp: float, sighting: Point2, mobile: bool) -> None:
         """Records that a camera saw a spot, if it is the person's.
 
         Args:
@@ -97,8 +96,8 @@ class Action:
         outcome: "saved" or "gave_up" at the end of the run; empty before.
     """
 
-    laser: Optional[Tuple[float, float]]
-    pose: Tuple[float, float, float]
+    laser: Optional[Point2]
+    pose: Pose
     doing: str
     command: str = ""
     number: int = 0

@@ -9,8 +9,9 @@ from typing import Optional, Sequence, Tuple
 import numpy as np
 
 from vb_core.camera_model import CameraModel
-from vb_core.geometry import invert_transform, transform_from_pose2d, transform_points
+from vb_core.geometry import Pose, invert_transform, transform_from_pose2d, transform_points
 from vb_sim.model_params import BodyProportions
+from vb_sim.world import Point2
 
 _NEAR = 0.15  # [m] along the optical axis; nearer pieces are not drawn
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
@@ -49,7 +50,7 @@ class BodyParts:
         high = transform_points(T, self.high)
         return replace(self, low=low, high=high, yaws=np.full(len(self), yaw))
 
-    def scale_to(self, center: Tuple[float, float], build: BodyProportions) -> "BodyParts":
+    def scale_to(self, center: Point2, build: BodyProportions) -> "BodyParts":
         """Returns a person's pieces scaled from the average build to another, about `center` (x, y) [m]."""
         scale = np.array([build.breadth, build.breadth, build.height / AVERAGE.height])
         origin = np.array([*center, 0.0])
@@ -123,9 +124,7 @@ _ARM_HIGH_RADII = np.array([(0.046, 0.046), (0.035, 0.035), (0.01, 0.01)])
 _ARM_COLORS = np.array([_tint(SHIRT, 1.05), SKIN, (30, 30, 32)], dtype=float)
 
 
-def hand_position(
-    person: Tuple[float, float, float], target: Optional[Tuple[float, float]], height: float
-) -> np.ndarray:
+def hand_position(person: Pose, target: Optional[Point2], height: float) -> np.ndarray:
     """Returns the position (3,) [m] of the right hand, which holds the pointer at a height [m]."""
     x, y, yaw = person
     shoulder_x, shoulder_y = x + 0.20 * math.sin(yaw), y - 0.20 * math.cos(yaw)
@@ -139,10 +138,7 @@ def hand_position(
 
 
 def person_pieces(
-    person: Tuple[float, float, float],
-    target: Optional[Tuple[float, float]],
-    hand_height: float,
-    build: BodyProportions = AVERAGE,
+    person: Pose, target: Optional[Point2], hand_height: float, build: BodyProportions = AVERAGE
 ) -> BodyParts:
     """Builds a standing person with the right arm raised towards a point on the floor, or hanging.
 
@@ -175,7 +171,7 @@ def person_pieces(
     return join_pieces([body if build == AVERAGE else body.scale_to((x, y), build), arm])
 
 
-def person_key(person: Tuple[float, float, float], target: Optional[Tuple[float, float]]) -> Tuple:
+def person_key(person: Pose, target: Optional[Point2]) -> Tuple:
     """Returns a key that is the same for people who look the same to within some centimetres, to reuse images."""
     hand: Tuple = ()
     if target is not None:
@@ -185,7 +181,7 @@ def person_key(person: Tuple[float, float, float], target: Optional[Tuple[float,
     return (round(x / 0.006), round(y / 0.006), round(yaw / 0.03), hand)
 
 
-def robot_key(pose: Tuple[float, float, float]) -> Tuple:
+def robot_key(pose: Pose) -> Tuple:
     """Returns a key that is the same for robots that look the same to within a few millimetres."""
     x, y, yaw = pose
     return (round(x / 0.003), round(y / 0.003), round(yaw / 0.02))
@@ -211,7 +207,7 @@ _ROBOT = _make_parts(
 )
 
 
-def robot_pieces(pose: Tuple[float, float, float], radius: float) -> BodyParts:
+def robot_pieces(pose: Pose, radius: float) -> BodyParts:
     """Builds a robot with a TurtleBot 2's proportions, scaled to a radius [m]."""
     scale = radius / _ROBOT_RADIUS
     parts = (_ROBOT.low, _ROBOT.high, _ROBOT.low_radii, _ROBOT.high_radii)

@@ -17,6 +17,7 @@ import numpy as np
 from vb_core.camera_model import CameraModel
 from vb_core.geometry import invert_transform, transform_points
 from vb_sim.model_params import Optics
+from vb_sim.world import Point2
 
 _MAX_PX = 56
 
@@ -49,8 +50,8 @@ class SpotImage:
 
 
 def render_spot(
-    point: Tuple[float, float],
-    velocity: Tuple[float, float],
+    point: Point2,
+    velocity: Point2,
     source: Optional[np.ndarray],
     camera: CameraModel,
     T_map_optical: np.ndarray,
@@ -130,11 +131,7 @@ def apply_color_filters(values: np.ndarray, weights: np.ndarray, encoding: str, 
 
 
 def _project(
-    point: Tuple[float, float],
-    velocity: Tuple[float, float],
-    camera: CameraModel,
-    T_map_optical: np.ndarray,
-    optics: Optics,
+    point: Point2, velocity: Point2, camera: CameraModel, T_map_optical: np.ndarray, optics: Optics
 ) -> Optional[Tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Returns the spot's centre (2,) [px], the Jacobian there (2, 2) [px/m], and the spot's motion blur (2,) [px]."""
     step = 1e-3  # [m]
@@ -188,7 +185,7 @@ def _determinant(matrix: np.ndarray) -> float:
     return float(matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0])
 
 
-def _footprint_covariance(point: Tuple[float, float], source: Optional[np.ndarray], optics: Optics) -> np.ndarray:
+def _footprint_covariance(point: Point2, source: Optional[np.ndarray], optics: Optics) -> np.ndarray:
     """Computes the covariance (2, 2) [m^2] of the light on the floor, an ellipse if the beam is oblique."""
     distance = 1.5
     covariance = np.eye(2)
