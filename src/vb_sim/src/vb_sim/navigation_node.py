@@ -131,9 +131,10 @@ class NavigationNode:
         Raises:
             CodedError: "bad_goal" or "no_transform".
         """
-        pose2d, frame = messages.pose2d_from_message(pose.pose), pose.header.frame_id.lstrip("/")
+        pose2d = messages.pose2d_from_message(pose.pose)
         if not np.isfinite(pose2d).all():
             raise CodedError("bad_goal", "the goal's pose is not finite")
+        frame = pose.header.frame_id.lstrip("/")
         if frame == names.MAP_FRAME:
             return pose2d
         T = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0))

@@ -46,11 +46,8 @@ class DistanceField:
             return 0.0
         # bilinear interpolation between the centres of four cells
         right, up = column - c, row - r
-        low_left, low_right = self._distance[r, c : c + 2]
-        high_left, high_right = self._distance[r + 1, c : c + 2]
-        low = low_left * (1 - right) + low_right * right
-        high = high_left * (1 - right) + high_right * right
-        return float(low * (1 - up) + high * up)
+        distances = self._distance[r : r + 2, c : c + 2]
+        return float(np.array([1 - up, up]) @ distances @ np.array([1 - right, right]))
 
     def cast_rays(self, origin: Point2, angles: np.ndarray, range_max: float) -> np.ndarray:
         """Returns the ranges (N,) [m] of beams from `origin` [m] at `angles` (N,) [rad] in the map; inf without a hit.
@@ -82,10 +79,12 @@ def cast_disc(origin: Point2, angles: np.ndarray, center: Point2, radius: float)
     """Returns the ranges (N,) [m] at which beams hit a disc, for instance a person's legs; inf if they miss it."""
     to_center = np.asarray(center, dtype=float) - np.asarray(origin, dtype=float)
     along = np.cos(angles) * to_center[0] + np.sin(angles) * to_center[1]
-    half_chord = radius**2 - (to_center @ to_center - along**2)
+    squared_offset = to_center @ to_center - along**2  # of the beam from the centre
+    squared_half_chord = radius**2 - squared_offset
     with np.errstate(invalid="ignore"):
-        ranges = along - np.sqrt(half_chord)
-    return np.where((half_chord > 0) & (ranges > 0), ranges, np.inf)
+        ranges = along - np.sqrt(squared_half_chord)
+    is_hit = (squared_half_chord > 0) & (ranges > 0)
+    return np.where(is_hit, ranges, np.inf)
 
 
 class SimulatedLab:
@@ -101,8 +100,8 @@ class SimulatedLab:
         sequence = np.random.SeedSequence(seed).spawn(len(world.robots) + 1)
         self._scan_rng = np.random.default_rng(sequence[-1])
         self.robots: List[RobotBody] = [
-            RobotBody(item.start_pose(), item.radius, models, self.field.clearance, np.random.default_rng(child))
-            for item, child in zip(world.robots, sequence)
+            RobotBody(robot, models, self.field.clearance, np.random.default_rng(child))
+            for robot, child in zip(world.robots, sequence)
         ]
         self.person: Optional[Pose] = None
         self.now = 0.0
@@ -146,7 +145,8 @@ class Lockstep:
     """
 
     def __init__(self, expected: Tuple[str, ...], timeout: float = 1.0) -> None:
-        self._expected, self._timeout = set(expected), timeout
+        self._expected = set(expected)
+        self._timeout = timeout
         self._arrived: Set[str] = set()
         self._active = False
         self._condition = threading.Condition()

@@ -136,11 +136,6 @@ class Scheduler:
         self._tasks.clear()
 
 
-def _ns(seconds: Optional[float]) -> Optional[int]:
-    # not 0, which would be no wait at all: see MIN_TIMEOUT_NS
-    return None if seconds is None or seconds < 0 else max(int(round(seconds * 1e9)), 1)
-
-
 class StandIns:
     """Stand-ins for the three modules, as far as nodes use them. All other names are the real ones.
 
@@ -181,7 +176,7 @@ def _modules(scheduler: Scheduler) -> Dict[str, SimpleNamespace]:
     threading = SimpleNamespace(**{**vars(real_threading), **names})
     clock: Dict[str, Any] = dict.fromkeys(("time", "monotonic", "perf_counter"), seconds)
     clock["time_ns"] = lambda: scheduler.now_ns
-    clock["sleep"] = lambda duration: scheduler.wait(_ns(max(duration, 0.0)))
+    clock["sleep"] = lambda duration: scheduler.wait(round(max(duration, 0.0) * 1e9))
     queue_class = _copy_class(real_queue.Queue, threading=threading, time=seconds)
     return {
         "threading": threading,
@@ -238,7 +233,7 @@ class Lock:
         """Acquires the lock, waiting until it is free."""
         # almost always free: one task runs at a time
         while self._is_held:
-            if not blocking or not self._waiting.wait(_ns(timeout)):
+            if not blocking or not self._waiting.wait(None if timeout < 0 else round(timeout * 1e9)):
                 return False
         self._is_held = True
         return True

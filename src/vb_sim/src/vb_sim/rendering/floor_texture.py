@@ -33,7 +33,8 @@ class FloorTexture:
 
     def matrix(self) -> np.ndarray:
         """Returns the matrix (3, 3) from map coordinates [m] to (column, row) [px], integers at pixel centres."""
-        scale, (x, y) = 1.0 / self.resolution, self.origin
+        scale = 1.0 / self.resolution
+        x, y = self.origin
         return np.array([[scale, 0, -x * scale - 0.5], [0, scale, -y * scale - 0.5], [0, 0, 1.0]])
 
     def pixels(self, points: np.ndarray) -> np.ndarray:

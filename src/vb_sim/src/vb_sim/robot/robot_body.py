@@ -10,6 +10,7 @@ import numpy as np
 from vb_core import geometry
 from vb_core.geometry import Pose
 from vb_sim.model_params import Models
+from vb_sim.world import Robot
 
 
 def advance(pose: Pose, distance: float, turn: float) -> Pose:
@@ -31,27 +32,20 @@ class RobotBody:
     """A differential drive on the floor of a room.
 
     Args:
-        start: true start pose, (x, y, yaw) [m, m, rad], map frame.
-        radius: [m] radius of the round body.
         clearance: returns the distance [m] from a point to the nearest obstacle.
         rng: generates all noise.
     """
 
     def __init__(
-        self,
-        start: Pose,
-        radius: float,
-        models: Models,
-        clearance: Callable[[float, float], float],
-        rng: np.random.Generator,
+        self, robot: Robot, models: Models, clearance: Callable[[float, float], float], rng: np.random.Generator
     ) -> None:
-        self._radius = radius
+        self._radius = robot.radius
         self._model, localisation = models.robot, models.localisation
         self._sigmas = np.array([localisation.position_sigma, localisation.position_sigma, localisation.yaw_sigma])
         self._correlation_time = localisation.correlation_time
         self._clearance = clearance
         self._rng = rng
-        self.pose: Pose = start
+        self.pose: Pose = robot.start_pose()
         self.odometry: Pose = (0.0, 0.0, 0.0)
         self.velocity: Tuple[float, float] = (0.0, 0.0)  # [m/s, rad/s]
         self.collisions = 0
