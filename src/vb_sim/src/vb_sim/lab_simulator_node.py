@@ -111,8 +111,8 @@ class LabSimulatorNode:
             rospy.Subscriber(topic, Twist, self._on_cmd_vel, index, queue_size=1, tcp_nodelay=True)
         if self._lockstep is not None:
             topic = self._robots[0].topic + "cmd_vel/navigation"
-            lockstep = self._lockstep
-            rospy.Subscriber(topic, Twist, lambda _: lockstep.arrive("navigation"), queue_size=1, tcp_nodelay=True)
+            arrive = self._lockstep.arrive
+            rospy.Subscriber(topic, Twist, lambda _: arrive("navigation"), queue_size=1, tcp_nodelay=True)
             rospy.Subscriber("/tf", rospy.AnyMsg, self._on_transform, queue_size=20, tcp_nodelay=True)
         rospy.Subscriber(names.PARTICIPANT, ParticipantState, self._on_participant, queue_size=1, tcp_nodelay=True)
         self._pace = 1.0  # maximum of simulated seconds per real second

@@ -117,7 +117,8 @@ class NavigationNode:
         ranges = np.asarray(message.ranges, dtype=float)
         angles = message.angle_min + message.angle_increment * np.arange(len(ranges))
         valid = np.isfinite(ranges) & (ranges >= message.range_min) & (ranges <= message.range_max)
-        ranges, angles = ranges[valid], angles[valid]
+        ranges = ranges[valid]
+        angles = angles[valid]
         points = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles), np.zeros(len(ranges))])
         self._obstacles = geometry.transform_points(self._mount, points)[:, :2]
 

@@ -157,6 +157,7 @@ class ParticipantNode:
 def build() -> ParticipantNode:
     """Reads the parameters and constructs the node."""
     params = parameters.read(ParticipantParams)
-    world, model = load_world(params.world), load_models().participant
-    script = make_script(world, world.scenario(params.scenario), model, params.method, params.seed)
+    world = load_world(params.world)
+    scenario = world.scenario(params.scenario)
+    script = make_script(world, scenario, load_models().participant, params.method, params.seed)
     return ParticipantNode(script, params.color)

@@ -36,11 +36,8 @@ def calibrated_pose(camera: CeilingCamera, optics: Optics, seed: int) -> np.ndar
         return np.nan_to_num(points, nan=1e3)
 
     measured = locate(true) + rng.normal(0.0, optics.calibration_point_m, (len(rays), 2))
-
-    def residuals(x: np.ndarray) -> np.ndarray:
-        return (locate(displace(x)) - measured).ravel()
-
-    return displace(least_squares(residuals, np.zeros(6), method="lm").x)
+    solution = least_squares(lambda x: (locate(displace(x)) - measured).ravel(), np.zeros(6), method="lm")
+    return displace(solution.x)
 
 
 def _choose_marks(model: CameraModel, pose: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:

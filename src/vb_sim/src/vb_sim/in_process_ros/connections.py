@@ -49,7 +49,8 @@ class Publisher:
     """Replaces rospy.Publisher."""
 
     def __init__(self, graph: Graph, name: str, data_class: type, *_: Any, latch: bool = False, **__: Any) -> None:
-        self._graph, self.node = graph, graph.node
+        self._graph = graph
+        self.node = graph.node
         self.resolved_name = self.name = graph.node.resolve(name)
         self.data_class = data_class
         self.type = data_class._type

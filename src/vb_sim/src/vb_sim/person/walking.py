@@ -58,7 +58,8 @@ class Walker:
     ) -> np.ndarray:
         """Chooses a random position (2,) [m], `nearest` to `farthest` [m] from `place`, with a path between them."""
         for _ in range(200):
-            angle, distance = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(nearest, farthest)
+            angle = rng.uniform(0.0, 2.0 * math.pi)
+            distance = rng.uniform(nearest, farthest)
             candidate = place + distance * np.array([math.cos(angle), math.sin(angle)])
             path = self._plan(candidate, place)
             if len(path) and geometry.chain_length(path) < farthest + 1.0:

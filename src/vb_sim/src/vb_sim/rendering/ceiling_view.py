@@ -40,23 +40,20 @@ def encode(rgb: np.ndarray, encoding: str) -> np.ndarray:
         return cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
     if encoding == "mono8":
         return cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
-    red, green, blue = cv2.split(rgb)
-    return _mosaic(red[0::2, 0::2], green[0::2, 1::2], green[1::2, 0::2], blue[1::2, 1::2])
+    red, mosaic, blue = cv2.split(rgb)  # green wherever it is neither red nor blue
+    mosaic[0::2, 0::2] = red[0::2, 0::2]
+    mosaic[1::2, 1::2] = blue[1::2, 1::2]
+    return mosaic
 
 
 def encode_doubled(rgb: np.ndarray, encoding: str) -> np.ndarray:
     """Encodes an image (h, w, 3) at twice its size: (2h, 2w) or (2h, 2w, 3)."""
-    if encoding == "bayer_rggb8":
-        red, green, blue = cv2.split(rgb)
-        return _mosaic(red, green, green, blue)
-    return encode(cv2.resize(rgb, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR), encoding)
-
-
-def _mosaic(red: np.ndarray, right: np.ndarray, below: np.ndarray, blue: np.ndarray) -> np.ndarray:
-    """Builds a Bayer pattern (2h, 2w) from red, green to its right, green below it, and blue, each (h, w)."""
-    mosaic = np.empty((2 * red.shape[0], 2 * red.shape[1]), red.dtype)
-    mosaic[0::2, 0::2], mosaic[0::2, 1::2] = red, right
-    mosaic[1::2, 0::2], mosaic[1::2, 1::2] = below, blue
+    if encoding != "bayer_rggb8":
+        return encode(cv2.resize(rgb, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR), encoding)
+    red, green, blue = cv2.split(rgb)
+    mosaic = cv2.resize(green, None, fx=2, fy=2, interpolation=cv2.INTER_NEAREST)
+    mosaic[0::2, 0::2] = red
+    mosaic[1::2, 1::2] = blue
     return mosaic
 
 
@@ -262,7 +259,8 @@ class CeilingView(View):
             cv2.fillConvexPoly(inverse, outer[index][hull], 1.0 / depth, cv2.LINE_8, _SHIFT)
         opacity = np.where(inverse > 0.0, np.uint8(255), np.uint8(0))
         # both get the same soft edges, because the colour is premultiplied by the opacity
-        color, opacity = cv2.blur(color, (3, 3)), cv2.blur(opacity, (3, 3))
+        color = cv2.blur(color, (3, 3))
+        opacity = cv2.blur(opacity, (3, 3))
         hidden = cv2.compare(static_inverse, np.maximum(inverse * 1.02, 1e-6), cv2.CMP_GT)
         if cv2.countNonZero(hidden):
             visible = cv2.bitwise_not(hidden)

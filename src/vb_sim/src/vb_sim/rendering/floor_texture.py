@@ -106,10 +106,8 @@ def _make_brightness(floor: Floor, shape: Tuple[int, int], resolution: float, rn
     result += 0.42 * floor.contrast * tones[row_numbers[:, None], column_numbers]
     if floor.kind == "planks":
         # the grain runs along the boards
-        fine_grain = _make_noise(shape, (0.006 / resolution, 0.25 / resolution), rng)
-        coarse_grain = _make_noise(shape, (0.02 / resolution, 0.5 / resolution), rng)
-        result += 0.28 * floor.contrast * fine_grain
-        result += 0.18 * floor.contrast * coarse_grain
+        result += 0.28 * floor.contrast * _make_noise(shape, (0.006 / resolution, 0.25 / resolution), rng)
+        result += 0.18 * floor.contrast * _make_noise(shape, (0.02 / resolution, 0.5 / resolution), rng)
     seam = (0.0015 if floor.kind == "planks" else 0.002) / resolution
     # [px] distances to the nearest seam
     row_shares = rows - row_numbers

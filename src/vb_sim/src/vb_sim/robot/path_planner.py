@@ -180,7 +180,8 @@ class Planner:
         nodes = np.arange(self._free.size).reshape(self._free.shape)
         edges: List[Tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
-            from_rows, to_rows = slice(0, rows - dy), slice(dy, rows)
+            from_rows = slice(0, rows - dy)
+            to_rows = slice(dy, rows)
             from_columns = slice(max(0, -dx), columns - max(0, dx))
             to_columns = slice(max(0, dx), columns + min(0, dx))
             a = (from_rows, from_columns)
