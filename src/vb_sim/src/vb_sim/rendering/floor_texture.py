@@ -131,9 +131,7 @@ def _cut_patch(texture: FloorTexture, patch: FloorPatch) -> Tuple[np.ndarray, np
     yaw = math.radians(patch.yaw)
     c = math.cos(yaw)
     s = math.sin(yaw)
-    x = c * dx + s * dy
-    y = c * dy - s * dx
-    return part, x, y
+    return part, c * dx + s * dy, c * dy - s * dx
 
 
 def _draw_carpet(texture: FloorTexture, patch: FloorPatch, rng: np.random.Generator) -> None:
