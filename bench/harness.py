@@ -15,9 +15,8 @@ import tempfile
 import time
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Optional, Sequence
+from typing import Any, Callable, Dict, List, Optional
 
-import numpy as np
 import pandas
 
 from vb_evaluation.repository_revision import revision
@@ -121,9 +120,3 @@ def in_turns(actions: Dict[str, Callable[[], Any]], rounds: int) -> Dict[str, fl
     table, first = pandas.DataFrame(times)[1:], next(iter(actions))
     ratios = table.rdiv(table[first], axis=0).drop(columns=first)
     return {**table.median().add_suffix("_ms"), **ratios.median().add_prefix(f"{first}_over_")}
-
-
-def quantiles(values: Sequence[float]) -> Dict[str, Any]:
-    """Returns the number of values [s], and their median and 95th percentile [ms]."""
-    median, p95 = 1e3 * np.quantile(values, (0.5, 0.95)) if len(values) else ("", "")
-    return {"n": len(values), "median_ms": median, "p95_ms": p95}

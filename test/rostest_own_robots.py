@@ -21,7 +21,7 @@ from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
 
 from phone import Browser
-from vb_testing import is_listening, wait_until
+from vb_testing import is_listening, listen, wait_until
 from vb_core import geometry, names, sentences
 from vb_core.ros.messages import NumpyOccupancyGrid, grid_from_message, message_from_pose2d, message_from_transform
 from vb_core.ros.notices import NoticeListener
@@ -108,14 +108,14 @@ class OwnRobots(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("own_robots")
-        cls.heard, cls.logged, cls.launch, cls.browser, cls.running = {}, [], None, None, None
+        cls.launch = cls.browser = cls.running = None
+        cls.logged = []
         cls.robots = Robots()
         goals = {name: f"/{name}/move_base_simple/goal" for name in START}
         cls.goals = {name: rospy.Publisher(topic, PoseStamped, queue_size=1) for name, topic in goals.items()}
         kinds = {names.ROBOTS: RobotStatusArray, names.BORDERS: VirtualBorderArray, names.DRIVERS: DriverState}
         kinds.update({f"/{name}/virtual_borders/map": NumpyOccupancyGrid for name in ("ada", "bob")})
-        for topic, kind in kinds.items():
-            rospy.Subscriber(topic, kind, lambda message, topic=topic: cls.heard.__setitem__(topic, message))
+        cls.heard = listen(kinds)
         cls.listener = NoticeListener()
         rospy.Subscriber("/rosout", Log, lambda entry: cls.logged.append((entry.level, entry.msg)), queue_size=100)
 
@@ -133,7 +133,8 @@ class OwnRobots(unittest.TestCase):
         port = free_port()
         state = Path(rospy.get_param("~state"))
         command = ["roslaunch", "vb_bringup", "borders_only.launch", f"state:={state}", f"page_port:={port}"]
-        cls.logged, cls.heard = [], {}
+        cls.logged.clear()
+        cls.heard.clear()
         cls.launch = subprocess.Popen([*command, *arguments], env={**os.environ, **environment}, start_new_session=True)
         cls.wait(lambda: names.BORDERS in cls.heard and names.ROBOTS in cls.heard, "borders_only to start")
         wait_until(lambda: is_listening(port), "the page to listen")
@@ -189,8 +190,8 @@ class OwnRobots(unittest.TestCase):
         self.assertFalse([text for text in self.warnings() if "amera" in text or "interaction_manager" in text])
         # no Stop that would stop nothing; the header does not wait for nodes that are not meant to run
         self.browser.wait("document.body.dataset.state == 'robot_unready'", what="the header")
-        self.assertFalse(self.browser.run("return Boolean(document.getElementById('stop').getClientRects().length)"))
-        self.assertFalse(self.browser.run("return Boolean(document.getElementById('laser').getClientRects().length)"))
+        self.assertEqual(self.browser.boxes("#stop"), [])
+        self.assertEqual(self.browser.boxes("#laser"), [])
         self.browser.wait_text("#notices", "bob drives through borders")
         # both robots are on the map
         self.browser.wait("Object.keys(window.virtualBorders.view.robots || {}).sort().join() == 'ada,bob'")
@@ -268,7 +269,7 @@ class OwnRobots(unittest.TestCase):
         # the stand-in has no local planner whose speed could be set: the page says so
         self.assertFalse(self.status("ada").obeys_speed)
         self.browser.wait_text("#drivers", "It does not obey slow zones")
-        self.assertFalse(self.browser.run("return Boolean(document.getElementById('laser').getClientRects().length)"))
+        self.assertEqual(self.browser.boxes("#laser"), [])
         self.robots.speeds["ada"] = 0.0
         self.drive("ada", 6.0, 1.5)
         self.wait(lambda: self.robots.speeds["ada"] > 0.1, "ada to drive")
@@ -309,9 +310,9 @@ class OwnRobots(unittest.TestCase):
         self.start(DRIVEN)
         self.wait(lambda: names.DRIVERS in self.heard and self.heard[names.DRIVERS].code == "idle", "cid's driver")
         self.browser.wait_text("#drivers", "cid has a driver")
-        self.assertTrue(self.browser.run("return Boolean(document.getElementById('stop').getClientRects().length)"))
+        self.assertEqual(len(self.browser.boxes("#stop")), 1)
         self.assertFalse([text for text in self.warnings() if "state_lost" in text or "amera" in text])
-        self.assertFalse(self.browser.run("return Boolean(document.getElementById('laser').getClientRects().length)"))
+        self.assertEqual(self.browser.boxes("#laser"), [])
 
 
 if __name__ == "__main__":

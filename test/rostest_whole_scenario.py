@@ -40,61 +40,82 @@ class Pace:
 
 
 class WholeScenario(unittest.TestCase):
-    def test_a_drawn_line_closes_the_room(self):
+    @classmethod
+    def setUpClass(cls):
+        """Watches the simulated person until the border is saved."""
         rospy.init_node("whole_scenario")
-        world = load_world(rospy.get_param("~world"))
-        scenario = world.scenario(rospy.get_param("~scenario"))
-        observer, spots = Observer(), []
-        alarms, codes_heard = set(), set()
-        _pace = Pace()  # works as long as the test runs
-
-        def hear(message: NoticeArray) -> None:
-            codes_heard.update(notice.code for notice in message.notices)
-            if not (observer.state and observer.state.name == "border" and len(spots) > 20):
-                # on a busy computer, slow cameras are rightly reported
-                codes = {notice.code for notice in message.notices if notice.code.startswith(ALARMS)}
-                alarms.update(codes - {"camera_slow"})
-
-        rospy.Subscriber(names.NOTICES, NoticeArray, hear)
-
-        def keep(spot: LaserSpot) -> None:
-            if observer.state is not None and observer.state.name == "border":
-                spots.append((spot.position.x, spot.position.y))
-
-        subscriber = rospy.Subscriber(names.SPOTS, LaserSpot, keep)
-        wait_until(lambda: observer.outcome is not None, lambda: f"the end; the state is {observer.state}", 500.0)
-        self.assertEqual(observer.outcome["outcome"], "saved", observer.outcome)
-        wait_until(lambda: observer.state.last_outcome == "saved" and observer.borders, "the saved border")
-        self.assertEqual(alarms, set())
-        # the person's line became one open border
-        border = observer.borders[0]
-        self.assertEqual(border.id, observer.state.last_border_id)
-        self.assertEqual(border.kind, border.SEPARATING_CURVE)
-        # it has all spots that were seen, and is no longer than these. A busy computer's cameras may miss some, and
-        # spots after a pause may be reported as left out: a glint, or an end of the line
+        cls.world = load_world(rospy.get_param("~world"))
+        cls.scenario = cls.world.scenario(rospy.get_param("~scenario"))
+        cls.spots = []
+        cls.alarms = set()
+        cls.codes_heard = set()
+        cls.observer = Observer()
+        cls.pace = Pace()  # works as long as the test runs
+        rospy.Subscriber(names.NOTICES, NoticeArray, cls.hear)
+        subscriber = rospy.Subscriber(names.SPOTS, LaserSpot, cls.keep)
+        watched = cls.observer
+        wait_until(lambda: watched.outcome is not None, lambda: f"the end; the state is {watched.state}", 500.0)
+        assert watched.outcome["outcome"] == "saved", watched.outcome
+        wait_until(lambda: watched.state.last_outcome == "saved" and watched.borders, "the saved border")
         subscriber.unregister()
-        line = resample_chain(np.array([(p.x, p.y) for p in border.points]), 0.02)
-        # missing spots were left out by the extraction if they were collected, else they came after the state
-        collected = f"{observer.progress.border_spots} of {len(spots)} spots were collected"
-        left_out = np.array([(p.x, p.y) for p in observer.progress.left_out]).reshape(-1, 2)
-        self.assertLess(directed_hausdorff(spots, np.vstack([line, left_out]))[0], NEAR, collected)
-        self.assertLess(observer.progress.left_out_spots, 0.2 * len(spots))
-        self.assertTrue(not len(left_out) or "strokes_left_out" in codes_heard, codes_heard)
-        self.assertLess(directed_hausdorff(line[[0, -1]], spots)[0], NEAR)
-        self.assertTrue({"red", "green"} & set(observer.progress.cameras), observer.progress.cameras)
-        # it restricts the intended area, and nothing else changed
-        truth = floor_plan.ground_truth(world, scenario)
-        region = metrics.restricted_cells(observer.prior, observer.posterior)
-        self.assertGreater(metrics.jaccard(truth, region), 0.9)
-        kept = ~region
-        self.assertTrue((observer.posterior.data[kept] == observer.prior.data[kept]).all())
+        cls.state = watched.state
+        cls.progress = watched.progress
+        cls.border = watched.borders[0]
+
+    @classmethod
+    def is_drawing(cls):
+        return cls.observer.state is not None and cls.observer.state.name == "border"
+
+    @classmethod
+    def hear(cls, message):
+        cls.codes_heard.update(notice.code for notice in message.notices)
+        if not cls.is_drawing() or len(cls.spots) <= 20:
+            # on a busy computer, slow cameras are rightly reported
+            codes = {notice.code for notice in message.notices if notice.code.startswith(ALARMS)}
+            cls.alarms.update(codes - {"camera_slow"})
+
+    @classmethod
+    def keep(cls, spot):
+        if cls.is_drawing():
+            cls.spots.append((spot.position.x, spot.position.y))
+
+    def test_a_faultless_lab_raises_no_alarm(self):
+        self.assertEqual(self.alarms, set())
+
+    def test_the_line_became_one_open_border(self):
+        self.assertEqual(self.border.id, self.state.last_border_id)
+        self.assertEqual(self.border.kind, self.border.SEPARATING_CURVE)
         # exact times are tested where the test controls the clock (rostest_input_methods.py)
-        self.assertGreater(min(observer.state.border_s, observer.state.seed_s), 0.0)
-        # navigation respects it: the room cannot be reached, the floor outside can
-        proof = scenario.proof
-        start, goal = ((x, y, math.radians(degrees)) for x, y, degrees in (proof.start, proof.goal))
-        wait_until(lambda: not len(observer.plan(start, goal, "/move_base/make_plan")), "navigation to know it")
-        self.assertTrue(len(observer.plan(start, (4.0, 2.4, 0.0), "/move_base/make_plan")))
+        self.assertGreater(min(self.state.border_s, self.state.seed_s), 0.0)
+
+    def test_the_border_follows_the_spots(self):
+        """A busy computer's cameras may miss some, and spots after a pause may be reported as left out.
+
+        These are a glint, or an end of the line.
+        """
+        line = resample_chain(np.array([(p.x, p.y) for p in self.border.points]), 0.02)
+        left_out = np.array([(p.x, p.y) for p in self.progress.left_out]).reshape(-1, 2)
+        # missing spots were left out by the extraction if they were collected, else they came after the state
+        collected = f"{self.progress.border_spots} of {len(self.spots)} spots were collected"
+        self.assertLess(directed_hausdorff(self.spots, np.vstack([line, left_out]))[0], NEAR, collected)
+        self.assertLess(self.progress.left_out_spots, 0.2 * len(self.spots))
+        self.assertTrue(not len(left_out) or "strokes_left_out" in self.codes_heard, self.codes_heard)
+        self.assertLess(directed_hausdorff(line[[0, -1]], self.spots)[0], NEAR)
+        self.assertTrue({"red", "green"} & set(self.progress.cameras), self.progress.cameras)
+
+    def test_only_the_intended_area_is_restricted(self):
+        prior, posterior = self.observer.prior, self.observer.posterior
+        region = metrics.restricted_cells(prior, posterior)
+        truth = floor_plan.ground_truth(self.world, self.scenario)
+        self.assertGreater(metrics.jaccard(truth, region), 0.9)
+        self.assertTrue((posterior.data[~region] == prior.data[~region]).all())
+
+    def test_navigation_cannot_reach_the_room(self):
+        proof = self.scenario.proof
+        start, goal = [(x, y, math.radians(degrees)) for x, y, degrees in (proof.start, proof.goal)]
+        plan = self.observer.plan
+        wait_until(lambda: not len(plan(start, goal, "/move_base/make_plan")), "navigation to know it")
+        self.assertTrue(len(plan(start, (4.0, 2.4, 0.0), "/move_base/make_plan")))
 
 
 if __name__ == "__main__":

@@ -126,7 +126,7 @@ def test_a_camera_that_does_not_work_is_described(monkeypatch, capsys, arguments
 
 
 @pytest.mark.parametrize("free_thresh, is_reported", [(0.196, False), (0.25, True)])
-def test_a_map_whose_unknown_cells_are_read_as_free_is_reported(tmp_path, free_thresh, is_reported):
+def test_a_map_without_unknown_cells_is_reported(tmp_path, free_thresh, is_reported):
     """Of 183 maps in public repositories, 10 had free_thresh 0.25 with pixels of 205."""
     cells = np.full((20, 20), -1, np.int8)
     cells[5:15, 5:15] = 100
@@ -161,7 +161,7 @@ SCAN = LaserScan(angle_min=-1.5, angle_max=1.5)
         (False, {}, "", []),  # without a driver nothing here needs the scan
     ],
 )
-def test_a_robot_s_scan_is_looked_for_where_its_profile_says(monkeypatch, driver, scanner, heard, expected):
+def test_a_scan_is_expected_where_the_profile_says(monkeypatch, driver, scanner, heard, expected):
     profile = {"/ada/robot_profile": {"scanner": scanner}}
     monkeypatch.setattr(check_lab.rospy, "get_param", lambda name, default: profile.get(name, default))
     status = RobotStatus(robot="ada", driver=driver, plans_round_borders=not driver)
@@ -169,7 +169,7 @@ def test_a_robot_s_scan_is_looked_for_where_its_profile_says(monkeypatch, driver
     assert [(line.code, line.values["topic"]) for line in lines] == expected
 
 
-def test_what_a_robot_lacks_is_one_line_though_robot_monitor_reports_it_too(monkeypatch):
+def test_a_robots_fault_is_one_line(monkeypatch):
     good = RobotStatus(robot="ada", move_base="/ada/move_base", plans_round_borders=True, localized=True)
     bad = RobotStatus(robot="bob", move_base="/bob/move_base", localized=True)
     newest = {names.ROBOTS: RobotStatusArray(robots=[good, bad])}

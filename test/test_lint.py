@@ -2,13 +2,11 @@
 
 import os
 import sys
-from pathlib import Path
 
 import pytest
 
-from vb_testing import run_command
+from vb_testing import TOP, run_command
 
-TOP = Path(__file__).resolve().parents[1]
 LINTERS = {
     "ruff": ["ruff", "check", "--no-cache", "--quiet", "--output-format", "concise"],
     "format": ["ruff", "format", "--check", "--no-cache", "--quiet"],

@@ -11,10 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from vb_testing import run_command
+from vb_testing import TOP, run_command
 from vb_core import names, sentences
 
-TOP = Path(__file__).resolve().parents[1]
 FEATURES = "vb_laser_detect vb_fusion vb_map_integration vb_voice_wizard vb_robot vb_feedback vb_web vb_mqtt".split()
 FILE_SUFFIXES = "crt csv html json jsonl key launch npz pgm py sh test xml yaml".split()
 PACKAGES = sorted(path.parent.name for path in TOP.glob("src/*/package.xml"))
@@ -134,7 +133,7 @@ def test_reference_is_that_of_the_code():
     run_python(TOP / "scripts" / "reference", "--check")
 
 
-def test_a_docstring_names_every_fixed_topic_that_its_node_uses():
+def test_docstrings_name_their_nodes_fixed_topics():
     reference = runpy.run_path(str(TOP / "scripts" / "reference"))
     missing = []
     for package, entries in reference["find_executables"]().items():
@@ -185,7 +184,7 @@ def test_a_code_has_one_sentence():
     assert own_sentences("Notice('robot_inside', message=f'{robot} is in it')") == ["robot_inside"]
 
 
-def test_every_code_has_a_sentence_in_the_catalogue_and_gives_it_its_values():
+def test_every_code_gives_its_sentence_all_values():
     used = set()
     missing = []
     for path in TOP.glob("src/*/src/**/*.py"):
@@ -322,9 +321,10 @@ def installed(tmp_path_factory):
     return folder / "installed"
 
 
-def test_the_examples_of_the_algorithms_run_as_installed_without_ros(installed):
+def test_examples_run_as_installed_without_ros(installed):
     modules = [name for name in WITH_EXAMPLES if name.split(".")[0] in ALGORITHMS]
-    assert set(PROMISED) <= set(WITH_EXAMPLES) and {name.split(".")[0] for name in modules} == set(ALGORITHMS)
+    assert set(PROMISED) <= set(WITH_EXAMPLES)
+    assert {name.split(".")[0] for name in modules} == set(ALGORITHMS)
     run_python("-c", EXAMPLES_AS_INSTALLED, installed, *modules)
 
 
@@ -334,4 +334,5 @@ def test_no_file_of_the_packages_is_left_out(installed):
         kinds = (".py", ".yaml", ".json")
         files = [path for path in inside.rglob("*") if path.suffix in kinds and "ros" not in path.parts]
         wanted = {path.relative_to(inside) for path in files}
-        assert wanted and all((installed / path).is_file() for path in wanted), package
+        assert wanted, package
+        assert [path for path in wanted if not (installed / path).is_file()] == []

@@ -10,7 +10,7 @@ from vb_bringup import try_camera
 from vb_core.child_processes import free_port
 
 
-def test_corners_marked_before_the_first_picture_are_answered_with_why_there_is_none(monkeypatch):
+def test_corners_without_a_picture_get_the_reason(monkeypatch):
     camera = SimpleNamespace(start=lambda: None, close=lambda: None)
     monkeypatch.setattr(try_camera, "CameraSource", lambda *_: camera)
     rectangle = json.dumps({"corners": [[0, 0], [9, 0], [9, 9], [0, 9]], "width": 1.0, "depth": 1.0})

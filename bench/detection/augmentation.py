@@ -79,8 +79,9 @@ class PaintedSpot(NamedTuple):
         u, v = int(round(self.u)), int(round(self.v))
         reach = max(7, int(3.0 * self.sigma))
         part = picture[v - reach : v + reach + 1, u - reach : u + reach + 1].max(axis=2).astype(int)
+        middle = part[reach - 2 : reach + 3, reach - 2 : reach + 3]
         rim = np.concatenate([part[0], part[-1], part[:, 0], part[:, -1]])
-        return bool(part[reach - 2 : reach + 3, reach - 2 : reach + 3].max() - np.median(rim) >= _SHOWS)
+        return bool(middle.max() - np.median(rim) >= _SHOWS)
 
 
 class OtherCamera:

@@ -57,12 +57,15 @@ def window_at(index: int, width: int, height: int, seed: int) -> np.ndarray:
     Pan and tilt swing by 7 % of the picture, at up to 4 px per frame (of 640 x 480); roll swings by 2.5 degrees.
     """
     random = np.random.default_rng(seed)
-    phases, periods = random.uniform(0, 2 * math.pi, 3), random.uniform((90, 90, 70), (140, 140, 160))
+    phases = random.uniform(0, 2 * math.pi, 3)
+    periods = random.uniform((90, 90, 70), (140, 140, 160))  # [frames]
     swing = np.sin(2 * math.pi * index / periods + phases)
     angle = math.radians(2.5 * swing[2])
-    rotation = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    center = np.array([0.5 * width, 0.5 * height]) + swing[:2] * 0.07 * np.array([width, height])
-    return np.column_stack([rotation, np.array([0.4 * width, 0.4 * height]) - rotation @ center])
+    c, s = math.cos(angle), math.sin(angle)
+    rotation = np.array([[c, -s], [s, c]])
+    size = np.array([width, height])
+    center = 0.5 * size + swing[:2] * 0.07 * size
+    return np.column_stack([rotation, 0.4 * size - rotation @ center])
 
 
 def frames_of(clip: Path, video: dict, role: str) -> Iterator[LabeledFrame]:

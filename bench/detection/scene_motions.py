@@ -8,6 +8,7 @@ from typing import Any, Callable, Tuple
 import numpy as np
 
 from bench.detection.scene_disturbances import Bystander, Glint, SceneConditions
+from vb_core.geometry import arc_lengths
 from vb_sim.floor_plan import physical_map
 from vb_sim.simulated_lab import DistanceField
 from vb_sim.world import World
@@ -19,11 +20,12 @@ Place = Tuple[float, float]
 
 def along(chain: np.ndarray, speed: float, closed: bool = True) -> Callable[[float], Place]:
     """Returns a spot's motion round a chain (N, 2) [m], or back and forth, at a speed [m/s], with a tremor of 1 cm."""
-    points = np.vstack([chain, chain[:1]]) if closed else np.vstack([chain, chain[-2::-1]])
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    points = np.vstack([chain, chain[:1] if closed else chain[-2::-1]])
+    arc = arc_lengths(points)
 
     def at(t: float) -> Place:
-        x, y = (np.interp((speed * t) % arc[-1], arc, axis) for axis in points.T)
+        position = (speed * t) % arc[-1]
+        x, y = [np.interp(position, arc, axis) for axis in points.T]
         return float(x) + 0.007 * math.sin(9.0 * t), float(y) + 0.007 * math.sin(11.0 * t + 1.0)
 
     return at
@@ -60,20 +62,22 @@ class Walk:
             if free(stations[-1] + np.linspace(0, 1, 20)[:, None] * (point - stations[-1])):
                 stations.append(point)
         self._stations = np.array(stations)
-        self._arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self._stations, axis=0), axis=1))])
+        self._arc = arc_lengths(self._stations)
 
     def at(self, t: float) -> Tuple[Bystander, Tuple[Glint, ...]]:
         """Returns the person, and the reflections on the shoes, at time `t` [s]."""
-        s = min(t, self._arc[-1] - 1e-6)
-        leg = int(np.searchsorted(self._arc, s, side="right")) - 1
+        way = min(t, self._arc[-1] - 1e-6)  # [m] at 1 m/s
+        leg = int(np.searchsorted(self._arc, way, side="right")) - 1
         a, b = self._stations[leg], self._stations[leg + 1]
-        x, y = a + (s - self._arc[leg]) / (self._arc[leg + 1] - self._arc[leg]) * (b - a)
+        share = (way - self._arc[leg]) / (self._arc[leg + 1] - self._arc[leg])
+        x, y = a + share * (b - a)
         yaw = math.atan2(b[1] - a[1], b[0] - a[0])
         person = Bystander((float(x), float(y), yaw), self._shirt, self._shoes)
         # a shoe reflects into the camera during a part of each step
         if not self._glint or (1.8 * t) % 1.0 > 0.4:
             return person, ()
-        toe = (x + 0.15 * math.cos(yaw) + 0.1 * math.sin(yaw), y + 0.15 * math.sin(yaw) - 0.1 * math.cos(yaw), 0.07)
+        c, s = math.cos(yaw), math.sin(yaw)
+        toe = (x + 0.15 * c + 0.1 * s, y + 0.15 * s - 0.1 * c, 0.07)
         return person, (Glint(toe, 0.012, self._glint),)
 
 

@@ -85,26 +85,22 @@ def disturbed(count: int, base: int) -> Iterator[Group]:
     share = max(1, count // 9)
     for spots, cameras in ((250, 1), (750, 3)):
         for location, when in (("start", 0.0), ("middle", 0.5), ("end", 1.0)):
-            yield (
-                f"held still 10 s at the {location}, {spots} spots",
-                (
-                    held(timed(shape, base + k), when, spots, cameras, base + k)
-                    for shape in ("corner", "doorway", "rectangle")
-                    for k in range(share)
-                ),
+            strokes = (
+                held(timed(shape, base + k), when, spots, cameras, base + k)
+                for shape in ("corner", "doorway", "rectangle")
+                for k in range(share)
             )
+            yield f"held still 10 s at the {location}, {spots} spots", strokes
     for when in ("at the same stamps", "interleaved", "before", "after", "throughout"):
         for away in (0.3, 0.6, 1.0):
-            yield (
-                f"false spots {when}, {away} m away",
-                (
-                    with_fixed_place(stroke, beside(stroke, away, part), spots, when, k % 2, base + k)
-                    for k in range(max(1, share // 3))
-                    for shape, part in (("corner", 0.5), ("corner", 0.02), ("doorway", 0.9))
-                    for spots in (100, 500, 2000)
-                    for stroke in [timed(shape, base + k)]
-                ),
+            strokes = (
+                with_fixed_place(stroke, beside(stroke, away, part), spots, when, k % 2, base + k)
+                for k in range(max(1, share // 3))
+                for shape, part in (("corner", 0.5), ("corner", 0.02), ("doorway", 0.9))
+                for spots in (100, 500, 2000)
+                for stroke in [timed(shape, base + k)]
             )
+            yield f"false spots {when}, {away} m away", strokes
 
 
 def extracting(module: Any, mode: str, with_stamps: bool) -> Extract:

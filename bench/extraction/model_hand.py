@@ -69,19 +69,23 @@ def side(start, end, speed: float, rng: np.random.Generator) -> np.ndarray:
     length = float(np.hypot(*offset))
     u = np.linspace(0.0, 1.0, max(2, int(length / speed / STEP)))
     progress = u**3 * (10.0 - 15.0 * u + 6.0 * u * u) if speed > SLOW else u
-    lateral = rng.normal(0.0, BEND) * np.sin(np.pi * progress)
-    return start + progress[:, None] * offset + lateral[:, None] * np.array([-offset[1], offset[0]])
+    bend = rng.normal(0.0, BEND) * np.sin(np.pi * progress)
+    across = np.array([-offset[1], offset[0]])
+    return start + progress[:, None] * offset + bend[:, None] * across
 
 
 def curve(line: np.ndarray, speed: float) -> np.ndarray:
     """Returns a movement along a smooth dense line by the power law, which starts and ends at rest."""
-    d, dd = np.gradient(line, axis=0), np.gradient(np.gradient(line, axis=0), axis=0)
-    ds = np.hypot(*d.T)
-    curvature = np.abs(d[:, 0] * dd[:, 1] - d[:, 1] * dd[:, 0]) / ds**3
+    d = np.gradient(line, axis=0)
+    dx, dy = d.T
+    ddx, ddy = np.gradient(d, axis=0).T
+    ds = np.hypot(dx, dy)
+    curvature = np.abs(dx * ddy - dy * ddx) / ds**3
     progress = np.cumsum(ds * np.maximum(curvature, 0.2) ** (1.0 / 3.0))
     u = np.linspace(0.0, 1.0, int(ds.sum() / speed / STEP))
     eased = np.clip((u - 0.1 * np.sin(2.0 * np.pi * u) / (2.0 * np.pi) * 8.0), 0.0, 1.0)
-    return np.column_stack([np.interp(eased, (progress - progress[0]) / np.ptp(progress), axis) for axis in line.T])
+    shares = (progress - progress[0]) / np.ptp(progress)
+    return np.column_stack([np.interp(eased, shares, axis) for axis in line.T])
 
 
 def missed(targets: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -102,8 +106,10 @@ def polygon(corners: np.ndarray, closed: bool, rng: np.random.Generator, speed=(
 def ring(size: float, rng: np.random.Generator, sweep: float = 2.0 * np.pi, flat=(0.85, 1.0)) -> Scene:
     """Draws an ellipse or a part of it; the end of a whole ellipse misses its start."""
     angle = rng.uniform(0.0, 2.0 * np.pi) + np.linspace(0.0, sweep, 800)
-    line = 0.5 * size * np.column_stack([np.cos(angle), rng.uniform(*flat) * np.sin(angle)])
-    line += np.linspace(0.0, 1.0, 800)[:, None] * rng.normal(0.0, 0.005 + 0.015 * size, 2)
+    flatness = rng.uniform(*flat)
+    line = 0.5 * size * np.column_stack([np.cos(angle), flatness * np.sin(angle)])
+    miss = rng.normal(0.0, 0.005 + 0.015 * size, 2)
+    line += np.linspace(0.0, 1.0, 800)[:, None] * miss
     path = curve(line, rng.uniform(0.2, 0.5) * min(1.0, (size / 0.6) ** 0.5))
     return Scene(path, sweep > 6.0, path, np.ones(len(path), bool))
 

@@ -166,12 +166,11 @@ def main() -> int:
     parser.add_argument("--crashes", type=int, default=1000)
     options = parser.parse_args()
     rows, root = [], Path(tempfile.mkdtemp(prefix="border_crashes_"))
-    folder, before = root / "0", "[]"
     for number in range(options.crashes):
         if number % 60 == 0:  # starts again in an empty folder
-            shutil.rmtree(str(folder), ignore_errors=True)
-            folder, before = root / str(number), "[]"
-        folder.mkdir(exist_ok=True)
+            folder = root / str(number)
+            folder.mkdir()
+            before = "[]"
         rows.append(crash(KINDS[number % 2], folder, options.seed * 1_000_000 + number, before))
         before = judge(rows[-1], folder, before)
         if rows[-1]["outcome"] in BAD:

@@ -45,7 +45,7 @@ def replace_map(old: GridMap, new: GridMap, borders: Sequence[VirtualBorder]) ->
         keeper.set_map(new)
         keeper.close()
     asks = any(notice.code == "borders_unconfirmed" for notice in keeper.notices)
-    return asks, [keeper.in_force.statuses[id] for id in ids]
+    return asks, [keeper.borders_in_force.statuses[id] for id in ids]
 
 
 def draw_borders(grid: GridMap, random: np.random.Generator) -> List[VirtualBorder]:
@@ -99,7 +99,7 @@ def judge_pair(name: str, pair: Dict[str, Any], folder: Path, random: np.random.
             overlap = jaccard(old_cells, new_cells)
             yield SILENT, silent and overlap < 0.5, f"{name}: line at {border.seed.round(1)}, {overlap:.2f} in common"
             with suppress(IntegrationError):
-                expected = compute_region(new, border.moved(truth)).restricted_cells[free]
+                expected = compute_region(new, border.transform(truth)).restricted_cells[free]
                 same = old_cells.any() and jaccard(old_cells, expected) >= 0.5
         yield "borders that are the same on the newer map", same, ""
         if same:

@@ -63,8 +63,7 @@ class Lab:
         self._pace = rospy.Publisher(names.PACE, Float64, queue_size=1, latch=True)
         self.set_slow(False)
         self.runner = GoalRunner()
-        observer = self.observer
-        wait(lambda: observer.posterior is not None and observer.lab is not None, f"maps, see {state}")
+        wait(lambda: self.observer.posterior is not None and self.observer.lab is not None, f"maps, see {state}")
         self._truth, self._max_pose_error, self._codes, self._recoveries = deque(maxlen=500), 0.0, Counter(), 0
         self._stand, self._longest_stand = (0.0, 0.0, 0.0), 0.0  # start [s] and position [m]; longest [s]
         self.plan = np.zeros((0, 2))

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Measures how well the node's recogniser recognises spoken commands in an unbroken stream.
 
-    python3 bench/voice/command_recognition.py FOLDER --half development     the speakers used for development python3
-    bench/voice/command_recognition.py FOLDER --half judging         the other speakers python3
-    bench/voice/command_recognition.py FOLDER --talk                 hours of talk without any command
+    python3 bench/voice/command_recognition.py FOLDER --half development     the speakers used for development
+    python3 bench/voice/command_recognition.py FOLDER --half judging         the other speakers
+    python3 bench/voice/command_recognition.py FOLDER --talk                 hours of talk without any command
 
 FOLDER contains people's recordings of "stop" in stop/, of other words and sentences in other folders, and a kitchen's
 noise in kitchen.flac; with --talk, recordings without commands, also in subfolders. Speakers are identified by file
@@ -91,9 +91,8 @@ def main() -> None:
         table.add(what="hours of talk", share=judge_talk(options.folder, tally))
     else:
         judge_people(options.folder, options.half, tally)
-    shares = {figure: share(sum(trials), len(trials)) for figure, trials in tally.figures.items()}
-    for figure, value in shares.items():
-        table.add(half=options.half, what=figure, share=value)
+    for figure, trials in tally.figures.items():
+        table.add(half=options.half, what=figure, share=share(sum(trials), len(trials)))
     for case in tally.wrong:
         table.add(half=options.half, what="taken for a command", share=1, case=case)
 

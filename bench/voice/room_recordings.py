@@ -100,7 +100,7 @@ class Room:
             if sound and number == sound_index // PIECE:
                 self._listener.play(sound, self._now)
             self._now += PIECE / RATE
-            results += [heard.result for heard in self._listener.push(piece, self._now) if heard.result.command]
+            results += [heard for heard in self._listener.push(piece, self._now) if heard.command]
         return results
 
     def hears_stop(self, *clips: np.ndarray, **more: Any) -> bool:

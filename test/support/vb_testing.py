@@ -6,6 +6,8 @@ scripts/env.sh puts this folder on the path.
 import socket
 import subprocess
 import time
+from functools import partial
+from pathlib import Path
 from xmlrpc.client import ServerProxy
 
 import rosgraph
@@ -13,6 +15,7 @@ import rospy
 
 from vb_core.child_processes import spawn
 
+TOP = Path(__file__).resolve().parents[2]  # the repository
 _HEARD = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
 TIMEOUT = 120.0  # [s] a busy computer takes ten times as long as an idle one; only a failure waits this long
 
@@ -58,6 +61,14 @@ def write_program(path, text):
     path.write_text(f"#!/bin/sh\n{text}\n")
     path.chmod(0o755)
     return str(path)
+
+
+def listen(kinds):
+    """Subscribes to topics, given with their message types; returns a dictionary that gets each one's newest message."""
+    heard = {}
+    for topic, kind in kinds.items():
+        rospy.Subscriber(topic, kind, partial(heard.__setitem__, topic))
+    return heard
 
 
 class Newest:
@@ -129,5 +140,6 @@ def assert_ends_with_one_line(package, executable, cases, **options):
         output, _ = process.communicate(timeout=2 * TIMEOUT)
         assert process.returncode == 1, (arguments, process.returncode, output)
         fatal = [line for line in output.splitlines() if "FATAL" in line]
-        assert len(fatal) <= 1 and "Traceback" not in output, (arguments, output)
+        assert len(fatal) <= 1, (arguments, output)
+        assert "Traceback" not in output, (arguments, output)
         assert word in (fatal[0] if fatal else output), (arguments, word, output)

@@ -41,7 +41,7 @@ def offered_to(*robots, cameras=False):
 
 
 @for_each_robot
-def test_a_robot_keeps_the_zones_that_planner_monitor_or_driver_enforce(case):
+def test_a_robot_keeps_the_enforced_zones(case):
     offered = offered_to(robot(case.connected))
     assert offered.zones == case.keeps
     assert offered.ignored_by == {zone: () if zone in case.keeps else ("ada",) for zone in ZONES}
@@ -53,7 +53,7 @@ def test_a_lab_is_ready_if_its_robot_keeps_out_of_borders(case):
 
 
 @for_each_robot
-def test_only_a_robot_that_plans_round_borders_is_sent_anywhere(case):
+def test_only_robots_that_plan_round_borders_are_sent(case):
     offered = offered_to(robot(case.connected))
     is_sent = case.plans == "robot_plans_round_borders"
     assert offered.sendable_robots == ("ada",) * is_sent
@@ -81,7 +81,7 @@ def test_a_lost_robot_keeps_no_zone_and_is_sent_nowhere(case):
 
 @pytest.mark.parametrize("cameras", [True, False])
 @for_each_robot
-def test_commands_for_the_laser_need_cameras_and_guiding_a_driver(case, cameras):
+def test_laser_commands_need_cameras(case, cameras):
     commands = offered_to(robot(case.connected), cameras=cameras).commands
     assert all((name in commands) == cameras for name in ("define_border", "define_seed", "save", "cancel"))
     assert ("guide_robot" in commands) == (cameras and "has_driver" in case.connected)
@@ -157,6 +157,6 @@ def test_a_sound_robot_has_no_notice():
 
 
 @pytest.mark.parametrize("name, topic, is_said", [("ada", "", True), ("ada", "/ada", False), ("", "", False)])
-def test_a_robot_on_the_common_map_is_said_to_keep_all_borders(name, topic, is_said):
+def test_a_named_robot_on_the_common_map_keeps_all_borders(name, topic, is_said):
     offered = offered_to(robot(dict(**PLANS, maps=(f"{topic}/virtual_borders/map",)), name))
     assert ("robot_keeps_all_borders" in [line.code for line in offered.robot_notices]) is is_said

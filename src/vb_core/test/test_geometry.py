@@ -20,7 +20,8 @@ def test_rotations_agree_with_scipy(roll, pitch, yaw):
     quaternion = geometry.quaternion_from_rotation(ours)
     assert np.allclose(geometry.rotation_from_quaternion(quaternion), ours, atol=1e-9)
     # of the two quaternions of a rotation, the one with a positive real part
-    assert abs(abs(quaternion @ theirs.as_quat()) - 1.0) < 1e-9 and quaternion[3] >= 0.0
+    assert abs(quaternion @ theirs.as_quat()) == pytest.approx(1.0, abs=1e-9)
+    assert quaternion[3] >= 0.0
 
 
 @pytest.mark.parametrize("quaternion", [(0, 0, 0, 0), (math.nan, 0, 0, 1), (math.inf, 0, 0, 1)])
@@ -79,12 +80,12 @@ def test_a_chain_is_as_long_as_its_sides(closed, length):
     assert geometry.chain_length(RECTANGLE, closed) == length
 
 
-def test_a_resampled_chain_has_short_steps_between_the_same_ends():
+def test_a_resampled_chain_keeps_its_ends():
     dense = geometry.resample_chain(RECTANGLE, 0.1)
     assert np.allclose(dense[[0, -1]], RECTANGLE[[0, -1]])
     assert np.linalg.norm(np.diff(dense, axis=0), axis=1).max() <= 0.1 + 1e-9
 
 
 @pytest.mark.parametrize("chain, closed, count", [(RECTANGLE, True, 60), (np.zeros((4, 2)), False, 1)])
-def test_a_resampled_chain_has_as_many_points_as_its_length_needs(chain, closed, count):
+def test_a_resampled_chain_has_points_for_its_length(chain, closed, count):
     assert len(geometry.resample_chain(chain, 0.1, closed)) == count

@@ -11,7 +11,7 @@ from vb_core.grid_map import UNKNOWN, GridMap, distance_transform, sample
 
 
 @given(st.floats(-20, 20), st.floats(-20, 20), st.floats(-math.pi, math.pi), st.floats(0.01, 1.0))
-def test_cells_lie_where_the_origin_says_and_points_are_their_inverse(x, y, yaw, resolution):
+def test_cells_and_points_are_inverse(x, y, yaw, resolution):
     grid = GridMap(np.zeros((7, 11), np.int8), resolution, (x, y, yaw))
     cells = np.argwhere(np.ones(grid.shape, bool))
     # columns run along the x axis of the origin's frame, rows along its y axis
@@ -47,6 +47,7 @@ def test_far_points_do_not_overflow():
         (np.zeros((2, 2), np.int8), math.nan, (0, 0, 0)),
         (np.zeros((2, 2), np.int8), 0.1, (0, math.inf, 0)),
     ],
+    ids=["no rows", "one dimension", "no resolution", "resolution NaN", "infinite origin"],
 )
 def test_impossible_maps_are_refused(data, resolution, origin):
     with refused("bad_map"):

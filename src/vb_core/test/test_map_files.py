@@ -22,7 +22,8 @@ def test_map_files_round_trip(tmp_path, raw):
     files = write_map(tmp_path / "lab", grid, raw)
     assert [path.name for path in files] == ["lab.pgm", "lab.yaml"]
     again = read_map(files[1])
-    assert np.array_equal(again.data, grid.data) and again.same_geometry(grid)
+    assert np.array_equal(again.data, grid.data)
+    assert again.same_geometry(grid)
     assert files[0].read_bytes()[:2] == b"P5"
 
 
@@ -51,7 +52,7 @@ def test_each_mode_is_read_as_map_server_reads_it(tmp_path, extra, expected):
     (tmp_path / "map.pgm").write_bytes(b"P5\n3 2\n255\n" + image.tobytes())
     (tmp_path / "map.yaml").write_text(DESCRIPTION.replace("negate: 0\n", "") + extra)
     grid = read_map(tmp_path / "map.yaml")
-    assert grid.data.tolist() == expected and grid.origin == (1.0, 2.0, 0.0)
+    assert (grid.data.tolist(), grid.origin) == (expected, (1.0, 2.0, 0.0))
 
 
 def test_transparent_pixels_are_unknown_in_scale_mode(tmp_path):

@@ -5,15 +5,14 @@ The stack silently ignores a misspelt parameter and uses its default, which is w
 
 import re
 import xml.etree.ElementTree as ElementTree
-from pathlib import Path
 
 import pytest
 import yaml
 
+from vb_testing import TOP
 from vb_core.navigation_parameters import navigation_parameters
 from vb_core.robot_profile import RobotProfile
 
-TOP = Path(__file__).resolve().parents[3]
 CONFIG = TOP / "src" / "vb_bringup" / "config" / "navigation"
 PROFILES = {path.stem: RobotProfile.load(path) for path in sorted((TOP / "robots").glob("*.yaml"))}
 
@@ -62,20 +61,22 @@ def test_borders_act_in_both_costmaps_below_inflation(name):
     # an obstacle layer above the static layers keeps their obstacles, as it takes the larger value
     assert kinds == ["StaticLayer", "StaticLayer", "ObstacleLayer", "InflationLayer"]
     static, keep_out = settings["static_layer"], settings["keep_out_layer"]
-    assert static["map_topic"] == "/virtual_borders/map" and keep_out["map_topic"] == "robot_driver/keep_out"
+    assert (static["map_topic"], keep_out["map_topic"]) == ("/virtual_borders/map", "robot_driver/keep_out")
     assert keep_out["use_maximum"] is True, "it adds to the layer below"
     for layer in (static, keep_out):
-        assert layer["trinary_costmap"] is False and layer["lethal_cost_threshold"] == 100
-        assert layer["subscribe_to_updates"] is False
+        assert layer["trinary_costmap"] is layer["subscribe_to_updates"] is False
+        assert layer["lethal_cost_threshold"] == 100
 
 
 def test_plans_keep_to_borders():
     settings = load("move_base.yaml")
     assert settings["planner_frequency"] >= 1.0
-    assert settings["make_plan_clear_costmap"] is False and settings["make_plan_add_unreachable_goal"] is False
-    assert settings["NavfnROS"]["allow_unknown"] is False and settings["NavfnROS"]["default_tolerance"] == 0.0
+    assert settings["make_plan_clear_costmap"] is settings["make_plan_add_unreachable_goal"] is False
+    assert settings["NavfnROS"]["allow_unknown"] is False
+    assert settings["NavfnROS"]["default_tolerance"] == 0.0
     # obstacle_layer.cpp uses the costmap's track_unknown_space, whose default makes unknown cells free
-    assert costmap("global")["track_unknown_space"] is True and costmap("global")["global_frame"] == "map"
+    assert costmap("global")["track_unknown_space"] is True
+    assert costmap("global")["global_frame"] == "map"
     for name in ("conservative_reset", "aggressive_reset"):
         assert settings[name]["layer_names"] == ["obstacle_layer"]
 

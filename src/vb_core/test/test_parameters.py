@@ -34,7 +34,7 @@ class Groups(Parameters):
     parts: tuple = param((), of=Example)
 
 
-def test_groups_and_list_entries_are_checked_as_parameters_are():
+def test_groups_and_list_entries_are_checked():
     groups = Groups.from_mapping({"example": {"speed": 1}, "parts": [{}, {"count": 5}]})
     assert groups == Groups(Example(speed=1.0), (Example(), Example(count=5)))
     assert Groups(Example(speed=1.0)).describe() == "example/speed=1.0 m/s"
@@ -54,10 +54,11 @@ def test_groups_and_list_entries_are_checked_as_parameters_are():
 
 def test_values_given_replace_the_defaults():
     params = Example.from_mapping({"speed": 1, "limits": [0.0, 1.0]})
-    assert params.speed == 1.0 and isinstance(params.speed, float)
-    assert params.limits == (0.0, 1.0) and params.count == 3
+    assert (params.speed, type(params.speed)) == (1.0, float)
+    assert (params.limits, params.count) == ((0.0, 1.0), 3)
     assert params.describe() == "speed=1.0 m/s, limits=(0.0, 1.0)"
-    assert Example.from_mapping(None) == Example() and not Example().describe()
+    assert Example.from_mapping(None) == Example()
+    assert Example().describe() == ""
 
 
 @pytest.mark.parametrize(
@@ -86,7 +87,9 @@ def test_each_mistake_names_its_key(key, value, word):
     with pytest.raises(ParameterError) as caught:
         Example.from_mapping({key: value}, "/node")
     assert caught.value.key == f"/node/{key}"
-    assert word in caught.value.message and caught.value.message.startswith(f"/node/{key}: ")
+    sentence_key, _, mistake = caught.value.message.partition(": ")
+    assert sentence_key == f"/node/{key}"
+    assert word in mistake
 
 
 # ------------------------------------------------------------------ changed while a node runs
@@ -94,9 +97,9 @@ def test_the_description_follows_from_the_fields():
     description = reconfigure.reconfigure_description(Example(speed=0.5), fixed=("fixed",))
     entries = {entry["name"]: entry for entry in description.config_description["parameters"]}
     assert list(entries) == ["speed", "size", "count", "on"]
-    assert entries["speed"]["type"] == "double" and entries["speed"]["description"] == "of the robot [m/s]"
-    assert (entries["speed"]["min"], entries["speed"]["max"], entries["speed"]["default"]) == (0.0, 1.0, 0.5)
-    assert entries["count"]["min"] == 1 and entries["count"]["max"] == 2**31 - 1
+    expected = {"type": "double", "description": "of the robot [m/s]", "min": 0.0, "max": 1.0, "default": 0.5}
+    assert expected.items() <= entries["speed"].items()
+    assert (entries["count"]["min"], entries["count"]["max"]) == (1, 2**31 - 1)
     # as clients decode it
     decoded = decode_description(encode_description(description))
     assert {entry["name"] for entry in decoded["parameters"]} == set(entries)
@@ -124,11 +127,12 @@ def tuned(monkeypatch):
 
 def test_a_change_is_applied_once(tuned):
     change, stored, applied, warned = tuned
-    assert change()["speed"] == stored["~limits/speed"] == 0.2 and not applied
+    assert change()["speed"] == stored["~limits/speed"] == 0.2
+    assert applied == []
     assert change(speed=0.3)["speed"] == 0.3
-    assert [params.speed for params in applied] == [0.3] and applied[0].mode == "fast"
+    assert applied == [Example(speed=0.3)]
     change(speed=0.3)
-    assert len(applied) == 1 and not warned
+    assert (len(applied), warned) == (1, [])
 
 
 @pytest.mark.parametrize("key, new, why", [("size", 0.1, "at most size"), ("size", 0, "above 0"), ("count", 13, "no")])
@@ -137,5 +141,7 @@ def test_a_refused_change_changes_nothing(tuned, key, new, why):
     change(speed=0.3)
     config = change(on=False, **{key: new})
     assert config == {"speed": 0.3, "size": 1.0, "count": 3, "on": True}
-    assert len(applied) == 1 and len(warned) == 1 and why in warned[0]
+    assert len(applied) == 1
+    (warning,) = warned
+    assert why in warning
     assert change(speed=0.4)["speed"] == 0.4

@@ -35,8 +35,9 @@ def test_maps_round_trip_byte_for_byte():
     assert bytes_of(plain) == data
     for message in (plain, messages.NumpyOccupancyGrid().deserialize(data)):
         decoded = messages.grid_from_message(message)
-        assert decoded.same_geometry(grid) and (decoded.data == cells).all()
-        assert message.header.frame_id == "map" and message.header.stamp == rospy.Time(7)
+        assert decoded.same_geometry(grid)
+        assert (decoded.data == cells).all()
+        assert (message.header.frame_id, message.header.stamp) == ("map", rospy.Time(7))
 
 
 def test_previews_round_trip_byte_for_byte():
@@ -46,7 +47,7 @@ def test_previews_round_trip_byte_for_byte():
     assert (messages.NumpyBorderPreview().deserialize(data).region.data == 100).all()
 
 
-def test_a_map_that_is_empty_or_of_the_wrong_size_is_refused():
+def test_empty_or_missized_maps_are_refused():
     wide = messages.message_from_grid(GridMap(np.zeros((3, 4), np.int8), 0.1), rospy.Time(0))
     wide.info.width = 5
     for message in (wide, OccupancyGrid()):
@@ -71,7 +72,8 @@ def test_images_are_read_as_cv_bridge_reads_them(encoding, is_bigendian):
     swapped = np.frombuffer(data, dtype).byteswap().tobytes() if is_bigendian else data
     expected = bridge.imgmsg_to_cv2(Image(height=6, width=8, encoding=encoding, step=row, data=swapped), "passthrough")
     pixels = images.array_from_image(message)
-    assert pixels.dtype == expected.dtype.newbyteorder("=") and np.array_equal(pixels, expected)
+    assert pixels.dtype == expected.dtype.newbyteorder("=")
+    assert np.array_equal(pixels, expected)
 
 
 def test_padding_at_the_end_of_rows_is_ignored():
@@ -112,7 +114,8 @@ def make_info(distortion, fisheye=False):
 def test_cameras_round_trip(distortion, fisheye):
     camera, info = make_info(distortion, fisheye)
     decoded = images.camera_from_info(info)
-    assert np.allclose(decoded.matrix, camera.matrix) and np.allclose(decoded.distortion, camera.distortion)
+    assert np.allclose(decoded.matrix, camera.matrix)
+    assert np.allclose(decoded.distortion, camera.distortion)
     assert decoded.fisheye == fisheye
 
 
@@ -185,7 +188,7 @@ def test_static_transforms_are_enough_for_a_fixed_camera(lookup):
 
 
 @pytest.mark.parametrize("placed, words", [([], ["camera", "calibrated"]), (LOOP, ["loop"])], ids=["missing", "a loop"])
-def test_frames_that_are_not_connected_are_refused_with_a_reason(lookup, placed, words):
+def test_unconnected_frames_are_refused_with_a_reason(lookup, placed, words):
     for child, parent in placed:
         place(lookup, child, parent=parent)
     with refused("no_transform") as raised:
@@ -210,6 +213,6 @@ def test_a_frames_pose_on_the_map_expires(lookup, max_age, expected):
 
 
 @pytest.mark.parametrize("x, expected", [(3.0, (3.0, 2.0, 0.5)), (math.inf, None)])
-def test_a_fixed_frames_pose_is_always_known_if_it_is_a_number(lookup, x, expected):
+def test_a_fixed_frames_pose_never_expires(lookup, x, expected):
     place(lookup, "fixed", geometry.transform_from_pose2d(x, 2.0, 0.5))
     assert lookup.pose_on_map("fixed", 0.0) == (expected and pytest.approx(expected))

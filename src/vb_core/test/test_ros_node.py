@@ -1,12 +1,13 @@
 import gc
-import os
-import subprocess
+import inspect
 import sys
 import threading
+from types import SimpleNamespace
 
 import pytest
 import rospy
 
+from vb_core.errors import CodedError
 from vb_core.ros import node
 from vb_core.ros.node import Mailbox, Queue, WakeTimer
 
@@ -89,7 +90,7 @@ class FakeClock:
 
 
 @pytest.mark.parametrize("pace, expected", [(4.0, 0.25), (1.0, 1.0), (0.5, 1.0), (0.0, 1.0)])
-def test_a_timer_follows_the_faster_of_wall_and_simulated_time(monkeypatch, pace, expected):
+def test_a_timer_follows_the_faster_clock(monkeypatch, pace, expected):
     timer = WakeTimer(1.0)
     clock = FakeClock(monkeypatch, timer, pace)
     assert timer.get() is False  # the timer learns how fast simulated time runs
@@ -100,116 +101,79 @@ def test_a_timer_follows_the_faster_of_wall_and_simulated_time(monkeypatch, pace
     assert clock.waits <= 2 * 20 + 5, "it sleeps and does not poll"
 
 
-FAULTY = """
-import threading
-
-import rospy
-from vb_core.ros import node
-
-rospy.signal_shutdown = lambda reason: ended.set()
-rospy.logwarn_throttle = lambda *_: None
-ended, waiting = threading.Event(), node.Queue()
-
-
-def work(item):
-    raise item
+@pytest.fixture
+def logged(monkeypatch):
+    """Returns what a node in this process logs; its failures and its end are forgotten after the test."""
+    lines = []
+    for log in ("logwarn", "logfatal"):
+        monkeypatch.setattr(rospy, log, lambda text, *values: lines.append(text % values))
+    monkeypatch.setattr(rospy, "logwarn_throttle", lambda _period, text: lines.append(text))
+    monkeypatch.setattr(rospy, "signal_shutdown", lines.append)
+    monkeypatch.setattr(node, "_failures", [])
+    return lines
 
 
-worker = node.Worker(waiting, work)
-# a CodedError is survived
-waiting.put(node.CodedError("no_map"))
-waiting.put(ZeroDivisionError())
-assert ended.wait(30)
-print("failures", [error.code for error in node._failures])
-"""
+def test_a_fault_in_a_worker_ends_the_node(monkeypatch, logged):
+    ended = threading.Event()
+    raised = []
+    monkeypatch.setattr(threading, "excepthook", lambda fault: raised.append(fault.exc_type) or ended.set())
+
+    def handle(error):
+        raise error
+
+    waiting = Queue()
+    node.Worker(waiting, handle)
+    waiting.put(CodedError("no_map"))
+    waiting.put(ZeroDivisionError())
+    assert ended.wait(30)
+    assert raised == [ZeroDivisionError], "a CodedError is survived"
+    assert logged[-1] == "internal_error"
 
 
-def run(program, **changes):
-    """Runs a program in a process of its own, since it changes rospy or reads the environment."""
-    env = {**os.environ, **changes}
-    child = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=240, env=env)
-    assert child.returncode == 0, child.stderr
-    return child
+def test_a_waiting_node_logs_why_and_gives_up(monkeypatch, logged):
+    monkeypatch.setattr(node, "LOG_DELAY", 0.05)
+    looks = iter([False] * 10 + [True])
+    node._await("the postman", lambda: next(looks), 60.0)
+    assert {line.split(" ", 1)[1] for line in logged} == {"waits for the postman"}
+    node._await("godot", lambda: False, 0.3)
+    assert logged[-1] == "input_timeout"
+    assert [error.code for error in node._failures] == ["input_timeout"]
 
 
-def test_a_fault_in_a_worker_ends_the_node():
-    child = run(FAULTY)
-    assert "failures ['internal_error']" in child.stdout
-    assert "ZeroDivisionError" in child.stderr
-
-
-WAITING = """
-import rospy
-from vb_core.ros import node
-
-lines = []
-rospy.logwarn = rospy.logfatal = lambda text, *values: lines.append(text % values)
-rospy.signal_shutdown = lambda reason: lines.append(reason)
-node.LOG_DELAY = 0.05
-looks = iter([False] * 10 + [True])
-node._await("the postman", lambda: next(looks), 60.0)
-assert {line.split(" ", 1)[1] for line in lines} == {"waits for the postman"}
-node._await("godot", lambda: False, 0.3)
-print([error.code for error in node._failures], lines[-1])
-"""
-
-
-def test_a_waiting_node_logs_why_and_gives_up():
-    assert run(WAITING).stdout == "['input_timeout'] input_timeout\n"
-
-
-LOGGING = """
-from rospy.impl import paramserver
-import rospy
-from vb_core.ros import node
-
-asked = []
-rospy.get_param = lambda name, default=None: default
-rospy.client._init_param_server = lambda: None
-
-
-class Master:
-    def subscribeParam(self, *arguments):
-        asked.append(arguments)
-        return 1, "", {}
-
-
-rospy.client._param_server = rospy.msproxy.MasterProxy.__new__(rospy.msproxy.MasterProxy)
-rospy.client._param_server.target = Master()
-rospy.client.get_param_cached("/rosout_disable_topics_generation", False)
-before = len(asked)
-node._log_without_registering()
-assert rospy.client.get_param_cached("/rosout_disable_topics_generation", False) is False
-print(before, len(asked))
-"""
-
-
-def test_logging_while_ending_does_not_end_the_successor():
+def test_logging_while_ending_does_not_end_the_successor(monkeypatch):
     # rospy registered the node with each logged line, whereupon the master shut down the newer node of the same name
-    assert run(LOGGING).stdout == "1 1\n"
+    registered = []
+    master = SimpleNamespace(subscribeParam=lambda *names: registered.append(names) or (1, "", {}))
+    proxy = rospy.msproxy.MasterProxy.__new__(rospy.msproxy.MasterProxy)
+    proxy.target = master
+    monkeypatch.setattr(rospy, "get_param", lambda name, default=None: default)
+    monkeypatch.setattr(rospy.client, "_init_param_server", lambda: None)
+    monkeypatch.setattr(rospy.client, "_param_server", proxy)
+    monkeypatch.setattr(rospy.impl.paramserver, "_param_server_cache", None)
+    rospy.client.get_param_cached("/rosout_disable_topics_generation", False)
+    assert len(registered) == 1
+    node._log_without_registering()
+    assert rospy.client.get_param_cached("/rosout_disable_topics_generation", False) is False
+    assert len(registered) == 1
 
-
-def test_help_prints_the_interface_without_a_ros_master():
-    program = """
-from __future__ import annotations
-import sys
-from vb_core.ros import node
 
 class Lamp:
-    '''Switches a lamp.
+    """Switches a lamp.
 
     Subscribes:
         /lamp/wanted
-    '''
+    """
 
-def build() -> Lamp:
+
+def build() -> "Lamp":
     raise AssertionError("it must not be started")
 
-sys.argv = ["lamp", "--help"]
-node.run("lamp", build)
-"""
-    child = run(program, ROS_MASTER_URI="http://127.0.0.1:1")
-    assert "Switches a lamp." in child.stdout and "/lamp/wanted" in child.stdout
+
+def test_help_prints_the_interface_without_a_ros_master(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["lamp", "--help"])
+    monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:1")
+    node.run("lamp", build)
+    assert capsys.readouterr().out == f"lamp\n\n{inspect.getdoc(Lamp)}\n"
 
 
 def test_objects_made_at_start_are_not_searched_for_garbage():

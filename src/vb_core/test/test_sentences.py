@@ -74,7 +74,8 @@ def test_an_error_carries_its_values():
 def test_nothing_is_done_in_an_unknown_state():
     assert all(state_by_name(name) is state for name, state in STATES.items())
     unknown = state_by_name("of_a_newer_version")
-    assert unknown not in STATES.values() and not unknown.robots_act and not unknown.collects
+    assert unknown not in STATES.values()
+    assert (unknown.robots_act, unknown.collects) == (False, "")
 
 
 def test_rows_can_be_told_apart():
@@ -99,7 +100,8 @@ def test_the_message_names_the_same_zones():
 
 
 def test_robots_keep_out_of_an_unknown_zone():
-    assert all(zone_by_number(zone.number) is zone for zone in ZONES.values()) and zone_by_number(77) is KEEP_OUT
+    assert all(zone_by_number(zone.number) is zone for zone in ZONES.values())
+    assert zone_by_number(77) is KEEP_OUT
 
 
 def test_a_zone_changes_the_map_or_limits_the_speed():
@@ -114,9 +116,8 @@ def test_a_zone_changes_the_map_or_limits_the_speed():
 @pytest.mark.parametrize("language", sentences.languages())
 def test_each_row_has_its_words(language):
     words = sentences.catalog(language)
-    for name in STATES:
-        assert words[f"state_{name}"] and words[f"page_state_{name}"]
-    for name in COMMANDS:
-        assert words[f"command_{name}"] and words[f"page_command_{name}"]
-    assert {state.prompt for state in STATES.values()} - {""} <= set(words)
-    assert all(words[f"page_zone_{name}"] and words[f"border_unkept_{name}"] for name in ZONES)
+    codes = {f"{prefix}_{name}" for prefix in ("state", "page_state") for name in STATES}
+    codes |= {f"{prefix}_{name}" for prefix in ("command", "page_command") for name in COMMANDS}
+    codes |= {f"{prefix}_{name}" for prefix in ("page_zone", "border_unkept") for name in ZONES}
+    codes |= {state.prompt for state in STATES.values()} - {""}
+    assert codes <= {code for code, sentence in words.items() if sentence}

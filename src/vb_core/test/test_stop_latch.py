@@ -20,7 +20,7 @@ def test_a_resume_releases_only_the_stop_that_its_sender_saw():
     latch.stop("a", "page")
     first = latch.number
     latch.stop("b", "voice")
-    assert not latch.resume(first) and not latch.resume("b")
+    assert [latch.resume(first), latch.resume("b")] == [False, False]
     assert (latch.stopped, latch.stopped_by) == (True, "page")
     assert latch.resume(latch.number)
     assert not latch.stopped
@@ -39,9 +39,10 @@ def test_a_damaged_file_counts_as_stopped(tmp_path, content):
     path = tmp_path / "stop"
     path.write_text(content)
     latch = StopLatch(path)
-    assert latch.stopped and latch.lost and latch.stopped_by
+    assert (latch.stopped, latch.lost) == (True, True)
+    assert latch.stopped_by
     again = StopLatch(path)
-    assert again.stopped and again.number == latch.number
+    assert (again.stopped, again.number) == (True, latch.number)
     assert latch.resume(latch.number)
     assert not latch.lost
 
@@ -53,7 +54,7 @@ def test_a_robot_with_a_damaged_file_counts_as_stopped(tmp_path, content):
     assert HeldStops(path).stopped
 
 
-def test_a_latch_that_cannot_store_counts_as_stopped_and_says_so(tmp_path):
+def test_a_latch_that_cannot_store_counts_as_stopped(tmp_path):
     (tmp_path / "file").write_text("")
     latch = StopLatch(tmp_path / "file" / "stop")  # its folder is missing and cannot be created
     assert (latch.stopped, latch.lost, latch.stored) == (True, True, False)
@@ -303,4 +304,6 @@ def test_no_stop_is_lost_or_released_by_an_older_command(part, monkeypatch):
         stopped += len(lab.pressed)
         lab.end_well()
         assert lab.manager is None or not any(robot.stopped for robot in lab.robots), seed
-    assert released > SEQUENCES // 20 and stopped > SEQUENCES // 5, "the sequences must contain what they test"
+    # the sequences contain what they test
+    assert released > SEQUENCES // 20
+    assert stopped > SEQUENCES // 5

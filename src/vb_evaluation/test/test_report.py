@@ -15,12 +15,11 @@ from refusals import refused
 from vb_core.errors import CodedError
 from vb_evaluation import statistics
 from vb_evaluation.report import cross_checks, questionnaire
-from vb_evaluation.report.blocks import Table
 from vb_evaluation.report.findings import format_findings, write_page
 from vb_evaluation.report.study_files import ERRORS, TIMES, pairs, read_sheet, read_study, write_table, yes_or_no
 from vb_evaluation.report.map_figures import nearest_to_median
-from vb_evaluation.report.outcomes import MARGINS
-from vb_evaluation.report.html_page import SECTIONS, write_report
+from vb_evaluation.report.outcomes import COMPARED
+from vb_evaluation.report.html_page import report_tables, write_report
 from vb_evaluation.statistics import Interval
 from vb_evaluation.user_study import __main__ as command
 
@@ -44,12 +43,12 @@ def test_tables_hold_what_the_rows_say(full):
     table = rows_of(folder / "tables" / "error.csv")
     assert len(table) == 6
     for row in table:
-        cell = (runs.scenario == keys[row["scenario"]]) & (runs.method == keys[row["method"]])
+        cell = (runs.scenario == keys[row["Scenario"]]) & (runs.method == keys[row["Method"]])
         done = runs[cell & (runs.completed == 1)]
-        for column in ERRORS:
-            assert float(row[column]) == pytest.approx(done[column].median())
-            assert float(row[f"{column}_low"]) <= float(row[column]) <= float(row[f"{column}_high"])
-        assert int(row["runs"]) == len(done)
+        for column, heading in zip(ERRORS, ("mean [cm]", "95 % of the boundary within [cm]", "largest [cm]")):
+            assert float(row[heading]) == pytest.approx(done[column].median())
+            assert float(row[f"{heading} low"]) <= float(row[heading]) <= float(row[f"{heading} high"])
+        assert int(row["Runs"]) == len(done)
 
 
 def test_simulated_people_have_no_p(full):
@@ -60,7 +59,7 @@ def test_simulated_people_have_no_p(full):
 def test_better_than_the_paper_is_no_agreement(low, high, reading):
     ours = Interval((low + high) / 2, low, high, 0.95)
     row = cross_checks._compare("Jaccard index, robot only", 0.856, ours, digits=3, step=1e-3)
-    assert row["reading"] == reading
+    assert row["Reading"] == reading
 
 
 def test_each_conclusion_counts_the_worlds_that_it_is_about(tmp_path):
@@ -86,12 +85,13 @@ def test_each_conclusion_counts_the_worlds_that_it_is_about(tmp_path):
     study_rows.write(tmp_path / "worlds.csv", rows)
     study_rows.write(tmp_path / "draws.csv", [{"draw": draw, "a": 1} for draw in range(1, 8)])
     counts = {"all": [], "no camera too bright": []}
-    for row in cross_checks.plausible_worlds_section(read_study(tmp_path))[1].rows:
-        counts[row["worlds"]].append((round(row["holds"].estimate * row["n"] / 100), row["n"]))
+    for row in cross_checks.worlds_table(read_study(tmp_path)).rows:
+        share = row["holds in [%] of worlds"].estimate
+        counts[row["Worlds"]].append((round(share * row["Number"] / 100), row["Number"]))
     assert counts["no camera too bright"] == [(3, 6), (2, 3), (1, 3), (2, 3), (3, 4), (4, 6), (4, 6)]
     assert counts["all"] == [(4, 7), (3, 4), (2, 4), (3, 4), (4, 5), (5, 7), (5, 7)]
     study_rows.write(tmp_path / "runs.csv", rows[::2])
-    assert cross_checks.plausible_worlds_section(read_study(tmp_path)) == []  # nothing to compare with
+    assert "worlds" not in {table.name for table in report_tables(read_study(tmp_path))}  # nothing to compare with
 
 
 def test_the_page_stands_alone_and_is_the_same_again(full):
@@ -139,14 +139,14 @@ def test_a_missing_file_or_column_is_named(tmp_path):
         read_study(tmp_path)
 
 
-@pytest.mark.parametrize("completed, expected", [(False, [(3.0, 5.0), (1.0, 6.0)]), (True, [(3.0, 5.0)])])
-def test_a_pair_is_the_means_of_a_persons_rows_with_either_method(completed, expected):
+@pytest.mark.parametrize("column, expected", [("time_total_s", [(3.0, 5.0), (1.0, 6.0)]), ("jaccard", [(3.0, 5.0)])])
+def test_a_pair_is_the_means_of_a_persons_rows_with_either_method(column, expected):
     a = [("a", "nrs", 1, 2.0), ("a", "nrs", 1, 4.0), ("a", "robot_only", 1, 5.0)]
     not_completed = [("b", "nrs", 0, 1.0), ("b", "robot_only", 1, 6.0)]
-    one_method, no_time = [("c", "nrs", 1, 7.0)], [("d", "nrs", 1, np.nan), ("d", "robot_only", 1, 8.0)]
-    columns = ["participant", "method", "completed", "time_total_s"]
-    table = pandas.DataFrame([*a, *not_completed, *one_method, *no_time], columns=columns)
-    assert list(zip(*pairs(table, "time_total_s", ("nrs", "robot_only"), completed))) == expected
+    one_method, no_value = [("c", "nrs", 1, 7.0)], [("d", "nrs", 1, np.nan), ("d", "robot_only", 1, 8.0)]
+    rows = [*a, *not_completed, *one_method, *no_value]
+    table = pandas.DataFrame(rows, columns=["participant", "method", "completed", column])
+    assert list(zip(*pairs(table, column, ("nrs", "robot_only")))) == expected
 
 
 def test_a_sheet_is_read_as_spreadsheets_write_it(tmp_path):
@@ -177,12 +177,11 @@ def test_methods_and_scenarios_keep_their_order_without_unplanned_runs(tmp_path)
     assert study.methods == ["nrs", "other", "robot_only"] and study.comparison == ("nrs", "robot_only")
     assert study.scenarios == ["corner", "desk", "door"] and study.scenario_title("desk") == "The desk"
     assert study.runs.completed.tolist() == [1.0, 1.0, 0.0] and study.meta["deviating"] == 1
-    assert study.has_people
     assert len(study.missing) == 2 * 3 * 3 - 3 and "p2, The desk, Robot only" in study.missing
-    assert np.isnan(study.runs.helped).all() and cross_checks.plausible_worlds_section(study) == []
-    cells = {(row["scenario"], row["method"]): row["n"] for row in study.rows(lambda runs, *_: {"n": len(runs)})}
-    assert cells["Door", "Other"] == 1 and sum(cells.values()) == 3
-    assert sum(row["n"] for row in study.rows(lambda runs, *_: {"n": len(runs)}, completed=1)) == 2
+    assert np.isnan(study.runs.helped).all() and not cross_checks.worlds_table(study).rows
+    cells = {(scenario, method): len(runs) for scenario, method, runs in study.by_method()}
+    assert cells["door", "other"] == 1 and sum(cells.values()) == 3
+    assert sum(len(runs) for *_, runs in study.by_method(completed=1)) == 2
     rows[3].update(as_planned="1", helped="often")
     study_rows.write(tmp_path / "runs.csv", rows, columns)
     assert np.isnan(read_study(tmp_path).runs.completed.iloc[3]), "what is not known is no failure"
@@ -228,7 +227,7 @@ def test_a_lab_asks_its_own_scenarios(scenario, beside, tmp_path):
     blocks = format_findings(read_study(folder))
     questions = [line.split("**")[1].rstrip("?") for line in blocks[1].splitlines()]
     assert questions == ["Faster", "Not less exact", "Completed as often", *beside]
-    assert ("**Beside the paper**" in blocks) is bool(beside)
+    assert any(block.startswith("### Beside the paper") for block in blocks) is bool(beside)
     study_rows.write(folder / "runs.csv", [row for row in rows if row["method"] == "nrs"])
     with refused("no_comparison"):
         format_findings(read_study(folder))
@@ -244,8 +243,9 @@ def test_answers_not_given_are_left_out(tmp_path):
     people = [person("a", 5, ""), person("b", 4, 3, "no"), person("c", 5, 2, "")]
     path = study_rows.write(tmp_path / "a.csv", people, questionnaire.COLUMNS)
     answers = questionnaire.read_questionnaire(path)
-    assert answers.answers[0].first.tolist() == [4.0, 5.0]
-    assert (answers.helped, answers.asked) == (1, 2)
+    assert (answers.helped.sum(), answers.helped.count()) == (1, 2)
+    first, *_ = questionnaire._compare_answers(answers, {"a statement": ["s1"]})
+    assert (first["Pairs"], first["Network robot system"], first["Robot only"]) == (2, 4.5, 2.5)
 
 
 def test_people_have_p_corrected_in_each_family_and_the_ueq_s_as_published(tmp_path):
@@ -255,19 +255,25 @@ def test_people_have_p_corrected_in_each_family_and_the_ueq_s_as_published(tmp_p
     row = [answer for pair in answer_pairs for answer in pair]
     rows = [[number, *row[:10], "yes", *row[10:]] for number in range(6)]
     study_rows.write(folder / "questionnaire.csv", rows, [*questionnaire.COLUMNS, *questionnaire.UEQ_COLUMNS])
+    (folder / "warnings.csv").write_text("warning\n<b>![a](https://b.example/c.png)|d\n")
     page = words_of(write_report(folder).read_text())
-    assert "exact p" in page and "Yes: 6 of 6" in page
+    assert "exact p" in page and "Yes: 6 of 6" in page and "<b>![a](https://b.example/c.png)|d" in page
     assert "This is a simulation" not in page
     study = read_study(folder)
-    tables = {table.name: table.rows for _, _, make in SECTIONS for table in make(study) if isinstance(table, Table)}
-    statements, scales = tables["questionnaire"][:5], tables["questionnaire"][5:]
-    assert [(row["nrs"], row["robot_only"]) for row in statements] == [(5, 1), (4, 2), (5, 3), (4, 3), (5, 4)]
-    assert [(row["nrs"], row["robot_only"]) for row in scales] == [(2.25, -3.0), (-1.5, -3.0), (0.375, -3.0)]
-    assert [row["holm"] for row in statements + scales] == [".156"] * 5 + [".094"] * 3  # 5 and 3 times 2 of 2**6
-    kinds = [[row for row in tables["not_worse"] if row["measure"] == words] for words, *_ in MARGINS.values()]
-    for family in (tables["test_time_total_s"], tables["test_jaccard"], tables["who_completed"], *kinds):
-        corrected = statistics.holm([row["p_value"] for row in family])
-        assert len(family) == 3 and [row["holm"] for row in family] == [statistics.format_p(p) for p in corrected]
+    tables = {table.name: table.rows for table in report_tables(study)}
+    means = [(row["Network robot system"], row["Robot only"]) for row in tables["questionnaire"]]
+    assert means == [(5, 1), (4, 2), (5, 3), (4, 3), (5, 4), (2.25, -3.0), (-1.5, -3.0), (0.375, -3.0)]
+    assert [row["p (Holm)"] for row in tables["questionnaire"]] == [".156"] * 5 + [
+        ".094"
+    ] * 3  # 5 and 3 times 2 of 2**6
+    for column, (title, _, sign, margin) in COMPARED.items():
+        family = study.differences(study.runs, column).values()
+        ps = {"tests": [statistics.signed_rank_test(differences).p_exact for differences in family]}
+        if column != "time_total_s":
+            ps["not_worse"] = [statistics.noninferiority_p(sign * differences, margin) for differences in family]
+        for name in ps:
+            written = [row["p (Holm)"] for row in tables[name] if row["Measure"] == title]
+            assert written == [statistics.format_p(p) for p in statistics.holm(ps[name])] and len(written) == 3
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ import yaml
 from geometry_msgs.msg import Point, PointStamped
 from sensor_msgs.msg import Image
 
-from vb_testing import Process, assert_ends_with_one_line, run_command, wait_until, write_program
+from vb_testing import TOP, Newest, Process, assert_ends_with_one_line, run_command, wait_until, write_program
 from vb_core import sentences
 from vb_core.grid_map import GridMap
 from vb_core.ros.images import array_from_image
@@ -79,10 +79,9 @@ class DisplayTest(unittest.TestCase):
         cls.preview = rospy.Publisher("/virtual_borders/preview", NumpyBorderPreview, **latched)
         cls.notices = rospy.Publisher("/virtual_borders/notices", NoticeArray, **latched)
         cls.spots = rospy.Publisher("/virtual_borders/spots", LaserSpot, queue_size=10)
-        cls.overlays = []
-        cls.overlay = rospy.Subscriber("/virtual_borders/display/restricted", NumpyOccupancyGrid, cls.overlays.append)
-        cls.screen, cls.pictures = Screen(), []
-        cls.projector = rospy.Subscriber("/virtual_borders/projector", Image, cls.pictures.append)
+        cls.overlays = Newest("/virtual_borders/display/restricted", NumpyOccupancyGrid)
+        cls.pictures = Newest("/virtual_borders/projector", Image)
+        cls.screen = Screen()
         cls.folder = tempfile.TemporaryDirectory()
         cells = np.zeros((100, 160), np.int8)
         cells[0] = 100
@@ -120,9 +119,11 @@ class DisplayTest(unittest.TestCase):
     def test_a_drawing_belongs_to_its_interaction(self):
         self.publish_state(name="border", interaction_id="i7")
         drawn = BorderProgress(interaction_id="i7", cameras=["red", "robot"], cameras_seeing_spot=["robot"])
-        drawn.points, drawn.point_cameras = [Point(0, 2, 0), Point(1, 2, 0)], bytes([0, 1])
+        drawn.points = [Point(0, 2, 0), Point(1, 2, 0)]
+        drawn.point_cameras = bytes([0, 1])
         drawn.chain = [*drawn.points, Point(1, 3, 0)]
-        drawn.has_seed, drawn.seed = True, Point(0.5, 2.5, 0)
+        drawn.has_seed = True
+        drawn.seed = Point(0.5, 2.5, 0)
         self.progress.publish(drawn)
         wait_until(lambda: self.screen.has("drawing/chain"), "the chain")
         points = self.screen.has("drawing/points")[0]
@@ -136,7 +137,8 @@ class DisplayTest(unittest.TestCase):
 
     def test_a_border_has_outline_and_label_while_it_is_stored(self):
         border = VirtualBorder(name="T\u00fcr", kind=VirtualBorder.POLYGON, occupancy=1.0, enabled=True, area_m2=1.0)
-        border.points, border.seed = [Point(0, 2, 0), Point(2, 2, 0), Point(2, 3, 0)], Point(1.5, 2.2, 0)
+        border.points = [Point(0, 2, 0), Point(2, 2, 0), Point(2, 3, 0)]
+        border.seed = Point(1.5, 2.2, 0)
         self.borders.publish(borders=[border])
         wait_until(lambda: self.screen.text_of("borders/label/0") == "T\u00fcr 1.00 m\u00b2", "its label")
         self.assertEqual(len(self.screen.has("borders/outline")[0].points), 6)
@@ -145,8 +147,8 @@ class DisplayTest(unittest.TestCase):
 
     def test_only_the_restricted_area_is_striped(self):
         self.map_with_borders.publish(self.map_of(self.grid.data, slice(20, 40), slice(40, 80)))
-        wait_until(lambda: self.overlays and np.any(self.overlays[-1].data), "stripes")
-        rows, columns = np.nonzero(np.asarray(self.overlays[-1].data).reshape(100, 160))
+        overlay = self.overlays.wait(lambda overlay: np.any(overlay.data), "stripes")
+        rows, columns = np.nonzero(np.reshape(overlay.data, (100, 160)))
         self.assertEqual((rows.min(), rows.max(), columns.min(), columns.max()), (20, 39, 40, 79))
 
     def test_a_preview_belongs_to_its_interaction(self):
@@ -158,10 +160,9 @@ class DisplayTest(unittest.TestCase):
         self.preview.publish(preview)
 
         def orange():
-            shown = np.asarray(self.overlays[-1].data).reshape(100, 160) if self.overlays else np.zeros(1)
-            return np.nonzero(shown == PREVIEW)
+            return np.argwhere(np.reshape(self.overlays.message.data, (100, 160)) == PREVIEW).tolist()
 
-        rows, columns = wait_until(lambda: orange() if len(orange()[0]) else None, "the region to restrict")
+        rows, columns = np.transpose(wait_until(orange, "the region to restrict"))
         self.assertEqual((rows.min(), rows.max(), columns.min(), columns.max()), (50, 69, 20, 59))
         wait_until(lambda: self.screen.text_of("words/notice/1") == "Saving would restrict 2.00 m\u00b2.", "its size")
         self.assertEqual(self.screen.text_of("words/notice/2"), "Note: it parts the room")
@@ -174,7 +175,7 @@ class DisplayTest(unittest.TestCase):
         self.notices.publish(source="/monitor", notices=[])
         wait_until(lambda: self.screen.text_of(first).startswith("Saving would"), "the robot to leave")
         self.publish_state(last_message="Saved.", last_outcome="saved")
-        wait_until(lambda: not len(orange()[0]) and not self.screen.has("words/notice/2"), "the end of the preview")
+        wait_until(lambda: not orange() and not self.screen.has("words/notice/2"), "the end of the preview")
 
     def test_spots_come_and_fade(self):
         self.publish_state(name="border", interaction_id="i")
@@ -195,7 +196,7 @@ class DisplayTest(unittest.TestCase):
         self.assertFalse(self.screen.has("spots/blue"))
 
     def test_rviz_is_fitted_to_the_map(self):
-        config = Path(__file__).resolve().parents[3] / "rviz" / "smart_display.rviz"
+        config = TOP / "rviz" / "smart_display.rviz"
         with tempfile.TemporaryDirectory() as folder:
             write_program(Path(folder) / "rviz", f'shift\ncp "$2" {folder}/config; echo "$@" > {folder}/arguments')
             # a screen that is switched on after the start: the first check finds none
@@ -213,9 +214,8 @@ class DisplayTest(unittest.TestCase):
 
     def test_without_rviz_it_stays_and_names_the_page(self):
         with tempfile.TemporaryDirectory() as folder:
-            top = Path(__file__).resolve().parents[3]
             node = subprocess.Popen(
-                [sys.executable, str(top / "src/vb_feedback/scripts/smart_display"), "__name:=bare"],
+                [sys.executable, str(TOP / "src/vb_feedback/scripts/smart_display"), "__name:=bare"],
                 env={**os.environ, "PATH": folder},
             )
             try:
@@ -239,19 +239,21 @@ class DisplayTest(unittest.TestCase):
 
     # ------------------------------------------------------------- the projector
     def shown(self):
-        return array_from_image(self.pictures[-1]) if self.pictures else np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+        return array_from_image(self.pictures.message)
 
     def at(self, x, y):
-        row, column = round(SIZE[1] - 1 - (y - 1.0) * SCALE), round((x - 1.0) * SCALE)
+        row = round(SIZE[1] - 1 - (y - 1.0) * SCALE)
+        column = round((x - 1.0) * SCALE)
         return self.shown()[row, column].astype(int).max()
 
     def test_four_clicks_on_markers_calibrate_a_projector(self):
         self.publish_state()
         output = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-        file, size = Path(self.folder.name) / "new" / "clicked.yaml", (f"_width:={SIZE[0]}", f"_height:={SIZE[1]}")
+        file = Path(self.folder.name) / "new" / "clicked.yaml"
+        size = (f"_width:={SIZE[0]}", f"_height:={SIZE[1]}")
         node = Process("vb_feedback", "floor_projector", f"_calibration:={file}", *size, **output)
         clicks = rospy.Publisher("/clicked_point", PointStamped, queue_size=5)
-        wait_until(lambda: clicks.get_num_connections() and self.pictures, "the first marker")
+        wait_until(clicks.get_num_connections, "the node")
         places = markers(*SIZE)
 
         def bright(number):
@@ -263,8 +265,8 @@ class DisplayTest(unittest.TestCase):
             message.header.frame_id = frame
             clicks.publish(message)
 
-        # a click in another frame: its marker stays; then four on one line: the markers come again
-        click(0.0, 0.0, "odom")
+        click(0.0, 0.0, "odom")  # in another frame: its marker stays
+        # after four clicks on one line, the markers come again
         for number in range(4):
             wait_until(lambda: bright(number), f"marker {number}")
             click(float(number), 0.0)
@@ -280,7 +282,8 @@ class DisplayTest(unittest.TestCase):
         np.testing.assert_allclose(footprint[0], floor_of(0, 0), atol=1e-3)
 
     def test_the_projector_shows_borders_drawing_and_preview(self):
-        file, clicks = Path(self.folder.name) / "projector.yaml", [floor_of(*place) for place in markers(*SIZE)]
+        file = Path(self.folder.name) / "projector.yaml"
+        clicks = [floor_of(*place) for place in markers(*SIZE)]
         projector_calibration.write_calibration(projector_calibration.calibrate(*SIZE, clicks), file)
         node = Process("vb_feedback", "floor_projector", f"_calibration:={file}", "_max_rate:=20.0")
         self.addCleanup(node.stop)
@@ -302,9 +305,9 @@ class DisplayTest(unittest.TestCase):
             return self.at(3.0, 2.4) == 0 and self.at(3.0, 1.6) > 100
 
         wait_until(dark, "the dark place about the spot")
-        count = len(self.pictures)
+        count = self.pictures.count
         wait_until(lambda: self.progress.publish(drawing) or self.at(3.0, 2.4) > 100, "the spot's end")
-        self.assertLess(len(self.pictures) - count, 4, "an unchanged drawing causes no new picture")
+        self.assertLess(self.pictures.count - count, 4, "an unchanged drawing causes no new picture")
         cells = np.zeros((60, 80), np.int8)
         cells[30:50, 40:60] = 100
         region = message_from_grid(GridMap(cells, 0.05), rospy.Time.now())

@@ -20,8 +20,7 @@ class SoundTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("rostest_sound")
-        cls.logs = []
-        cls.log_subscriber = rospy.Subscriber("/rosout", Log, cls.logs.append)
+        cls.logs = Newest("/rosout", Log)
         cls.sounds = rospy.Publisher("/virtual_borders/sound", Sound, queue_size=20)
         cls.folder = tempfile.TemporaryDirectory()
         folder = Path(cls.folder.name)
@@ -55,7 +54,7 @@ class SoundTest(unittest.TestCase):
         seed = Sound(name="seed")
         wait_until(lambda: self.sounds.publish(seed) or self.written("tried").count(b"tried") > 1, "two tries")
         # rospy logs warnings of its own under the node's name, for instance of a broken connection
-        warnings = [log.msg for log in self.logs if log.name == "/deaf" and log.level >= Log.WARN]
+        warnings = [log.msg for log in self.logs.all if log.name == "/deaf" and log.level >= Log.WARN]
         self.assertEqual(len([text for text in warnings if "there is no sound:" in text]), 1, warnings)
         self.assertIsNone(self.nodes[1].process.poll())
 

@@ -53,7 +53,8 @@ def test_the_map_is_whole_and_nothing_overlaps_it(x, y, width, height, aspect):
     assert contains(layout.view, extent, 1e-6)
     assert math.isclose(layout.view.width / layout.view.height, aspect, rel_tol=1e-9)
     for part in (layout.panel, layout.strip):
-        assert contains(layout.view, part, 1e-6) and not part.overlaps(layout.map)
+        assert contains(layout.view, part, 1e-6)
+        assert not part.overlaps(layout.map)
     assert not layout.panel.overlaps(layout.strip)
     # the view is as small as possible: in one direction the map touches the margin of its area
     across = layout.panel.x0 - layout.view.x0
@@ -83,7 +84,8 @@ def test_wrapped_lines_fit_and_lose_nothing(sentence, width):
 @given(st.lists(st.lists(WORDS, min_size=1, max_size=30), min_size=1, max_size=3), st.floats(5, 40), st.floats(2, 5))
 def test_texts_never_leave_the_box_that_they_share(sentences, width, height):
     texts, size = fit_texts([" ".join(sentence) for sentence in sentences], (1.0, 0.8, 0.5), width, height)
-    assert len(texts) == len(sentences) and all(texts)
+    assert len(texts) == len(sentences)
+    assert "" not in texts
     assert all(text_width(text, size) <= width for text in texts)
     assert (1.0 + 1.2 * (sum(text.count("\n") + 1 for text in texts) - 1)) * size <= height + 1e-9
     for text, sentence in zip(texts, sentences):
@@ -92,18 +94,18 @@ def test_texts_never_leave_the_box_that_they_share(sentences, width, height):
 
 
 def test_words_stand_beside_each_other_centred():
-    placed = place_words("define border\nsave", 10.0, 5.0, 1.0)
-    assert [word for word, _, _ in placed] == ["define", "border", "save"]
-    (_, x1, y1), (_, x2, y2), (_, x3, y3) = placed
-    left, right = x1 - text_width("define", 1.0) / 2, x2 + text_width("border", 1.0) / 2
-    assert math.isclose((left + right) / 2, 10.0) and math.isclose(x3, 10.0)
-    assert x1 + text_width("define", 1.0) / 2 < x2 - text_width("border", 1.0) / 2
-    assert y1 == y2 == 5.6 and y3 == 4.4
+    words, (define, border, save), heights = zip(*place_words("define border\nsave", 10.0, 5.0, 1.0))
+    assert words == ("define", "border", "save")
+    assert heights == (5.6, 5.6, 4.4)
+    half_define, half_border = text_width("define", 1.0) / 2, text_width("border", 1.0) / 2
+    assert define + half_define < border - half_border
+    assert (define - half_define + border + half_border) / 2 == pytest.approx(10.0)
+    assert save == pytest.approx(10.0)
 
 
 @pytest.mark.parametrize("name", ["Küche – Café", "Łódź", "Кухня", "12 m² „ab“…"])
 def test_letters_that_the_font_has_stay_as_they_are(name):
-    assert transliterate(name) == name and all(map(is_drawable, name))
+    assert transliterate(name) == name
 
 
 @pytest.mark.parametrize(
@@ -118,7 +120,8 @@ def test_other_letters_become_those_that_people_recognise(name, shown):
 def test_any_name_is_shown_in_letters_that_can_be_drawn(name):
     shown = transliterate(name)
     assert all(map(is_drawable, shown))
-    assert transliterate(shown) == shown and text_width(shown, 1.0) >= 0.0
+    assert transliterate(shown) == shown
+    assert text_width(shown, 1.0) >= 0.0
 
 
 def test_rviz_is_asked_for_the_letters(tmp_path):
@@ -131,10 +134,11 @@ def test_rviz_is_asked_for_the_letters(tmp_path):
     (fonts / "f.fontdef").write_text('font "F"\n{\n  type truetype\n  source f.ttf\n}\n')
     for _ in range(2):
         overlay = overlay_fonts(tmp_path / "rviz", tmp_path / "over") / "rviz"
-        assert (overlay / "package.xml").read_text() == "<package/>" and (overlay / "ogre_media" / "models").is_dir()
+        assert (overlay / "package.xml").read_text() == "<package/>"
+        assert (overlay / "ogre_media" / "models").is_dir()
         assert (overlay / "ogre_media" / "fonts" / "f.ttf").read_text() == "letters"
         lines = (overlay / "ogre_media" / "fonts" / "f.fontdef").read_text().splitlines()
-        assert lines[-1] == "}" and lines[-2].startswith("  code_points 32-126 161-591")
+        assert lines[-2:] == ["  code_points 32-126 161-591 880-1279 8208-8230 8364-8364", "}"]
     assert "code_points" not in (fonts / "f.fontdef").read_text()
 
 
@@ -150,20 +154,21 @@ def test_labels_lie_on_the_map_and_not_on_each_other(wanted):
         assert placed[0].center == pytest.approx(wanted[0].center)
     for number, box in enumerate(placed):
         assert contains(within, box, 1e-6)
-        assert math.isclose(box.width, wanted[number].width) and math.isclose(box.height, wanted[number].height)
+        assert (box.width, box.height) == pytest.approx((wanted[number].width, wanted[number].height), rel=1e-9)
         assert not any(box.overlaps(other) for other in placed[:number])
 
 
 def test_labels_that_are_wanted_at_one_place_find_room():
     # five at the edge, and a flat one, which has to move farther than its own height
-    within, tall = Box(0.0, 0.0, 8.0, 6.0), Box.centered(0.0, 0.0, 1.0, 0.5)
-    placed = place_labels([tall] * 5 + [Box.centered(0.0, 0.0, 1.0, 0.2)], within)
-    assert not any(a.overlaps(b) for number, a in enumerate(placed) for b in placed[:number])
+    tall, flat = Box.centered(0.0, 0.0, 1.0, 0.5), Box.centered(0.0, 0.0, 1.0, 0.2)
+    placed = place_labels([*[tall] * 5, flat], Box(0.0, 0.0, 8.0, 6.0))
+    assert not any(a.overlaps(b) for a, b in itertools.combinations(placed, 2))
     # the last one fits into the column only exactly
     narrow = Box(0.0, 0.0, 1.0, 2.0)
     column = [Box.centered(0.5, y, 1.0, 0.5) for y in (0.25, 1.25, 1.75)]
-    full = place_labels(column + [Box.centered(0.5, 1.9, 1.0, 0.4)], narrow)
-    assert not any(full[3].overlaps(other) for other in full[:3]) and abs(full[3].center[1] - 0.75) < 0.06
+    *others, last = place_labels([*column, Box.centered(0.5, 1.9, 1.0, 0.4)], narrow)
+    assert not any(last.overlaps(other) for other in others)
+    assert last.center[1] == pytest.approx(0.75, abs=0.06)
 
 
 # ------------------------------------------------------------------ what is shown
@@ -187,8 +192,8 @@ def test_borders_differ_by_kind():
     assert (len(hard.points), len(outline(border(closed=False)).points)) == (8, 6)
 
 
-def test_a_border_that_waits_for_a_person_is_shown_before_and_after():
-    old, new = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]), [(4, 0), (6, 0), (6, 2), (4, 2)]
+def test_an_unconfirmed_border_is_shown_before_and_after():
+    old, new = [(0, 0), (1, 0), (1, 1), (0, 1)], [(4, 0), (6, 0), (6, 2), (4, 2)]
     shapes = {shape.namespace: shape for shape in scene.border_shapes(LAYOUT, [border(before=old, after=new)])}
     before, after = shapes["borders/before"], shapes["borders/after"]
     assert before.colors != after.colors == shapes["borders/outline"].colors
@@ -211,8 +216,10 @@ LONG_NAMES = ("Carpet in front of the fireplace and behind the sofa where the do
 )
 def test_labels_stay_on_the_map_and_do_not_overlap(stored):
     shapes = scene.border_shapes(LAYOUT, stored)
-    plates, texts = (text_boxes([part for part in shapes if part.kind == kind]) for kind in (scene.PLATE, scene.TEXT))
-    assert len(plates) == len(stored) and any(shape.text for shape in shapes)
+    plates = text_boxes([shape for shape in shapes if shape.kind == PLATE])
+    texts = text_boxes([shape for shape in shapes if shape.kind == TEXT])
+    assert len(plates) == len(stored)
+    assert any(shape.text for shape in shapes)
     assert not any(plate.overlaps(other) for plate, other in itertools.combinations(plates, 2))
     assert all(contains(LAYOUT.map, plate) for plate in plates)
     assert all(any(contains(plate, text) for plate in plates) for text in texts)
@@ -223,7 +230,7 @@ def test_segments_join_at_corners():
     assert len(pairs) == 3
     np.testing.assert_allclose(pairs[0], [(-0.1, 0), (2.1, 0)])
     np.testing.assert_allclose(pairs[1], [(2, -0.1), (2, 1.1)])
-    assert scene.line_segments([(1, 1)], True, 0.2) == () and scene.line_segments([], False, 0.2) == ()
+    assert scene.line_segments([(1, 1)], True, 0.2) == scene.line_segments([], False, 0.2) == ()
 
 
 def test_spots_fade_and_go():
@@ -234,9 +241,10 @@ def test_spots_fade_and_go():
     ]
     shapes = {shape.key: shape for shape in scene.spot_shapes(LAYOUT, spots, now=11.0)}
     trail = shapes[("spots/red/trail", 0)]
-    assert trail.points == ((1.0, 1.0), (1.1, 1.0)) and sum(trail.colors[0]) > sum(trail.colors[1])
+    assert trail.points == ((1.0, 1.0), (1.1, 1.0))
+    assert sum(trail.colors[0]) > sum(trail.colors[1])
     assert trail.colors[1] == colors.camera_color("red") != colors.camera_color("blue")
-    assert shapes[("spots/red", 1)].points == ((1.1, 1.0),) and ("spots/blue", 1) in shapes
+    assert [shapes[f"spots/{name}", 1].points for name in ("red", "blue")] == [((1.1, 1.0),), ((2.0, 2.0),)]
     # spots that are long past, or in the future because time jumped back, are left out
     for now in (20.0, 0.0):
         assert scene.spot_shapes(LAYOUT, spots, now) == []
@@ -276,14 +284,15 @@ def test_overlay_marks_only_what_borders_changed():
     assert set(np.unique(overlay)) == {CLEAR, STRIPE}
     assert not overlay[(physical == map_with_borders)].any()
     hard, soft = overlay[11:29, 11:29] == STRIPE, overlay[33:37, 6:44] == STRIPE
-    assert 0.4 < hard.mean() < 0.6 and 0 < soft.mean() < hard.mean()
-    assert (overlay[10, 10:30] == STRIPE).all() and (overlay[10:30, 29] == STRIPE).all()
+    assert 0.4 < hard.mean() < 0.6
+    assert 0 < soft.mean() < hard.mean()
+    assert {*overlay[10, 10:30], *overlay[10:30, 29]} == {STRIPE}  # the outline
     assert not draw_restrictions(physical, physical, 4).any()
 
 
-def test_what_save_would_restrict_looks_different_from_what_is_saved():
+def test_a_preview_differs_from_saved_stripes():
     physical = np.zeros((40, 60), np.int8)
-    map_with_borders, planned = physical.copy(), np.zeros((40, 60), np.int8)
+    map_with_borders, planned = physical.copy(), physical.copy()
     map_with_borders[5:20, 5:20] = 100
     planned[22:38, 30:55] = 100
     overlay = draw_restrictions(physical, map_with_borders, 4, planned)
@@ -314,7 +323,8 @@ def test_words_overlap_neither_map_nor_each_other(extent, aspect, state):
             for box, other in itertools.combinations(boxes, 2):
                 assert not box.overlaps(other)
             for box in boxes:
-                assert contains(layout.view, box) and not box.overlaps(layout.map)
+                assert contains(layout.view, box)
+                assert not box.overlaps(layout.map)
 
 
 def arc_minutes(size, layout):
@@ -361,8 +371,9 @@ def test_every_command_that_can_be_said_is_shown(commands):
     assert shown == [command.replace("_", " ") for command in commands]
 
 
-def test_an_answer_that_stands_as_a_notice_is_said_once():
-    stopped, more = PanelNotice("Stopped: no robot drives.", True), PanelNotice("The spot is seen.")
+def test_an_answer_shown_as_a_notice_is_said_once():
+    stopped = PanelNotice("Stopped: no robot drives.", warning=True)
+    more = PanelNotice("The spot is seen.")
     content = PanelContent("seed", 1, (), True, stopped.text, (), (stopped, more))
     texts = texts_of(text_panel_shapes(LAYOUT, content))
     assert [texts[name] for name in texts if "answer" in name or "notice" in name] == [stopped.text, more.text]
@@ -372,7 +383,8 @@ def test_a_refusal_stands_out_for_every_eye():
     success = text_panel_shapes(LAYOUT, PanelContent("seed", 1, (), True, "Why not."))
     refusal = text_panel_shapes(LAYOUT, PanelContent("seed", 1, (), False, "Why not."))
     assert not [shape for shape in success if shape.kind == PLATE]
-    plate = [shape for shape in refusal if shape.kind == PLATE][0]
+    (plate,) = [shape for shape in refusal if shape.kind == PLATE]
     answer = [shape for shape in refusal if shape.namespace == "words/answer"]
-    assert plate.colors == (colors.YELLOW,) and all(shape.colors == (colors.BLACK,) for shape in answer)
+    assert plate.colors == (colors.YELLOW,)
+    assert {shape.colors for shape in answer} == {(colors.BLACK,)}
     assert all(contains(text_boxes([plate])[0], text) for text in text_boxes(answer))

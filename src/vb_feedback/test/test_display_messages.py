@@ -1,7 +1,6 @@
 """What the display says in addition to the last answer."""
 
-from vb_core.notices import Notice
-from vb_core.notices import Severity
+from vb_core.notices import Notice, Severity
 from vb_core.ros.messages import values_from_mapping
 from vb_feedback.display.display_messages import preview_notices, select_notices
 from vb_msgs.msg import BorderIssue, BorderPreview

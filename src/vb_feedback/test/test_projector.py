@@ -52,7 +52,8 @@ def test_a_pinhole_projector_is_found_again(pitch, yaw, height, x, mirrored):
 
 
 def test_a_calibration_is_read_as_it_was_written(tmp_path):
-    path, written = tmp_path / "new" / "projector.yaml", calibrate(*SIZE, marker_positions())
+    path = tmp_path / "new" / "projector.yaml"
+    written = calibrate(*SIZE, marker_positions())
     write_calibration(written, path)
     read = read_calibration(path)
     assert (read.width, read.height) == SIZE
@@ -71,6 +72,7 @@ GOOD = [(0.0, 2.0), (3.0, 2.0), (3.0, 0.0), (0.0, 0.0)]
         ([(0.0, 2.0), (3.0, 2.0), (1.0, 1.2), (0.0, 0.0)], "bad_click"),
         ([(0.0, 2.0), (3.0, 2.0), (1.7, 0.0), (1.3, 0.0)], "bad_calibration"),
     ],
+    ids=["one clicked twice", "on a line", "in another order", "one inside the others", "beyond the horizon"],
 )
 def test_degenerate_clicks_are_refused(floor, code):
     with refused(code):
@@ -79,7 +81,7 @@ def test_degenerate_clicks_are_refused(floor, code):
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(st.floats(-5, 5), st.floats(-5, 5)), min_size=4, max_size=4))
-def test_any_four_clicks_give_a_calibration_that_fits_or_a_reason(floor):
+def test_any_four_clicks_are_fitted_or_refused(floor):
     try:
         calibration = calibrate(*SIZE, floor)
     except CodedError as error:
@@ -111,35 +113,39 @@ def rendered(*borders, brightness=1.0):
     return FloorImage(CALIBRATION, brightness).render(FloorContent("default", borders))
 
 
-def at(picture, x, y):
-    """Returns the picture's colour at a position on the floor [m]."""
+def light_at(picture, x, y):
+    """Returns how bright the picture is at a position on the floor [m], 0 .. 255."""
     column, row = np.rint(projected(CALIBRATION.matrix, [(x, y)])[0]).astype(int)
-    return picture[row, column].astype(int)
+    return int(picture[row, column].max())
 
 
 def test_things_lie_where_the_calibration_says():
     hard = rendered(DisplayedBorder("b", SQUARE, True, (4, 2.1)))
-    assert hard.shape == (400, 640, 3) and hard.dtype == np.uint8
-    assert all(at(hard, x, y).max() > 150 for x, y in SQUARE + ((4.0, 1.9), (3.7, 2.1)))
-    assert at(hard, 4.0, 2.1).max() == 0 and at(hard, 4.5, 2.1).max() == 0
+    assert (hard.shape, hard.dtype) == ((400, 640, 3), np.uint8)
+    assert all(light_at(hard, x, y) > 150 for x, y in SQUARE + ((4.0, 1.9), (3.7, 2.1)))
+    assert light_at(hard, 4.0, 2.1) == light_at(hard, 4.5, 2.1) == 0
     soft = rendered(DisplayedBorder("b", SQUARE, True, (4, 2.1), occupancy=0.2))
-    assert 0 < at(soft, 4.0, 1.9).max() < at(hard, 4.0, 1.9).max()
+    assert 0 < light_at(soft, 4.0, 1.9) < light_at(hard, 4.0, 1.9)
     assert not rendered(DisplayedBorder("b", SQUARE, True, (4, 2.1), enabled=False)).any()
     assert not rendered().any()
     dim = rendered(DisplayedBorder("b", SQUARE, True, (4, 2.1)), brightness=0.3)
     assert dim.max() == pytest.approx(0.3 * hard.max(), abs=3)
 
 
-def test_the_drawing_keeps_off_the_spot_and_borders_do_not():
+def test_the_drawing_keeps_off_the_spot():
     floor = FloorImage(CALIBRATION)
     drawing = Drawing(chain=((3.4, 2.1), (4.4, 2.1)), seed=(3.6, 1.8))
     whole = floor.render(FloorContent("border", (), drawing))
     part = floor.render(FloorContent("border", (), drawing, spot=(4.4, 2.1)))
-    assert at(whole, 4.3, 2.1).max() > 150
-    assert at(part, 4.3, 2.1).max() == 0 and at(part, 3.6, 2.1).max() > 150
-    assert at(whole, 3.6, 1.8).max() == 0 and at(whole, 3.75, 1.8).max() > 150  # the seed is a ring
+    assert light_at(whole, 4.3, 2.1) > 150
+    assert light_at(part, 4.3, 2.1) == 0
+    assert light_at(part, 3.6, 2.1) > 150
     border = DisplayedBorder("b", ((3.4, 2.1), (4.4, 2.1)), False, (4, 2.3))
-    assert at(floor.render(FloorContent("border", (border,), drawing, spot=(4.4, 2.1))), 4.3, 2.1).max() > 150
+    with_border = floor.render(FloorContent("border", (border,), drawing, spot=(4.4, 2.1)))
+    assert light_at(with_border, 4.3, 2.1) > 150
+    # the seed is a ring
+    assert light_at(whole, 3.6, 1.8) == 0
+    assert light_at(whole, 3.75, 1.8) > 150
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.5])
@@ -152,8 +158,8 @@ def test_what_save_would_restrict_is_striped(yaw):
     region = region.with_data(np.where(inside, 100, 0).astype(np.int8))
     shown = FloorImage(CALIBRATION).render(FloorContent("default", region=region))
     grid = [(x, y) for x in np.linspace(3.72, 4.28, 29) for y in np.linspace(1.92, 2.28, 19)]
-    assert 0.35 < np.mean([at(shown, x, y).max() > 40 for x, y in grid]) < 0.65
-    assert all(at(shown, x, y).max() == 0 for x, y in ((3.5, 2.1), (4.5, 2.1), (4.0, 1.75), (4.0, 2.45)))
+    assert 0.35 < np.mean([light_at(shown, x, y) > 40 for x, y in grid]) < 0.65
+    assert all(light_at(shown, x, y) == 0 for x, y in ((3.5, 2.1), (4.5, 2.1), (4.0, 1.75), (4.0, 2.45)))
 
 
 def test_nothing_looks_like_a_laser_spot():

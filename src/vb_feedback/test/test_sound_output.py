@@ -21,7 +21,8 @@ def pitch(pcm):
 
 @pytest.mark.parametrize("name", SOUNDS)
 def test_each_note_has_the_pitch_that_it_says(name):
-    pcm, start = synthesize(name).astype(float), 0
+    pcm = synthesize(name).astype(float)
+    start = 0
     for note in SOUNDS[name].notes:
         part = pcm[start : start + int(round(note.seconds * SAMPLE_RATE))]
         start += len(part)
@@ -46,8 +47,9 @@ def test_sounds_can_be_distinguished():
 @pytest.mark.parametrize("name", SOUNDS)
 def test_nothing_clicks_or_is_cut_off(name):
     pcm = synthesize(name).astype(int)
-    assert 0 < len(pcm) < SAMPLE_RATE and np.abs(pcm).max() < 32767 * 0.7
-    assert abs(pcm[0]) < 300 and abs(pcm[-1]) < 300
+    assert 0 < len(pcm) < SAMPLE_RATE
+    assert np.abs(pcm).max() < 32767 * 0.7
+    assert np.abs(pcm[[0, -1]]).max() < 300
 
 
 def test_a_tick_is_soft_and_volume_counts():
@@ -68,7 +70,7 @@ def test_the_player_gets_all_samples(tmp_path):
     assert (tmp_path / "arguments").read_text().split() == "-q -D front -t raw -f S16_LE -r 48000 -c 1".split()
 
 
-def test_no_device_is_a_reason_and_no_crash(tmp_path):
+def test_a_missing_device_is_refused_with_the_reason(tmp_path):
     says = "cat > /dev/null; echo 'audio open error: No such device' >&2; exit 1"
     with pytest.raises(CodedError, match="No such device"):
         play(synthesize("tick"), "front", write_program(tmp_path / "player", says))

@@ -1,4 +1,4 @@
-"""The shutdown of the node border_fusion, step by step; its other tests are in rostest_border_fusion.py."""
+"""What border_fusion says when an extraction fails; its other tests are in rostest_border_fusion.py."""
 
 from unittest.mock import Mock
 
@@ -8,23 +8,16 @@ import rospy
 from vb_fusion.border_fusion_node import BorderFusionNode
 
 
-@pytest.fixture
-def node():
-    """A node that has only its worker."""
-    found = BorderFusionNode.__new__(BorderFusionNode)
-    found._closing, found._failure = False, None
-    found._changed, found._tick, found._publish_notices = Mock(), Mock(), Mock()
-    return found
-
-
-def test_a_node_that_was_closed_says_nothing_more(node):
-    node._changed.wait.side_effect = lambda _: setattr(node, "_closing", True)  # while the worker waits
-    node._work()
-    assert not node._publish_notices.called
-
-
-def test_topics_that_close_first_are_no_fault(node, monkeypatch):
-    node._publish_notices.side_effect = rospy.ROSException("publish() to a closed topic")
-    monkeypatch.setattr(rospy, "is_shutdown", lambda: node._publish_notices.called)
-    node._work()
-    assert node._publish_notices.call_count == 1
+@pytest.mark.parametrize("shuts_down", [False, True])
+def test_a_drawing_that_breaks_the_extraction_is_reported_until_the_next_one(shuts_down, monkeypatch):
+    monkeypatch.setattr(rospy, "is_shutdown", lambda: shuts_down)
+    monkeypatch.setattr(rospy, "logerr_throttle", Mock())
+    node = BorderFusionNode.__new__(BorderFusionNode)
+    node._failure = None
+    node._publish_notices = Mock()
+    node._tick = Mock(side_effect=[ZeroDivisionError(), True])
+    node._publish(False)
+    assert node._publish_notices.called != shuts_down
+    assert (node._failure is None) == shuts_down
+    node._publish(False)
+    assert node._failure is None

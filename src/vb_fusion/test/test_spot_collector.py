@@ -36,7 +36,7 @@ def test_collects_in_border_and_seed_of_an_interaction_until_the_next():
     collector.set_state(DEFAULT, "", 6.0)
     assert collector.add(spot(6.1)) == "state"
     assert collector.counts == (2, 1, 2)
-    assert collector.snapshot().border_total == 2
+    assert collector.snapshot().counts[0] == 2
     assert collector.set_state(BORDER, "b", 7.0)
     assert collector.counts == (0, 0, 0)
 

@@ -14,7 +14,7 @@ from examples import STEADY, off_thresholds
 from vb_core.geometry import chain_length
 from vb_fusion import seed_point, strokes
 from vb_fusion.polygonal_chain import Closure, classify_closure
-from vb_fusion.observations import LOCALIZATION_ERROR, TIME_BIN, TREMOR, Observations, make_observations
+from vb_fusion.observations import LOCALIZATION_ERROR, TIME_BIN, TREMOR, Observations, find_clusters, make_observations
 
 
 def rows(*columns, least=1, most):
@@ -123,7 +123,7 @@ def chained(group, values):
 def test_what_is_near_each_other_in_a_time_bin_is_one_cluster(spots):
     x, y, times, cameras = np.array(spots).T
     seen = make_observations(np.column_stack([x, y]), times, cameras.astype(int), None, cameras == 2)
-    found = strokes.find_clusters(seen)
+    found = find_clusters(seen)
     bins = seen.time_bins
     places = [np.flatnonzero(bins == number) for number in np.unique(bins)]
     for axis in (0, 1, 0):
@@ -148,7 +148,7 @@ def test_what_is_near_each_other_in_a_time_bin_is_one_cluster(spots):
 def test_of_one_moment_the_ten_strongest_places_are_kept():
     points = np.column_stack([np.arange(14.0), np.zeros(14)])
     strong = np.arange(14) % 7 + 1.0
-    found = strokes.find_clusters(make_observations(points, np.zeros(14), None, strong / 10.0))
+    found = find_clusters(make_observations(points, np.zeros(14), None, strong / 10.0))
     kept = sorted(np.lexsort((points[:, 0], -strong))[:10])
     assert np.allclose(np.sort(found.points[:, 0]), kept)
 
@@ -174,16 +174,20 @@ def test_clusters_passed_at_one_speed_add_the_floor_between_them(steps):
     assert strokes._swept(points, times, dropout) == pytest.approx(expected)
 
 
+def track(points, times, mobile=False):
+    """Returns a cluster of one spot at each point and time."""
+    ones = np.ones(len(times), int)
+    return Observations(points, times, ones, ones, ones, np.full(len(times), mobile), ones, ones)
+
+
 @settings(STEADY, max_examples=60)
 @given(SPOTS, st.booleans())
 def test_what_lies_beside_a_line_at_its_time_is_the_pointers(spots, line_is_mobile):
     """For a line along x, from 0 m at 0.2 s to 1 m at 1.2 s; a robot's may be off by LOCALIZATION_ERROR more."""
     line = np.column_stack([np.linspace(0.0, 1.0, 11), np.full(11, 0.5)])
-    times = np.linspace(0.2, 1.2, 11)
-    mobile = np.full(11, line_is_mobile)
-    places = Observations(line, times, np.ones(11, int), np.ones(11), mobile, np.ones(11, int), np.ones(11, int))
+    pointer = track(line, np.linspace(0.2, 1.2, 11), line_is_mobile)
     seen = make_observations(np.array(spots)[:, :2], np.array(spots)[:, 2])
-    found = set(strokes._observations_near(seen, places, np.arange(11)).tolist())
+    found = set(strokes._observations_near(seen, pointer).tolist())
     reach = 2.0 * TREMOR + LOCALIZATION_ERROR * line_is_mobile
     for index, ((x, y), time) in enumerate(zip(seen.points, seen.stamps)):
         pointer_x = min(max(time - 0.2, 0.0), 1.0)
@@ -220,11 +224,10 @@ def test_short_pieces_beside_a_pause_and_unseen_step_are_dropped(pieces):
         if not wanted or (run[place] != run[before] and x[place] - x[before] > 0.475):
             wanted.append([])
         wanted[-1].append(place)
-    line = np.arange(len(x)) + 10
-    found, glints = strokes._divide(line, np.column_stack([x, 0.0 * x]), times, floor, 0.5, 0.475)
-    assert [stroke.tolist() for stroke in found] == [[place + 10 for place in stroke] for stroke in wanted]
+    found, glints = strokes._divide(track(np.column_stack([x, 0.0 * x]), times), floor, 0.5, 0.475)
+    assert [stroke.tolist() for stroke in found] == wanted
     outside = [place for place in range(len(x)) if not kept or place < kept[0] or place > kept[-1]]
-    assert np.concatenate([[], *glints]).tolist() == [place + 10 for place in outside if length[piece[place]] > 1]
+    assert np.concatenate([[], *glints]).tolist() == [place for place in outside if length[piece[place]] > 1]
 
 
 def seen_within(size, least):

@@ -110,11 +110,11 @@ def read_slowly(address, pause_s, count):
     """Returns brightness and times of the images that reach a reader with pauses, and why others were left out."""
     images, skipped_codes, is_over = [], [], threading.Event()
 
-    def handle(shot):
-        brightness = float(shot.picture().pixels.mean())
+    def handle(image):
+        brightness = float(image.picture().pixels.mean())
         if len(images) < count and (not images or brightness > images[-1][0] - 6.0):  # else the film has begun again
-            images.append((brightness, shot.stamp))
-            skipped_codes.extend(shot.skipped_codes)
+            images.append((brightness, image.stamp))
+            skipped_codes.extend(image.skipped_codes)
             time.sleep(pause_s)
         else:
             is_over.set()
@@ -161,7 +161,7 @@ def first_reports(address, handle):
 def test_a_camera_without_a_whole_image_for_long_is_opened_again(packets, tmp_path, monkeypatch):
     monkeypatch.setattr(camera_source, "_STALL_TIMEOUT", 0.4)
     film = write_film(tmp_path / "damaged.mp4", packets, damaged=(5,))
-    assert first_reports(film, lambda shot: None) == [None, "camera_stalled", None]
+    assert first_reports(film, lambda image: None) == [None, "camera_stalled", None]
 
 
 def test_internal_error_is_reported_and_the_camera_reopened(film):
@@ -171,8 +171,8 @@ def test_internal_error_is_reported_and_the_camera_reopened(film):
 def test_a_new_delay_counts_from_the_next_image_on(film):
     taken = []
 
-    def handle(shot):
-        taken.append(shot.stamp)
+    def handle(image):
+        taken.append(image.stamp)
         source.params = CaptureParams(delay_ms=5000.0 * (len(taken) > 2))
 
     with reading(film, handle) as source:
@@ -205,7 +205,7 @@ def test_a_device_without_motion_jpeg_is_read_in_its_own_format_and_the_usual_si
         return open_file(str(tmp_path / "yuyv"), format="rawvideo", options=options)
 
     monkeypatch.setattr(av, "open", open_device)
-    with reading("/dev/video0", lambda shot: images.append(shot.picture().pixels)):
+    with reading("/dev/video0", lambda image: images.append(image.picture().pixels)):
         wait_until(lambda: len(images) > 2, "three images")
     assert images[2].shape == (720, 1280, 3)
     assert abs(images[2].mean() - 86.0) < 1.0  # black is 16, white 235

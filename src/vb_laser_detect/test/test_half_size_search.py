@@ -65,10 +65,10 @@ def test_halves_lead_to_the_spots_of_the_whole(light, color, sigma, start, step)
 def test_large_images_are_decoded_to_halves_of_the_same_place(size, scale, jpeg):
     image = Scene(*size, noise=0.0).render([(201.0, 152.0)], sigma=4.0)
     if jpeg:
-        shot = CapturedImage(0.0, jpeg=cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes())
+        captured = CapturedImage(0.0, jpeg=cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes())
     else:
-        shot = CapturedImage(0.0, frame=av.VideoFrame.from_ndarray(image, format="bgr24"))
-    picture, again = shot.picture(), shot.picture()
+        captured = CapturedImage(0.0, frame=av.VideoFrame.from_ndarray(image, format="bgr24"))
+    picture, again = captured.picture(), captured.picture()
     assert (picture.scale, picture.size) == (scale, size)
     assert picture.search_pixels.shape == (size[1] // scale, size[0] // scale, 3)
     assert picture.pixels.shape == image.shape

@@ -7,7 +7,7 @@ from vb_core.grid_map import GridMap, sample
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_region import compute_region
 from vb_map_integration.map_integrator import MapIntegrator
-from vb_map_integration.places.transform import IDENTITY, Transform
+from vb_map_integration.places.transform import Transform
 
 
 def room(height=120, width=160, origin=(-1.0, -1.0, 0.2)):
@@ -39,7 +39,7 @@ PLANS = [
 ]
 
 
-def flat(transform=IDENTITY, resolution=0.05, seed=0, plan=0, known=(0.0, 9.0)):
+def flat(transform=Transform(), resolution=0.05, seed=0, plan=0, known=(0.0, 9.0)):
     """Returns a map of a flat of 9 m x 6 m with four different rooms, as from SLAM: ragged, at any pose.
 
     Args:
@@ -63,7 +63,7 @@ def flat(transform=IDENTITY, resolution=0.05, seed=0, plan=0, known=(0.0, 9.0)):
 ROOM = Transform(1.0, 4.0, 0.0)  # a square in the room at the upper left
 
 
-def keep_out(transform=IDENTITY, **options):
+def keep_out(transform=Transform(), **options):
     """Returns the outline of that square, moved."""
     *corners, seed = transform.apply(ROOM.apply([(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.5)]))
     return VirtualBorder(corners, seed, closed=True, **options)
@@ -74,7 +74,7 @@ def closed_at(keeper, x, y):
     return sample(keeper.map_with_borders, keeper.map_with_borders.data, [(x, y)])[0] == 100
 
 
-def closed_off(keeper, transform=IDENTITY):
+def closed_off(keeper, transform=Transform()):
     """Returns whether the middle of the border is closed."""
     return closed_at(keeper, *transform.apply(keep_out().seed[None])[0])
 
@@ -88,7 +88,7 @@ def integrator(root=None, grid=GRID, **params):
 
 def status_of_first(keeper):
     """Returns whether the first border is in force, and the reason if it is not, or is to be confirmed."""
-    status = next(iter(keeper.in_force.statuses.values()))
+    status = next(iter(keeper.borders_in_force.statuses.values()))
     return status.is_in_force, status.reason
 
 

@@ -19,7 +19,7 @@ LINE = VirtualBorder([(0, 0), (0, 1), (0, 2)], (1, 1), closed=False)
 # ----------------------------------------------------------------- GeoJSON
 def test_geojson_round_trip():
     borders = [square(10, 10, id="b1", name="Küche: 'x' # y", robots=("ada",), occupancy=0.75), LINE]
-    borders.append(VirtualBorder([(0, 0), (1, 2)], None, wall=True))
+    borders.append(VirtualBorder([(0, 0), (1, 2)], None, is_wall=True))
     borders.append(square(10, 10, zone="slow", max_speed=0.3))
     assert borders_from_geojson(borders_to_geojson(borders)) == borders
 

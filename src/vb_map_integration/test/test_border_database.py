@@ -130,7 +130,7 @@ for number in range(3):
         keeper.add(square(50, 50), 2.0)
         print("taken")
     except CodedError as error:
-        print(error.code, *(border.id for border in keeper.borders if keeper.in_force.statuses[border.id].is_in_force))
+        print(error.code, *(key for key, status in keeper.borders_in_force.statuses.items() if status.is_in_force))
 """
 
 
@@ -201,7 +201,7 @@ def days(folder, *dates):
     values = DurableValues(folder, today=lambda: day[0])
     for number, date in enumerate(dates):
         day[0] = datetime.date(*map(int, date.split("-")))
-        values.change({"x/y": number})
+        values.write({"x/y": number})
     values.close()
 
 

@@ -191,9 +191,9 @@ def test_invariants_on_noisy_maps(seed, occupancy, closed):
     assert not (result.restricted_cells & (data >= 65)).any()
     unknown = result.restricted_cells & (data < 0)
     assert closed or not unknown.any()
-    assert (after[unknown] == (border.value if border.value >= 65 else -1)).all()
+    assert (after[unknown] == (border.cell_value if border.cell_value >= 65 else -1)).all()
     known = result.restricted_cells & (data >= 0)
-    assert np.array_equal(after[known], np.maximum(data[known], border.value))
+    assert np.array_equal(after[known], np.maximum(data[known], border.cell_value))
     assert result.area_m2 == pytest.approx(result.restricted_cells.sum() * 0.05**2)
 
 

@@ -51,13 +51,13 @@ def test_a_traced_point_is_on_its_segment_and_in_its_cell(chain):
     steps = np.hypot(*np.diff(chain, axis=0).T)
     assume(steps.min() > 1e-3)
     trace, arc = raster.rasterize_chain(chain, SHAPE), np.concatenate([[0.0], np.cumsum(steps)])
-    assert trace.points.shape == (len(trace.rows), 2)
+    assert trace.points.shape == trace.cells.shape
     assert (np.diff(trace.arc) >= -1e-9).all()
     share = (trace.arc - arc[trace.segment]) / steps[trace.segment]
     assert np.allclose(trace.points, chain[trace.segment] + share[:, None] * np.diff(chain, axis=0)[trace.segment])
     assert (share > -1e-9).all() and (share < 1.0 + 1e-9).all()
     # in its cell, or beside the corner at which the chain crosses into the next one
-    distances = np.abs(trace.points - np.column_stack([trace.columns, trace.rows])).max(axis=1, initial=0.0)
+    distances = np.abs(trace.points - trace.cells[:, ::-1]).max(axis=1, initial=0.0)
     is_inside = distances <= 0.5 + 1e-9
     assert (distances <= 1.5).all() and 2 * is_inside.sum() >= len(is_inside)
 
@@ -71,12 +71,12 @@ def test_a_traced_chain_leaves_no_gap(chain):
     dense = np.vstack([a + np.linspace(0.0, 1.0, 800)[:, None] * (b - a) for a, b in zip(chain[:-1], chain[1:])])
     is_inner = np.abs(dense - np.round(dense)).max(axis=1) < 0.2  # not near corners, which the samples may miss
     met = {(row, column) for column, row in np.floor(dense[is_inner] + 0.5).astype(int).tolist()}
-    traced = set(zip(trace.rows.tolist(), trace.columns.tolist()))
+    traced = set(map(tuple, trace.cells.tolist()))
     assert {cell for cell in met if 0 <= cell[0] < 9 and 0 <= cell[1] < 12} <= traced
     assert all(-1 <= row <= 9 and -1 <= column <= 12 for row, column in traced)
     # successive cells share an edge, except where the chain was outside the map
-    hops = np.abs(np.diff(trace.rows)) + np.abs(np.diff(trace.columns))
-    inside = [(0 <= row < 9 and 0 <= column < 12) for row, column in zip(trace.rows, trace.columns)]
+    hops = np.abs(np.diff(trace.cells, axis=0)).sum(axis=1)
+    inside = [(0 <= row < 9 and 0 <= column < 12) for row, column in trace.cells.tolist()]
     assert all(hop <= 1 for hop, before, after in zip(hops, inside[:-1], inside[1:]) if before and after and hop < 3)
 
 
@@ -90,7 +90,7 @@ def test_a_traced_chain_leaves_no_gap(chain):
 def test_painting_raises_what_is_under_the_mask_and_lowers_nothing(cells, mask, value, covers_unknown):
     painted = np.array(cells, np.int8).reshape(3, 4)
     covered = 255 * np.array(mask, np.uint8).reshape(3, 4)
-    Region((slice(0, 3), slice(0, 4)), covered, value, covers_unknown, 1.0).apply(painted)
+    Region((slice(0, 3), slice(0, 4)), covered, value, covers_unknown, 1.0).raise_cells(painted)
     wanted = [max(cell, value) if under and (cell >= 0 or covers_unknown) else cell for cell, under in zip(cells, mask)]
     assert painted.ravel().tolist() == wanted
 
@@ -104,13 +104,14 @@ def test_a_wall_covers_half_its_width_on_each_side_of_its_chain(points, noise):
     chain = np.array(points)
     assume(np.hypot(*np.diff(chain, axis=0).T).min() > 0.01)
     trace = raster.rasterize_chain(grid.world_to_grid(chain), cells.shape)
-    core = [cell for cell in zip(trace.rows, trace.columns) if 0 <= cell[0] < 20 and 0 <= cell[1] < 30]
+    core = [cell for cell in trace.cells.tolist() if 0 <= cell[0] < 20 and 0 <= cell[1] < 30]
     reach = int(WALL_WIDTH / 2.0 / resolution + 1e-6)
     wanted = np.zeros(cells.shape, bool)
     for row, column in core:
         wanted[max(0, row - reach) : row + reach + 1, max(0, column - reach) : column + reach + 1] = True
     assume(core and (wanted & (cells == 0)).any())
-    assert (compute_region(grid, VirtualBorder(chain, None, wall=True)).restricted_cells == wanted & (cells == 0)).all()
+    region = compute_region(grid, VirtualBorder(chain, None, is_wall=True))
+    assert (region.restricted_cells == wanted & (cells == 0)).all()
 
 
 def nearest(allowed, seed, radius):

@@ -18,14 +18,8 @@ from vb_map_integration.grid.raster import count_free_parts
 from vb_map_integration.border_region import Region, apply_regions, join_regions
 from vb_map_integration.map_integrator import MapIntegrator
 
-COMMANDS = st.lists(
-    st.tuples(
-        st.sampled_from(["add", "add", "add", "soft", "remove", "disable", "update", "undo", "redo", "restart"]),
-        st.integers(2, 130),
-        st.integers(2, 90),
-    ),
-    max_size=25,
-)
+KINDS = ["add", "add", "add", "soft", "remove", "disable", "update", "undo", "redo", "restart"]
+COMMANDS = st.lists(st.tuples(st.sampled_from(KINDS), st.integers(2, 130), st.integers(2, 90)), max_size=25)
 
 
 @settings(STEADY, max_examples=25)

@@ -171,7 +171,8 @@ def test_a_place_without_borders_keeps_neither_its_name_nor_the_named_place_from
         assert closed_off(keeper) and keeper.map_name == "upstairs"
         assert keeper.notices == [] and [border.name for border in keeper.borders] == ["rug"]
     keeper.add(keep_out(Transform(6.4, 0.0, 0.0)), 3.0)  # now the first map belongs to that place
-    assert {known_map.place for known_map in keeper._database.maps()} == {keeper._database.find_place("upstairs")}
+    places = {stored_map.place for stored_map in keeper._database.maps().values()}
+    assert places == {keeper._database.find_place("upstairs")}
 
 
 def test_a_map_that_grows_cell_by_cell_stays_confirmed(restart):
@@ -230,15 +231,15 @@ def test_slow_zones_limit_speeds_and_leave_the_map_alone():
     keeper.add(keep_out(zone="slow", max_speed=0.3), 1.0)
     keeper.add(keep_out(zone="slow", max_speed=0.15), 2.0)
     assert np.array_equal(keeper.map_with_borders.data, keeper.physical_map.data)
-    limits = keeper.in_force.speed_limits
+    limits = keeper.borders_in_force.speed_limits
     assert sorted(np.unique(limits.data)) == [0, 15] and (limits.data == 15).sum() == 400
     keeper.undo()
-    assert sorted(np.unique(keeper.in_force.speed_limits.data)) == [0, 30]
-    assert keeper.in_force.statuses["b1"].area_m2 == pytest.approx(1.0)
+    assert sorted(np.unique(keeper.borders_in_force.speed_limits.data)) == [0, 30]
+    assert keeper.borders_in_force.statuses["b1"].area_m2 == pytest.approx(1.0)
     keeper.remove("b1")
-    assert not keeper.in_force.speed_limits.data.any()
+    assert not keeper.borders_in_force.speed_limits.data.any()
     keeper.add(keep_out(zone="slow", max_speed=1.27), 1.0)
-    assert keeper.in_force.speed_limits.data.max() == 127
+    assert keeper.borders_in_force.speed_limits.data.max() == 127
 
 
 def test_a_zone_to_avoid_is_a_cost():

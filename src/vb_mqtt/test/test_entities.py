@@ -1,5 +1,6 @@
 """Entities for Home Assistant: their descriptions, the messages of their buttons, and their states."""
 
+import re
 from datetime import datetime, timezone
 
 import cv2
@@ -37,21 +38,24 @@ def config_of(key):
 
 
 def test_all_entities_are_one_device_with_unique_ids():
-    configs = describe_entities(LAB)
-    assert len({config["unique_id"] for config in configs.values()}) == len(configs)
-    assert {tuple(config["device"]["identifiers"]) for config in configs.values()} == {("lab1",)}
-    assert all(config["name"] for config in configs.values())
-    for topic, config in configs.items():
-        prefix, platform, device, key, last = topic.split("/")
-        assert (prefix, device, last) == ("homeassistant", "lab1", "config")
-        assert key.replace("_", "").replace("-", "").isalnum() and key.isascii()
-        # the entity id of a border is better derived from its name
-        assert config.get("default_entity_id") == (None if platform == "switch" else f"{platform}.lab1_{key}")
-        topic_field = {"button": None, "image": "image_topic"}.get(platform, "state_topic")
-        topics = {field: config[field] for field in ("state_topic", "image_topic") if field in config}
-        assert topics == ({topic_field: f"lab1/{key}"} if topic_field else {})
-        assert config["availability"][0] == {"topic": "lab1/availability"}
-        assert config["availability_mode"] == "all"
+    configs = describe_entities(LAB).values()
+    assert len({config["unique_id"] for config in configs}) == len(configs)
+    assert {tuple(config["device"]["identifiers"]) for config in configs} == {("lab1",)}
+    assert all(config["name"] for config in configs)
+
+
+@pytest.mark.parametrize("topic, config", describe_entities(LAB).items(), ids=describe_entities(LAB))
+def test_an_entitys_topics_follow_from_its_key(topic, config):
+    prefix, platform, device, key, last = topic.split("/")
+    assert (prefix, device, last) == ("homeassistant", "lab1", "config")
+    assert re.fullmatch("[A-Za-z0-9_-]+", key)
+    # the entity id of a border is better derived from its name
+    assert config.get("default_entity_id") == (None if platform == "switch" else f"{platform}.lab1_{key}")
+    topic_field = {"button": None, "image": "image_topic"}.get(platform, "state_topic")
+    topics = {field: config[field] for field in ("state_topic", "image_topic") if field in config}
+    assert topics == ({topic_field: f"lab1/{key}"} if topic_field else {})
+    assert config["availability"][0] == {"topic": "lab1/availability"}
+    assert config["availability_mode"] == "all"
 
 
 def test_every_part_of_the_lab_has_its_entity():
@@ -76,11 +80,11 @@ def test_resume_names_the_stop_that_its_button_shows():
     request = pressed(config, {"stop_number": "12ab", "stopped": True})
     assert (request.command, request.seen_stop, request.age) == ("resume", "12ab", 1.0)
     # before any stop was shown: the manager then refuses, as for everybody
-    assert pressed(config, {}).seen_stop == "" and pressed(config, {"stop_number": None}).seen_stop == ""
+    assert pressed(config, {}).seen_stop == pressed(config, {"stop_number": None}).seen_stop == ""
     assert config["json_attributes_topic"] == "lab1/stopped"
 
 
-def test_stop_needs_only_a_broker_and_other_commands_an_effect():
+def test_only_stop_is_always_available():
     assert len(config_of("stop")["availability"]) == 1
     assert config_of("save")["availability"][1]["value_template"] == "{{ value_json.save }}"
     assert config_of("border_b1")["availability"][1]["value_template"] == "{{ value_json.integrator }}"
@@ -90,14 +94,14 @@ def test_yes_answers_the_question_that_is_shown():
     assert pressed(config_of("confirm"), {"answer": "yes_save", "stop_number": "12ab"}).command == "yes_save"
 
 
-def test_a_switch_names_its_border_and_each_press_has_a_new_id():
+def test_presses_name_their_border_and_have_new_ids():
     request = pressed(config_of(entity_key("border", "ü/#+")), {}, value="false")
     assert (request.border, request.enabled) == (entity_key("border", "ü/#+"), False)
     assert pressed(config_of("border_b1"), {}, value="true").enabled
     assert len({pressed(config_of("save"), {}).id for _ in range(20)}) > 15
 
 
-def test_templates_stay_within_the_limits_of_the_hubs_sandbox():
+def test_templates_stay_within_the_hubs_limits():
     # the sandbox's range() refuses more than 100,000
     for config in describe_entities(LAB).values():
         template = config.get("command_template", "")
@@ -127,7 +131,8 @@ def asked(seconds_ago, code="confirm_save"):
 def test_a_question_is_open_until_it_is_too_old():
     question = entities.question_payload(asked(5), "en")
     assert (question["command"], question["answer"], question["asked"]) == ("save", "yes_save", "home_assistant")
-    assert "yes save" in question["question"] and question["stop_number"] == "1a"
+    assert question["stop_number"] == "1a"
+    assert "yes save" in question["question"]
     assert entities.question_payload(asked(31), "en")["question"] == entities.NO_QUESTION
     for code in ("saved", "confirm_map_first"):
         assert entities.question_payload(asked(5, code), "en")["answer"] == ""
@@ -159,34 +164,44 @@ def test_long_sentences_fit_the_hubs_states():
     assert len(entities.state_payload(message, "en")["last_answer"]) <= 255
 
 
-def test_the_picture_shows_walls_and_borders_where_they_are():
+# ------------------------------------------------------------------ the picture
+def drawn(*borders):
+    """Draws a room of 10 m x 5 m: a wall at low x, unknown floor in a corner, and y > 2.5 m restricted."""
     cells = np.zeros((100, 200), np.int8)
-    cells[:, :10] = 100  # a wall at low x
+    cells[:, :10] = 100
     cells[:10, 100:] = -1
-    prior = GridMap(cells, 0.05, (0.0, 0.0, 0.0))
-    posterior = prior.with_data(np.where(np.indices(cells.shape)[0] >= 50, 100, cells).astype(np.int8))
+    posterior = cells.copy()
+    posterior[50:] = 100
+    encoded = entities.draw_map(GridMap(cells, 0.05), GridMap(posterior, 0.05), borders)
+    return cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_COLOR)
+
+
+def color_at(picture, x, y):
+    """Returns (blue, green, red) at a place [m]."""
+    return picture[int(500 - y / 5.0 * 500), int(x / 10.0 * 1000)].astype(int)
+
+
+def test_the_picture_shows_floor_and_walls():
+    picture = drawn()
+    assert picture.shape == (500, 1000, 3)
+    assert color_at(picture, 0.2, 1.0).max() < 60  # wall
+    assert color_at(picture, 5.0, 1.0).min() > 250  # free
+    blue, _, red = color_at(picture, 5.0, 4.0)
+    assert red > blue + 80  # restricted
+    unknown = color_at(picture, 8.0, 0.2)
+    assert 150 < unknown.mean() < 250
+    assert np.ptp(unknown) < 10
+
+
+def test_the_picture_shows_enabled_and_disabled_borders():
     line = [Point(0, 2.5, 0), Point(10, 2.5, 0)]
     border = VirtualBorder(kind=VirtualBorder.SEPARATING_CURVE, enabled=True, points=line)
-
-    def drawn(*borders):
-        return cv2.imdecode(np.frombuffer(entities.draw_map(prior, posterior, borders), np.uint8), cv2.IMREAD_COLOR)
-
-    picture = drawn(border)
-    assert picture.shape == (500, 1000, 3)
-
-    def at(x, y):
-        return picture[int(500 - y / 5.0 * 500), int(x / 10.0 * 1000)].astype(int)
-
-    assert at(0.2, 1.0).max() < 60  # wall
-    assert at(5.0, 1.0).min() > 250  # free
-    blue, _, red = at(5.0, 4.0)
-    assert red > blue + 80  # restricted
-    assert np.ptp(at(8.0, 0.2)) < 10 and 150 < at(8.0, 0.2).mean() < 250  # unknown
-    line = at(5.0, 2.5)
-    assert line[2] > line[0] + 100
+    blue, _, red = color_at(drawn(border), 5.0, 2.5)
+    assert red > blue + 100
     border.enabled = False
-    picture = drawn(border)
-    assert np.ptp(at(5.0, 2.5)) < 10  # grey
-    # a border that cannot be drawn is left out
+    assert np.ptp(color_at(drawn(border), 5.0, 2.5)) < 10
+
+
+def test_a_border_that_cannot_be_drawn_is_left_out():
     nowhere = [VirtualBorder(), VirtualBorder(points=[Point(1, float("nan"), 0), Point(2, 2, 0)])]
     assert np.array_equal(drawn(*nowhere), drawn())

@@ -28,7 +28,7 @@ def code_of(inbox, payload, retained=False, now=NOW):
     return caught.value.code
 
 
-def test_a_request_has_its_id_its_age_and_the_stop_that_was_seen(inbox):
+def test_a_request_has_id_age_and_seen_stop(inbox):
     request = inbox.accept_request(packed(command="resume", at=NOW - 1.5, id="a1", seen_stop="12ab"), False, NOW)
     assert request == MqttRequest("mqtt:a1", "a1", "resume", "12ab", age=1.5)
     request = inbox.accept_request(packed(border="border_b7", enabled=False, at=NOW), False, NOW)
@@ -130,7 +130,8 @@ def test_every_message_is_taken_or_refused_with_a_sentence(arriving):
         try:
             request = inbox.accept_request(payload, retained, NOW)
         except CodedError as error:
-            assert error.code in sentences.catalog() and "(" + "field)" not in error.message
+            assert error.code in sentences.catalog()
+            assert "(field)" not in error.message
         else:
             assert request is None or not retained
             assert request is None or request.command in ACCEPTED_COMMANDS or request.border

@@ -70,7 +70,8 @@ class System:
             self.sources.add(action.source)
             self._answer_at = (self.perception.now + 0.1, action)
         if self._answer_at and self.perception.now >= self._answer_at[0]:
-            action, self._answer_at = self._answer_at[1], None
+            action = self._answer_at[1]
+            self._answer_at = None
             answer = CommandReply(True, "ok", "")
             if action.command == "save":
                 code = self.refusals.pop(0) if self.refusals else ""
@@ -93,7 +94,8 @@ class System:
                 self._arrives = self.perception.now + self.dispatch_after
         elif self.follows and action.laser is not None and self.robot_sees(action.laser):
             distance, bearing = self.from_robot(action.laser)
-            speed = float(np.clip(0.8 * (distance - (1.0 if distance > 0.8 else 0.8)), -0.1, 0.2))
+            wanted_distance = 1.0 if distance > 0.8 else 0.8
+            speed = float(np.clip(0.8 * (distance - wanted_distance), -0.1, 0.2))
             speed *= max(0.0, 1.0 - abs(bearing) / 0.44)
             self.robot = advance(self.robot, speed * dt, float(np.clip(1.8 * bearing, -0.8, 0.8)) * dt)
         self.perception.robot = self.robot

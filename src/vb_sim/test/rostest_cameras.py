@@ -8,6 +8,7 @@ import rospy
 import rostest
 from geometry_msgs.msg import Point, Pose2D
 from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Header
 
 from vb_testing import Newest, wait_until
 from vb_core import geometry
@@ -33,9 +34,9 @@ class FakeLab:
 
     def _publish(self, _event):
         if self.running:
-            message = LabState(robots=["tb"], robot_poses=[Pose2D(0.4, 1.0, 0.0)])
-            message.header.stamp, message.header.frame_id = rospy.Time.now(), "map"
-            message.laser_on, message.laser, message.laser_color = True, Point(SPOT[0], SPOT[1], 0.0), "green"
+            message = LabState(robots=["tb"], robot_poses=[Pose2D(0.4, 1.0, 0.0)], laser_on=True, laser_color="green")
+            message.header = Header(stamp=rospy.Time.now(), frame_id="map")
+            message.laser = Point(*SPOT, 0.0)
             self.publisher.publish(message)
 
 

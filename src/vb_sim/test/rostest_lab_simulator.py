@@ -107,7 +107,7 @@ class LabSimulatorTest(unittest.TestCase):
         self.assertEqual(len(self.path(start, (4.0, 1.0))), 0)
         self.assertGreater(len(self.path(start, (5.0, 1.0), 0.5)), 0)
 
-    def test_a_goal_is_reached_round_a_border_published_meanwhile(self):
+    def test_a_goal_is_reached_round_a_new_border(self):
         self.publish()
         driven = len(self.cmd_vel.all)
         self.client.send_goal(MoveBaseGoal(target_pose=pose(5.2, 1.0, 1.5)))
@@ -135,7 +135,8 @@ class LabSimulatorTest(unittest.TestCase):
         self.assertEqual((min(steps), set(steps % 20_000_000)), (20_000_000, {0}))
 
     def test_the_robot_is_where_tf_says_and_stops_by_itself(self):
-        start, command = self.state.next().robot_poses[0], Twist()
+        start = self.state.next().robot_poses[0]
+        command = Twist()
         command.linear.x, command.angular.z = 0.3, 0.1
 
         def driven():
@@ -162,7 +163,8 @@ class LabSimulatorTest(unittest.TestCase):
 
     def test_the_participant_is_in_the_state_until_silent(self):
         message = ParticipantState(laser_on=True, laser=Point(1.0, 2.0, 0.0), laser_color="green", doing="draws")
-        message.person_present, message.person = True, Pose2D(3.0, 1.0, 0.5)
+        message.person_present = True
+        message.person = Pose2D(3.0, 1.0, 0.5)
 
         def shown():
             self.participant.publish(message)

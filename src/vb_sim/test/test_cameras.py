@@ -159,7 +159,8 @@ def test_noise_is_as_large_as_the_model_says(lab):
 def test_every_encoding_shows_the_same_scene(lab, encoding, channels):
     view = ceiling(lab, "mono", encoding=encoding)
     image = view.frame(Snapshot(1.0, {"robot": (1.5, 1.5, 0.0)}, (2.0, 1.5), "red", (0, 0), (2.5, 2.2, -1.0)))
-    assert image.dtype == np.uint8 and image.shape == ((540, 960) if channels == 1 else (540, 960, 3))
+    assert image.dtype == np.uint8
+    assert image.shape == ((540, 960) if channels == 1 else (540, 960, 3))
     shown = PixelReader().read(image, encoding).bgr()
     u, v = np.round(expected_pixel(view.model, view.pose, 3.0, 1.0)).astype(int)
     assert shown.shape == (540, 960, 3)
@@ -205,7 +206,8 @@ def test_depth_has_holes_at_flat_angles_and_noise_that_grows(lab):
 # ------------------------------------------------------------------ geometry of the drawing
 def test_rays_of_a_distorted_camera_are_exact(lab):
     camera = lab[0].camera("mono").model()
-    grid, pixels = RayGrid(camera), np.array([(0, 0), (959, 539), (13, 500), (480, 270)])
+    grid = RayGrid(camera)
+    pixels = np.array([(0, 0), (959, 539), (13, 500), (480, 270)])
     rays = np.stack([grid.x, grid.y], axis=-1)[pixels[:, 1], pixels[:, 0]]
     assert np.abs(rays - camera.pixels_to_rays(pixels)[:, :2]).max() * camera.focal_px < 0.02
 
@@ -215,7 +217,8 @@ def test_the_nearer_box_hides_the_other_whatever_the_order():
         {"name": "a", "x": 2.0, "y": 1.0, "size": [0.3, 0.3], "height": 0.5, "color": [200, 0, 0]},
         {"name": "b", "x": 2.6, "y": 1.0, "size": [0.3, 0.9], "height": 0.5, "color": [0, 0, 200]},
     ]
-    scene, pictures = Snapshot(1.0, {"robot": (0.8, 1.0, 0.0)}), []
+    scene = Snapshot(1.0, {"robot": (0.8, 1.0, 0.0)})
+    pictures = []
     for order in (boxes, boxes[::-1]):
         world = world_from_mapping({**WORLD, "furniture": order})
         view = RobotView(world.robots[0], RADII, render_floor(world, 3, 0.01), world_mesh(world), QUIET, 5)
@@ -224,10 +227,12 @@ def test_the_nearer_box_hides_the_other_whatever_the_order():
     to_camera = geometry.invert_transform(view.camera_pose(scene))
     in_camera = geometry.transform_points(to_camera, np.array([[1.85, 1.0, 0.25]]))
     u, v = np.round(view.model.project(in_camera)[0]).astype(int)
-    assert pictures[0][v, u, 0] > 80 and pictures[0][v, u, 2] < 20
+    red, _, blue = pictures[0][v, u]
+    assert red > 80
+    assert blue < 20
 
 
-def test_a_thing_of_which_one_pixel_is_in_the_image_is_drawn():
+def test_a_thing_seen_in_one_pixel_is_drawn():
     camera = CameraModel(40, 30, np.array([[50.0, 0.0, 20.0], [0.0, 50.0, 15.0], [0.0, 0.0, 1.0]]), np.zeros(5))
     buffer = DepthBuffer(RayGrid(camera))
     beyond_the_corner = np.array([(-9.0, -9.0), (0.0, -9.0), (0.0, 0.0), (-9.0, 0.0)])
@@ -245,9 +250,9 @@ def test_history_interpolates_and_forgets():
         history.add(Snapshot(t, {"robot": (t, 0.0, 3.1)}, (2 * t, 1.0), "red", (0, 0), (t, t, 0.0)))
     scene = history.at(5.05)
     assert scene.robots["robot"][0] == pytest.approx(5.05)
-    assert scene.laser[0] == pytest.approx(10.10) and scene.laser_velocity[0] == pytest.approx(2.0)
+    assert (scene.laser[0], scene.laser_velocity[0]) == pytest.approx((10.10, 2.0))
     assert history.at(5.19).laser[0] == pytest.approx(10.38)
-    assert history.at(6.5).laser is None and not history.at(6.5).robots
+    assert (history.at(6.5).laser, history.at(6.5).robots) == (None, {})
     history.add(Snapshot(5.20, laser=(12.0, 1.0)))  # a spot that jumps is not smeared over the floor
     assert (history.at(5.192).laser, history.at(5.192).laser_velocity) == ((12.0, 1.0), (0.0, 0.0))
 
@@ -262,7 +267,7 @@ def test_frames_are_spread_evenly_and_on_time():
     np.testing.assert_allclose(np.diff(sorted(stamp for _, stamp in frames)), 0.04 / 3, atol=1e-9)
     assert schedule.skipped == 0
     # a computer that is too slow takes the newest frames
-    assert len(schedule.due(14.0)) == 3 and schedule.skipped == 3 * 49
+    assert (len(schedule.due(14.0)), schedule.skipped) == (3, 3 * 49)
     assert len(schedule.due(2.0)) == 3  # time has jumped back
 
 

@@ -13,7 +13,8 @@ SECOND = 10**9
 
 
 def test_a_lock_goes_to_the_one_that_still_waits():
-    scheduler, said = Scheduler(0), []
+    said = []
+    scheduler = Scheduler(0)
     lock = Lock(scheduler)
 
     def holder():
@@ -35,7 +36,7 @@ def test_a_lock_goes_to_the_one_that_still_waits():
     assert said == [("impatient", False), ("patient", 3 * SECOND), ("woken", False)]
 
 
-def test_an_interruption_is_no_fault_of_the_node_that_it_meets():
+def test_an_interruption_is_no_fault_of_a_node():
     def work():
         raise KeyboardInterrupt
 
@@ -49,7 +50,7 @@ def test_an_interruption_is_no_fault_of_the_node_that_it_meets():
         scheduler.run(lambda: False, 20 * SECOND)
 
 
-def test_what_is_kept_from_an_earlier_run_is_a_fault_and_no_silence():
+def test_objects_of_an_earlier_run_raise():
     before = Scheduler(0)
     queue = StandIns(before).modules["queue"].Queue()
     before.close()
@@ -61,7 +62,8 @@ def test_what_is_kept_from_an_earlier_run_is_a_fault_and_no_silence():
 
 def test_a_node_sees_the_graph_it_is_in_and_no_other():
     """This also holds where no ROS master runs, or that of another graph."""
-    scheduler, graphs = Scheduler(0), []
+    graphs = []
+    scheduler = Scheduler(0)
     graph = Graph(scheduler, {})
 
     def driver():
@@ -80,5 +82,6 @@ def test_a_node_sees_the_graph_it_is_in_and_no_other():
         graph.start(Node("/base", {}), base)
         scheduler.run(lambda: bool(graphs), 5 * SECOND)
     (state,) = graphs
-    assert dict(state.publishers) == {"/cmd_vel": ["/driver"]} and dict(state.subscribers) == {"/cmd_vel": ["/base"]}
+    assert dict(state.publishers) == {"/cmd_vel": ["/driver"]}
+    assert dict(state.subscribers) == {"/cmd_vel": ["/base"]}
     assert state.types == {"/cmd_vel": "geometry_msgs/Twist"}

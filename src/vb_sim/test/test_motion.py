@@ -87,9 +87,10 @@ def test_a_wall_stops_the_robot_once_and_it_can_back_off():
     robot = body(clearance=lambda x, y: 1.0 - x)
     velocities, now = drive(robot, 0.5, 0.0, 3.0)
     assert 0.80 < robot.pose[0] <= 1.0 - 0.18 + 1e-9
-    assert robot.collisions == 1 and robot.velocity[0] == 0.0
+    assert (robot.collisions, robot.velocity[0]) == (1, 0.0)
     drive(robot, -0.3, 0.0, 1.0, now)
-    assert robot.pose[0] < 0.7 and robot.collisions == 1
+    assert robot.pose[0] < 0.7
+    assert robot.collisions == 1
 
 
 def test_exact_wheels_measure_the_true_path():
@@ -101,7 +102,7 @@ def test_exact_wheels_measure_the_true_path():
     assert np.allclose(start @ odometry, end, atol=1e-9)
 
 
-def test_odometry_drifts_but_the_map_correction_makes_up_for_it():
+def test_the_map_correction_makes_up_for_odometry_drift():
     robot = body(seed=3)
     drive(robot, 0.4, 0.5, 20.0)
     composed = robot.map_to_odom() @ geometry.transform_from_pose2d(*robot.odometry)
@@ -113,7 +114,9 @@ def test_localisation_error_has_its_sigma_and_varies_slowly():
     model = LocalizationModel(position_sigma=0.02, yaw_sigma=0.01, correlation_time=5.0)
     errors, steps = [], []
     for seed in range(60):
-        robot, now, of_one = body(localization=model, seed=seed), 0.0, []
+        robot = body(localization=model, seed=seed)
+        now = 0.0
+        of_one = []
         for _ in range(60):
             _, now = drive(robot, 0.2, 0.3, 0.1, now)
             x, y, turn = np.subtract(robot.estimated_pose(), robot.pose)
@@ -121,7 +124,7 @@ def test_localisation_error_has_its_sigma_and_varies_slowly():
         errors += of_one
         steps += list(np.diff(of_one, axis=0))
     sigma = np.std(errors, axis=0)
-    assert sigma[:2] == pytest.approx(0.02, rel=0.35) and sigma[2] == pytest.approx(0.01, rel=0.35)
+    assert sigma == pytest.approx([0.02, 0.02, 0.01], rel=0.35)
     # in 0.1 s, an Ornstein-Uhlenbeck process with time constant 5 s moves by sqrt(2 * 0.1 / 5) = 0.2 of its sigma
     assert np.std(steps, axis=0)[:2] == pytest.approx(0.004, rel=0.25)
 
@@ -142,7 +145,8 @@ def test_beams_agree_with_fine_sampling():
     data[[0, -1], :] = data[:, [0, -1]] = OCCUPIED
     data[28:33, 38:43] = FREE
     grid = GridMap(data, 0.05, (-1.0, 2.0, 0.0))
-    origin, angles = (-1.0 + 2.01, 2.0 + 1.51), np.linspace(-math.pi, math.pi, 200)
+    origin = (-1.0 + 2.01, 2.0 + 1.51)
+    angles = np.linspace(-math.pi, math.pi, 200)
     ranges = DistanceField(grid).cast_rays(origin, angles, 10.0)
     samples = np.arange(0.0, 6.0, 0.002)
     points = origin + samples[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])[:, None]
@@ -176,9 +180,11 @@ class Clock(threading.Condition):
     """What a step waits on: waiting takes a second until somebody late arrives, or else as long as it may."""
 
     def wait_for(self, predicate, timeout):
-        self.waited, self.woken = 0.0, True
+        self.waited = 0.0
+        self.woken = True
         for arrive in self.late:
-            self.waited, self.woken = self.waited + 1.0, False
+            self.waited += 1.0
+            self.woken = False
             arrive()
         if not (self.woken and predicate()):
             self.waited = timeout
@@ -187,13 +193,14 @@ class Clock(threading.Condition):
         self.woken = True
 
 
-def test_lockstep_waits_for_all_who_drive_and_for_nobody_who_rests():
+def test_lockstep_waits_for_all_that_drive():
     lockstep = Lockstep(("navigation", "driver"), timeout=5.0)
     clock = lockstep._condition = Clock()
 
     def step(*early, late=()):
         """Ends a step; returns how long it waited."""
-        clock.late, clock.waited = [partial(lockstep.arrive, node) for node in late], 0.0
+        clock.late = [partial(lockstep.arrive, node) for node in late]
+        clock.waited = 0.0
         for node in early:
             lockstep.arrive(node)
         lockstep.wait()
@@ -201,6 +208,7 @@ def test_lockstep_waits_for_all_who_drive_and_for_nobody_who_rests():
 
     nodes = ("navigation", "driver")
     assert step() == step("driver") == step(*nodes) == 0.0  # nobody drives, or not all; from here on both are expected
-    assert step(*nodes) == 0.0 and step("driver", late=["navigation"]) == 1.0 and step(late=nodes) == 2.0
+    assert [step(*nodes), step("driver", late=["navigation"]), step(late=nodes)] == [0.0, 1.0, 2.0]
     assert step("driver") == 5.0, "it gives up on who is silent"
-    assert step("driver") == step() == step(*nodes) == 0.0 and step("navigation") == 5.0
+    assert step("driver") == step() == step(*nodes) == 0.0
+    assert step("navigation") == 5.0

@@ -109,7 +109,7 @@ def test_no_path_touches_a_blocked_cell(seed):
     except CodedError as error:
         assert error.code == "no_path"
         return
-    assert np.allclose(path[0], ends[0]) and np.allclose(path[-1], ends[1])
+    assert np.allclose(path[[0, -1]], ends)
     fine = geometry.resample_chain(path, 0.01) if len(path) > 1 else path
     cells = costmap.grid.world_to_cell(fine)
     # it never enters an obstacle, and the inscribed zone by less than a cell, where a line cuts its corner
@@ -143,7 +143,7 @@ def test_a_plan_without_a_path_is_refused_with_the_reason(start, goal, tolerance
         planner.plan(np.array(start), np.array(goal), tolerance)
 
 
-def test_tolerance_ends_at_the_nearest_place_that_can_be_reached():
+def test_tolerance_ends_at_the_nearest_reachable_place():
     planner = Planner(Costmap(with_wall(gap=False), RADIUS))
     path = planner.plan(np.array([0.0, 0.0]), np.array([2.45, 0.0]), 0.5)
     # the wall's cells begin at 2.5 m; the nearest cell centre 0.18 m from theirs is at 2.325 m
@@ -153,7 +153,8 @@ def test_tolerance_ends_at_the_nearest_place_that_can_be_reached():
 def test_a_robot_that_touches_the_inscribed_zone_gets_out():
     planner = Planner(Costmap(with_wall(), RADIUS))
     path = planner.plan(np.array([2.37, 0.0]), np.array([0.0, 0.0]))  # 0.15 m from the wall
-    assert np.allclose(path[0], (2.37, 0.0)) and path[:, 0].max() <= 2.37 + 1e-9
+    assert np.allclose(path[0], (2.37, 0.0))
+    assert path[:, 0].max() <= 2.37 + 1e-9
 
 
 # ------------------------------------------------------------ follower
@@ -161,7 +162,9 @@ STRAIGHT = np.column_stack([np.linspace(0.0, 3.0, 61), np.zeros(61)])
 
 
 def follow(path, goal, pose, obstacles=lambda pose: np.zeros((0, 2)), limit=60.0, dt=0.1):
-    follower, poses, motions = PathFollower(RobotProfile(), goal), [pose], []
+    poses = [pose]
+    motions = []
+    follower = PathFollower(RobotProfile(), goal)
     follower.set_path(path)
     for _ in range(int(limit / dt)):
         motion = follower.step(pose, obstacles(pose), dt)
@@ -191,7 +194,8 @@ def test_it_stops_before_an_obstacle_and_says_so():
         return geometry.transform_points(map_to_robot, np.array([[2.0, 0.05, 0.0], [2.0, -0.05, 0.0]]))[:, :2]
 
     poses, motions = follow(STRAIGHT, (3.0, 0.0, 0.0), (0.0, 0.0, 0.0), person, limit=20.0)
-    assert not motions[-1].arrived and motions[-1].blocked and motions[-1].speed == 0.0
+    last = motions[-1]
+    assert (last.arrived, last.blocked, last.speed) == (False, True, 0.0)
     assert 1.6 < poses[-1, 0] < 2.0 - 0.18
 
 

@@ -36,7 +36,8 @@ def system(key="carpet", method="nrs", seed=1, covered=EVERYWHERE, model=Partici
 def check_drawing(key, sim):
     """Checks that the seen spots lie on the border and cover it."""
     scenario = WORLD.scenario(key)
-    border, chain = np.array(sim.border), chain_of(scenario.border, scenario.closed)
+    border = np.array(sim.border)
+    chain = chain_of(scenario.border, scenario.closed)
     assert max(distance_to_chain(spot, chain) for spot in border[::5]) < 0.12
     missed = [distance_to_chain(place, border[::3]) for place in geometry.resample_chain(chain, 0.05)]
     assert max(missed) < 0.10
@@ -81,7 +82,7 @@ def test_whatever_happens_the_whole_border_is_drawn(situation):
         assert np.linalg.norm(np.mean(sim.seed, axis=0) - WORLD.scenario(situation.key).seed) < 0.03
 
 
-def test_a_robot_that_stays_behind_stops_nobody_whose_spot_is_seen():
+def test_a_robot_left_behind_stops_no_drawing():
     sim = system("corner", "robot_only", covered=NOWHERE)
     drive = sim._drive
     # it follows while it is led, but not during drawing
@@ -93,7 +94,7 @@ def test_a_robot_that_stays_behind_stops_nobody_whose_spot_is_seen():
 def test_a_person_gives_up_where_no_camera_sees_the_spot():
     sim = system("room", covered=NOWHERE, dispatch_after=1e9, model=ParticipantModel(time_limit=40.0))
     assert sim.run(60.0) == "gave_up"
-    assert sim.commands[-1] == "cancel" and sim.perception.state == "default"
+    assert (sim.commands[-1], sim.perception.state) == ("cancel", "default")
     assert sim.actions[-1].laser is None
 
 
@@ -110,7 +111,8 @@ def test_a_person_mends_what_a_refusal_names_and_saves_again(refusal, retry):
 def test_the_person_gives_up_after_some_tries():
     sim = system("room", refuse_saves=["no_separation"] * 9, model=ParticipantModel(tries=2))
     assert sim.run(200.0) == "gave_up"
-    assert sim.commands.count("save") == 2 and "no_separation" in sim.script.reason
+    assert sim.commands.count("save") == 2
+    assert "no_separation" in sim.script.reason
 
 
 def test_mistakes_are_drawn_for_each_run():
@@ -130,17 +132,19 @@ def test_a_person_may_show_the_seed_on_the_wrong_side(key):
     sim = system(key, model=ParticipantModel(wrong_side=1.0))
     assert sim.run(120.0) == "saved"
     side = Polygon(WORLD.scenario(key).region)
-    assert not side.contains(Point(np.mean(sim.seed, axis=0))) and side.contains(Point(WORLD.scenario(key).seed))
+    seeds = (np.mean(sim.seed, axis=0), WORLD.scenario(key).seed)
+    assert [side.contains(Point(seed)) for seed in seeds] == [False, True]
 
 
-def test_the_person_moves_as_people_do_and_keeps_off_walls_and_robot():
+def test_a_person_walks_clear_of_walls_and_robot():
     sim = system("carpet", "robot_only", covered=NOWHERE)
     sim.run(280.0)
-    people, robots = np.array([action.pose for action in sim.actions])[:, :2], np.array(sim.robots)[:, :2]
-    assert np.linalg.norm(np.diff(people, axis=0), axis=1).max() <= 1.0 * DT + 1e-6
+    people = np.array([action.pose for action in sim.actions])[:, :2]
+    steps = np.linalg.norm(np.diff(people, axis=0), axis=1)
+    assert steps.max() <= 1.0 * DT + 1e-6
     assert sim.script.person.is_floor(people).all()
-    moving = np.linalg.norm(np.diff(people, axis=0), axis=1) > 0
-    assert np.linalg.norm(people - robots, axis=1)[1:][moving].min() > 0.35
+    distances = np.linalg.norm(people - np.array(sim.robots)[:, :2], axis=1)
+    assert distances[1:][steps > 0].min() > 0.35
 
 
 # ------------------------------------------------------------ hand
@@ -167,7 +171,8 @@ def draw(border, closed, model, seed=0, style=load_styles()[0], is_floor=lambda 
 @given(st.integers(0, 10**6), st.booleans())
 def test_a_careful_stroke_stays_at_the_border(seed, closed):
     border = SQUARE + np.random.default_rng(seed).normal(0.0, 0.1, (4, 2))
-    stroke, chain = draw(border, closed, ParticipantModel(), seed), chain_of(border, closed)
+    stroke = draw(border, closed, ParticipantModel(), seed)
+    chain = chain_of(border, closed)
     places = np.array([stroke.at(arc) for arc in np.linspace(stroke.start, stroke.length, 200)])
     assert max(distance_to_chain(place, chain) for place in places) < 0.06
     assert max(distance_to_chain(place, places) for place in geometry.resample_chain(chain, 0.05)) < 0.15
@@ -186,7 +191,8 @@ def test_real_strokes_move_as_people_do():
         fast.append(pace.max())
         chain = chain_of(SQUARE, True)
         deviations.append(np.sqrt(np.mean([distance_to_chain(stroke.at(arc), chain) ** 2 for arc in arcs[::10]])))
-    assert np.median(slow) < 0.25 and np.median(fast) > 2.0
+    assert np.median(slow) < 0.25
+    assert np.median(fast) > 2.0
     # errors of centimetres, as people make on the floor, not the millimetres of a ruler
     assert 0.02 < np.median(deviations) < 0.25
 
@@ -195,19 +201,21 @@ def test_closed_strokes_have_gaps_and_overlaps():
     exact = ParticipantModel(stroke_scale=1.0, overlap=0.0, aim_sigma=0.0)
     ends = np.array([draw(SQUARE, True, exact, style=style).points[-1] for style in load_styles()])
     gap = np.linalg.norm(ends - SQUARE[0], axis=1) / np.linalg.norm(np.ptp(SQUARE, axis=0))
-    assert 0.02 < np.median(gap) < 0.15 and gap.max() > 0.15
+    assert 0.02 < np.median(gap) < 0.15 < gap.max()
 
 
 def test_the_ends_of_open_strokes_are_missed_like_any_corner():
     """A doorway's line has only its two ends: without errors there, its index would be 1.000 by construction."""
-    door, model = np.array([[3.2, 3.18], [3.2, 3.88]]), ParticipantModel(aim_sigma=0.03)
+    door = np.array([[3.2, 3.18], [3.2, 3.88]])
+    model = ParticipantModel(aim_sigma=0.03)
     strokes = [draw(door, False, model, seed) for seed in range(200)]
     ends = np.array([stroke.points[[0, -1]] for stroke in strokes])
     assert np.sqrt(np.mean((ends[:, :, 0] - 3.2) ** 2)) == pytest.approx(0.03 / np.sqrt(2.0), rel=0.2)
 
 
 def test_open_strokes_end_where_the_floor_ends():
-    border, model = np.array([[0.0, 0.0], [0.0, 2.0]]), ParticipantModel(late_start=0.0)
+    border = np.array([[0.0, 0.0], [0.0, 2.0]])
+    model = ParticipantModel(late_start=0.0)
     stroke = draw(border, False, model, is_floor=lambda p: (p[:, 1] > 0.1) & (p[:, 1] < 1.8))
     assert stroke.at(0.0)[1] == pytest.approx(0.11, abs=0.02)
     assert stroke.at(stroke.length)[1] == pytest.approx(1.79, abs=0.02)
@@ -224,10 +232,12 @@ def test_marks_on_the_floor_lie_beside_the_map():
 
 @pytest.mark.parametrize("method", ["nrs", "robot_only"])
 def test_wrong_words_are_noticed_on_the_display(method):
-    models = [ParticipantModel(wrong_word=share, tries=6) for share in (0.0, 0.9)]
-    right, wrong = (system("room", method, seed=3, model=model) for model in models)
-    assert right.run(200.0) == "saved" and wrong.run(290.0) in ("saved", "gave_up")
-    assert len(wrong.commands) > len(right.commands) and wrong.perception.now > right.perception.now
+    right = system("room", method, seed=3, model=ParticipantModel(wrong_word=0.0, tries=6))
+    wrong = system("room", method, seed=3, model=ParticipantModel(wrong_word=0.9, tries=6))
+    assert right.run(200.0) == "saved"
+    assert wrong.run(290.0) in ("saved", "gave_up")
+    assert len(wrong.commands) > len(right.commands)
+    assert wrong.perception.now > right.perception.now
 
 
 # ------------------------------------------------------------ thinking

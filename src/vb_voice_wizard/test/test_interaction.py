@@ -213,9 +213,7 @@ def test_a_save_ends_the_interaction_and_is_recorded_once(saving):
 )
 def test_a_failed_save_says_if_it_may_have_arrived(saving, sent, unanswered_before, code, unanswered, answer_code):
     saving.unanswered_save = unanswered_before
-    if sent:
-        saving.mark_save_sent()
-    answer = saving.finish_pending(Answer(False, code, {"who": "$map_integrator"}), 6.0)
+    answer = saving.finish_pending(Answer(False, code, {"who": "$map_integrator"}), 6.0, is_sent=sent)
     assert (answer.code, answer.success, saving.unanswered_save) == (answer_code, False, unanswered)
     assert (saving.state, saving.pending) == (SEED, "")
 

@@ -46,8 +46,8 @@ def test_a_stop_voids_every_command_that_was_given_before_it(command):
 
 def test_one_press_that_comes_by_topic_and_as_a_command_is_one_stop():
     interaction = Interaction()
-    interaction.command(STOP, "page 1a2b", 1.0, identity="press")
-    assert interaction.command(STOP, "page", 20.0, identity="press").code == "stopped"
+    interaction.stop("press", "page 1a2b", 1.0)
+    assert interaction.stop("press", "page", 20.0).code == "stopped"
     assert (interaction.latch.stopped_by, interaction.last_source, interaction.last_answered) == (
         "page 1a2b",
         "page 1a2b",
@@ -57,9 +57,9 @@ def test_one_press_that_comes_by_topic_and_as_a_command_is_one_stop():
 
 def test_a_press_that_comes_again_after_resume_stops_nothing():
     interaction = Interaction()
-    interaction.command(STOP, "page 1a2b", 1.0, identity="press")
+    interaction.stop("press", "page 1a2b", 1.0)
     assert command_knowing_stops(interaction, RESUME, "wizard", 21.0).success
-    assert interaction.command(STOP, "page", 22.0, identity="press").code == "stop_released"
+    assert interaction.stop("press", "page", 22.0).code == "stop_released"
     assert not interaction.latch.stopped
 
 
@@ -146,7 +146,7 @@ for_all_words = pytest.mark.parametrize("command", [*COMMANDS, *ANSWERS])
 def interaction_after_mishearing(before, command, laser_on) -> Interaction:
     interaction = interaction_after(before)
     if laser_on:
-        interaction.record_laser(9.9)
+        interaction.laser_seen_at = 9.9
     command_knowing_stops(interaction, command, "voice", 10.0, uncertain=True)
     return interaction
 
@@ -187,12 +187,12 @@ def test_one_misheard_word_never_turns_a_line_into_something_else(before, state,
 )
 def test_another_state_is_asked_about_while_somebody_points(command, at, uncertain, code):
     interaction = interaction_after("define_border")
-    interaction.record_laser(10.0)
+    interaction.laser_seen_at = 10.0
     assert interaction.command(command, "voice", at, uncertain).code == code
 
 
 def test_a_yes_leads_to_the_other_state():
     interaction = interaction_after("define_border")
-    interaction.record_laser(10.0)
+    interaction.laser_seen_at = 10.0
     assert interaction.command(GUIDE_ROBOT, "voice", 10.5, uncertain=True).values["answer"] == "yes guide robot"
     assert command_knowing_stops(interaction, "yes_guide_robot", "voice", 20.0, uncertain=True).code == "guide"

@@ -14,8 +14,7 @@ from vb_core.sentences import words_of_name
 from vb_core.sounds import SOUNDS, Note, Tones
 from vb_voice_wizard.voice.audio_sources import CHUNK_SAMPLES, Microphone, has_sound
 from vb_voice_wizard.voice.endpointing import CHUNK, MAX_UTTERANCE, Endpointer, SpeechDetector
-from vb_voice_wizard.voice.recognizer import THRESHOLD, CommandListener, CommandRecognizer
-from vb_voice_wizard.voice.recognizer import RecognitionResult, RecognizedUtterance
+from vb_voice_wizard.voice.recognizer import THRESHOLD, CommandListener, CommandRecognizer, RecognitionResult
 from vb_voice_wizard.voice.speech_model import MODEL_FOLDER, SpeechModel
 from vb_voice_wizard.voice_commands_node import VoiceCommandsNode
 
@@ -116,7 +115,7 @@ def listen(listener, pcm, sounds=()):
 def test_times_are_when_it_was_said(recognizer):
     pcm = np.concatenate([np.zeros(2 * RATE, np.int16), say("stop", pause=0.6), np.zeros(RATE, np.int16)])
     (utterance,) = listen(CommandListener(recognizer), pcm)
-    assert utterance.result.command == "stop"
+    assert utterance.command == "stop"
     assert utterance.start == pytest.approx(STREAM_START + 2.6, abs=0.15)
     assert 0.2 < utterance.end - utterance.start < 0.8
 
@@ -126,7 +125,7 @@ def test_stop_counts_whenever_a_sound_of_ours_plays(recognizer, sound):
     pcm = np.concatenate([say("stop", pause=1.0), np.zeros(RATE, np.int16)])
     for start in np.arange(0.0, 2.6, 0.2):
         (utterance,) = listen(CommandListener(recognizer), pcm, [(sound, start)])
-        assert utterance.result.command == "stop"
+        assert utterance.command == "stop"
 
 
 def test_another_command_counts_unless_it_lies_within_a_sound_of_ours(recognizer, monkeypatch):
@@ -134,7 +133,7 @@ def test_another_command_counts_unless_it_lies_within_a_sound_of_ours(recognizer
     monkeypatch.setitem(SOUNDS, "short", Tones((Note("C5", 0.1),)))
     pcm = np.concatenate([say("cancel", pause=1.0), np.zeros(RATE, np.int16)])
     (plain,) = listen(CommandListener(recognizer), pcm)
-    assert plain.result.command == "cancel"
+    assert plain.command == "cancel"
     start, end = plain.start - STREAM_START, plain.end - STREAM_START
     for sound, sound_start, reason in (
         ("long", start - 0.2, "muted"),
@@ -145,9 +144,9 @@ def test_another_command_counts_unless_it_lies_within_a_sound_of_ours(recognizer
         ("unknown", start - 0.2, "ok"),
     ):
         (utterance,) = listen(CommandListener(recognizer), pcm, [(sound, sound_start)])
-        assert utterance.result.reason == reason, sound_start
-        assert utterance.result.command == (None if reason == "muted" else "cancel")
-        assert utterance.result.best == "cancel"
+        assert utterance.reason == reason, sound_start
+        assert utterance.command == (None if reason == "muted" else "cancel")
+        assert utterance.best == "cancel"
 
 
 @pytest.mark.parametrize("certain, end, uncertain", [(True, 1e3, False), (False, 1e3, True), (True, -1e3, True)])
@@ -160,8 +159,8 @@ def test_a_command_understood_late_is_uncertain(certain, end, uncertain):
         submit=lambda command, _context, **fields: given.append((command, fields)) or True,
     )
     node = SimpleNamespace(_command_sender=sender, _beep=lambda name: None)
-    result = RecognitionResult("save", "save", 0.99, certain)
-    VoiceCommandsNode._handle(node, RecognizedUtterance(result, start=now - 1001.0, end=now + end))
+    heard = RecognitionResult("save", "save", 0.99, certain, start=now - 1001.0, end=now + end)
+    VoiceCommandsNode._handle(node, heard)
     assert given == [("save", {"uncertain": uncertain, "seen_stop": f"known at {now - 1001.0}"})]
 
 

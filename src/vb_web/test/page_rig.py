@@ -8,12 +8,13 @@ import rospy
 from geometry_msgs.msg import Point
 
 from phone import Browser
-from vb_testing import Process, is_listening, wait_until
+from vb_testing import Process, is_listening, listen, wait_until
 from vb_core import names
 from vb_core.child_processes import free_port
 from vb_msgs.msg import InteractionState, LaserSpot, Stop, VirtualBorder, VirtualBorderArray
 from vb_msgs.srv import AddBorder, RemoveBorder
 
+SCRIPTS = "".join(path.read_text(encoding="utf-8") for path in Path(__file__).parent.glob("*.js"))
 CARPET = [[3.12, 0.8], [5.12, 0.8], [5.12, 2.05], [3.12, 2.05]]
 
 
@@ -24,18 +25,15 @@ def overlap(first, second, tolerance=0.0):
     return min(across, down) > tolerance
 
 
-def round_the(corners, per_side=6):
-    """Returns a finger's path round corners, back to near its start."""
-    path = []
-    for a, b in zip(corners, corners[1:] + corners[:1]):
-        path += [[a[0] + (b[0] - a[0]) * i / per_side, a[1] + (b[1] - a[1]) * i / per_side] for i in range(per_side)]
-    return path
+def run_script(browser, name, *arguments):
+    """Runs a function of the JavaScript files beside this one in the page, and returns its result."""
+    return browser.run(f"{SCRIPTS} return {name}(...arguments)", *arguments)
 
 
 def draw_carpet(browser):
     """Draws a border that can be saved."""
     browser.click("#draw")
-    browser.stroke(round_the(CARPET))
+    browser.stroke([*CARPET, (3.12, 1.0)])  # back to near its start
     browser.wait_text("#review", "m²")
 
 
@@ -43,9 +41,7 @@ class PageTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("page_test")
-        cls.heard = {}
-        for topic, kind in ((names.BORDERS, VirtualBorderArray), (names.STATE, InteractionState), (names.STOP, Stop)):
-            rospy.Subscriber(topic, kind, lambda message, topic=topic: cls.heard.__setitem__(topic, message))
+        cls.heard = listen({names.BORDERS: VirtualBorderArray, names.STATE: InteractionState, names.STOP: Stop})
         cls.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=5)
         cls.port = free_port()
         cls.codes = Path(rospy.get_param("~state")) / "page_codes.yaml"

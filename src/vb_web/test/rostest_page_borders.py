@@ -6,7 +6,7 @@ import rospy
 import rostest
 from shapely.geometry import Point, Polygon
 
-from page_rig import CARPET, PageTest, draw_carpet, overlap, round_the
+from page_rig import CARPET, PageTest, draw_carpet, overlap, run_script
 from phone import PHONE
 from vb_testing import wait_until
 from vb_core import names, sentences
@@ -16,11 +16,17 @@ from vb_msgs.srv import RemoveBorder, RenameBorder
 
 
 class BordersTest(PageTest):
-    def test_a_border_is_drawn_undone_switched_and_edited_on_a_phone(self):
+    def wait_mode(self, mode):
+        self.browser.wait("document.body.dataset.mode == arguments[0]", mode, what=f"the mode {mode}")
+
+    def knobs(self):
+        return len(self.browser.boxes("#placed .knob"))
+
+    def test_a_drawn_border_is_saved_in_its_place(self):
         draw_carpet(self.browser)
         self.browser.field("#review input[data-key=name]").send_keys("Küche 厨房")
         self.browser.click("#review button", "Save")
-        self.browser.wait("document.body.dataset.mode == 'look'", what="the border to be saved")
+        self.wait_mode("look")
         (border,) = self.wait_borders(1)
         self.assertEqual((border.name, border.kind), ("Küche 厨房", VirtualBorder.POLYGON))
         area = Polygon(array_from_points(border.points))
@@ -28,11 +34,14 @@ class BordersTest(PageTest):
         self.assertTrue(area.contains(Point(border.seed.x, border.seed.y)))
         self.browser.wait("document.getElementById('restricted').classList.contains('there')", what="the restriction")
         self.browser.wait_text("#borders", "Küche 厨房")
-        # undo and redo
+        self.assertEqual(self.browser.faults(), [])
+
+    def test_a_border_is_undone_and_redone(self):
+        self.store_carpet()
         self.browser.click("#undo")
         self.wait_borders(0)
         self.browser.wait_text("#borders", "No borders yet")
-        self.browser.wait_text("#toast", "Removed from the map: Küche 厨房.")
+        self.browser.wait_text("#toast", "Removed from the map: Rug.")
         self.browser.click("#redo")
         self.wait_borders(1)
         self.browser.wait("document.getElementById('redo').disabled", what="a button that has nothing to do")
@@ -40,92 +49,79 @@ class BordersTest(PageTest):
         self.browser.wait_ready()
         available = "document.getElementById('redo').disabled && !document.getElementById('undo').disabled"
         self.browser.wait(available, what="what can be undone")
+
+    def test_a_border_is_switched_off_and_on(self):
+        self.store_carpet()
         self.browser.click("#borders .switch")
         wait_until(lambda: not self.borders()[0].enabled, "the border to be off")
         self.browser.wait_text("#borders", "Switched off")
         self.browser.click("#borders .switch")
         wait_until(lambda: self.borders()[0].enabled, "the border to be on")
-        # a change of nothing is not an undo step
-        self.browser.wait("window.virtualBorders.view.borders.list[0].enabled", what="the page to know it too")
+
+    def test_a_change_of_nothing_is_not_an_undo_step(self):
+        self.store_carpet()
         revision = self.browser.run("return window.virtualBorders.view.borders.revision")
         self.browser.click("#borders .name")
         self.browser.click("#dialog button", "Edit")
         self.browser.wait_text("#review", "m²")
         self.browser.click("#review button", "Save")
-        self.browser.wait("document.body.dataset.mode == 'look'", what="the end of the change")
+        self.wait_mode("look")
         self.assertEqual(self.browser.run("return window.virtualBorders.view.borders.revision"), revision)
         self.assertEqual(self.browser.faults(), [])
 
-    def test_no_touch_of_a_phone_loses_or_doubles_a_drawing(self):
+    def test_zooming_and_turning_the_phone_keep_a_drawing(self):
         self.browser.click("#draw")
         self.browser.tap([3.0, 1.0])
         self.browser.fingers([[[3.5, 2.0]], [[3.5, 2.0], [4.0, 2.0]], [[3.4, 2.0], [4.1, 2.0]]])
-        self.assertEqual(len(self.browser.boxes("#placed .knob")), 1)  # zooming keeps the drawing
+        self.assertEqual(self.knobs(), 1)
         # a phone that is turned during a stroke: the line until then is not a border
         self.browser.fingers([[[3.0, 1.0]], [[3.5, 1.0]], [[4.0, 1.0]]], lift=False)
         self.browser.resize((740, 360))
-        self.browser.wait("document.querySelectorAll('#placed .knob').length == 1", what="the corner from before")
+        wait_until(lambda: self.knobs() == 1, "the corner from before")
         self.browser.lift()
         self.browser.resize(PHONE)
-        self.assertEqual(self.browser.run("return document.body.dataset.mode"), "draw")
-        # a phone's Back closes the topmost dialog or mode, not the page, and asks before it discards unsaved changes
+        self.wait_mode("draw")
+
+    def test_back_closes_the_topmost_dialog_or_mode(self):
+        self.browser.click("#draw")
+        self.browser.tap([3.0, 1.0])
         self.browser.driver.back()
         self.browser.wait_text("#dialog", "not saved yet")
         # a dialog that opens right after another was closed keeps the page below it inert
-        inert = self.browser.run("""[...document.querySelectorAll('#dialog button')].pop().click();
-            document.dispatchEvent(new KeyboardEvent('keydown', {key: 'Escape'}));
-            return new Promise((done) => setTimeout(() => done(document.querySelector('main').inert), 0))""")
-        self.assertTrue(inert)
+        self.assertTrue(run_script(self.browser, "closeAndReopenDialog"))
         self.browser.click("#dialog button", "Keep editing")
-        self.assertEqual(len(self.browser.boxes("#placed .knob")), 1)
+        self.assertEqual(self.knobs(), 1)
         self.browser.driver.back()
         self.browser.wait_text("#dialog", "not saved yet")
         self.browser.click("#dialog button", "Discard")
-        self.browser.wait("document.body.dataset.mode == 'look'", what="the end of the drawing")
+        self.wait_mode("look")
         self.browser.click("#draw")
         self.browser.driver.back()
-        self.browser.wait("document.body.dataset.mode == 'look'", what="the end of a drawing that has no corner")
+        self.wait_mode("look")  # at once: there is no corner to discard
         self.browser.click("#settings-button")
         self.browser.driver.back()
         self.browser.wait("!document.getElementById('dialog').open", what="the dialog to close")
-        self.browser.click("#zoom-fit")
-        # two taps on Save make one border: one undo leaves none
+        self.assertEqual(self.browser.faults(), [])
+
+    def test_two_taps_on_save_make_one_border(self):
         draw_carpet(self.browser)
         save = "const save = [...document.querySelectorAll('#review button')].pop();"
         self.browser.run(f"{save} save.click(); save.click()")
         self.wait_borders(1)
-        self.browser.wait("document.body.dataset.mode == 'look'", what="the border to be saved")
+        self.wait_mode("look")
         self.browser.click("#undo")
         self.wait_borders(0)
-        # a button that a dialog covered cannot be pressed in the same moment
-        self.browser.click("#settings-button")
-        uncovered = self.browser.run("""const button = document.querySelector('#map-tools button:last-child');
-            button.scrollIntoView({ block: 'center' });
-            const dialog = document.getElementById('dialog'), box = button.getBoundingClientRect();
-            const at_centre = () => document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2);
-            return new Promise((done) => {
-                dialog.addEventListener('close', () => done(at_centre().closest('button')), { once: true });
-                dialog.close(); })""")
-        self.assertIsNone(uncovered)
-        self.assertEqual(self.browser.faults(), [])
 
-    def test_double_press_asks_once_but_undo_after_a_shown_change_again(self):
-        calls = self.browser.run("""return Promise.all([import("/state.js"), import("/elements.js")]).then(([{ page, view }, { ask }]) => {
-                const send = page.link.send, sent = [];
-                page.link.send = (action, fields) => (sent.push(fields.command || action), new Promise(() => {}));
-                for (const revision of [1, 1, 2]) {
-                    view.borders = { ...view.borders, revision };
-                    for (const command of ["undo", "save", "stop"]) ask("command", { command });
-                    ask("add", { draft: {} });
-                }
-                page.link.send = send;
-                page.link.underWay.clear();
-                return sent;
-            });""")
+    def test_a_covered_button_cannot_be_pressed_at_once(self):
+        self.browser.click("#settings-button")
+        self.assertIsNone(run_script(self.browser, "uncoverButton"))
+
+    def test_a_double_press_asks_once(self):
+        calls = run_script(self.browser, "giveCommandsAtRevisions")
         self.assertEqual({call: calls.count(call) for call in calls}, {"undo": 2, "save": 1, "stop": 3, "add": 1})
         self.browser.driver.refresh()
 
-    def test_a_change_after_somebody_elses_succeeds_when_it_is_tried_again(self):
+    def test_a_rename_after_somebody_elses_change_succeeds_on_retry(self):
         self.store_carpet()
         self.browser.click("#borders .name")
         self.browser.field("#dialog input").send_keys(" 2")
@@ -140,6 +136,9 @@ class BordersTest(PageTest):
         self.assertEqual(self.borders()[0].name, "Rug")
         self.browser.click("#dialog button", "Rename")
         self.browser.wait_text("#borders", "Rug 2")
+
+    def test_an_edit_after_somebody_elses_succeeds_on_retry(self):
+        self.store_carpet()
         self.browser.click("#borders .name")
         rospy.ServiceProxy(names.RENAME_BORDER, RenameBorder)(id=self.borders()[0].id, name="Mat", source="test")
         self.browser.wait_text("#borders", "Mat")
@@ -152,102 +151,65 @@ class BordersTest(PageTest):
         self.assertEqual(self.borders()[0].name, "Mat")
         self.browser.click("#review button", "Save")
         self.browser.wait_text("#borders", "Mat 3")
-        # a border that somebody else has removed is saved as a new one
+
+    def test_an_edited_border_that_was_removed_is_saved_as_a_new_one(self):
+        self.store_carpet()
         self.browser.click("#borders .name")
         self.browser.click("#dialog button", "Edit")
         self.browser.field("#review input").send_keys(" 4")
         rospy.ServiceProxy(names.REMOVE_BORDER, RemoveBorder)(id=self.borders()[0].id, source="test")
-        self.browser.wait("window.virtualBorders.view.borders.list.length === 2")
+        self.browser.wait("window.virtualBorders.view.borders.list.length === 0")
         self.browser.click("#review button", "Save")
         self.browser.wait_text("#toast", "removed")
         self.browser.wait_text("#review", "m²")
         self.browser.click("#review button", "Save")
-        self.browser.wait_text("#borders", "Mat 3 4")
+        self.browser.wait_text("#borders", "Rug 4")
 
-    def test_previews_are_asked_for_one_at_a_time_and_late_answers_touch_nothing_newer(self):
+    def test_late_answers_change_nothing_newer(self):
         self.store_carpet()
-        states = self.browser.run("""const { draft, map, view } = window.virtualBorders, [border] = view.borders.list;
-            const press = (selector) => [...document.querySelectorAll(selector)].pop().click();
-            return Promise.all([import("/state.js"), import("/editor.js")]).then(async ([{ page }, { edit, previewDraft, setMode }]) => {
-                const asked = [], modes = [];
-                // an earlier preview may still be under way
-                while (page.link.waiting.size) await new Promise((next) => setTimeout(next, 20));
-                page.link.send = (_action, fields) => new Promise((resolve) => asked.push({ fields, resolve }));
-                const answer = (request) => {
-                    request.resolve({ ok: true, code: "ok", values: {}, area: 1, issues: [] });
-                    return new Promise((next) => setTimeout(next));
-                };
-                edit(border);
-                for (draft().name of ["a", "b"]) previewDraft();
-                for (const request of asked) await answer(request);
-                const previews = asked.splice(0).map(({ fields }) => fields.draft.name);
-                for (const [ask, begin] of [
-                    [() => press("#review button"), () => edit(border)],
-                    [() => (setMode("go"), map.on.tap([3, 1])), () => setMode("go")],
-                    [() => (press("#borders .name"), press("#dialog .danger")), () => press("#settings-button")],
-                ]) {
-                    ask();
-                    setMode("look");
-                    begin();
-                    await answer(asked.splice(0)[0]);
-                    modes.push(page.mode);
-                    setMode("look");
-                }
-                return [previews, modes, document.getElementById("dialog").open];
-            });""")
-        self.assertEqual(states, [["Rug", "b"], ["review", "go", "look"], True])
+        previews, modes, is_dialog_open = run_script(self.browser, "answerLate")
+        self.assertEqual(previews, ["Rug", "b"])
+        self.assertEqual(modes, ["review", "go", "look"])
+        self.assertTrue(is_dialog_open)
         self.browser.driver.refresh()
 
-    def test_a_drawing_shows_its_lengths_and_keeps_seed_and_caret(self):
-        scale = """const map = window.virtualBorders.map; map.layOut(); const bar = document.getElementById('scale');
-            return [parseFloat(bar.textContent), bar.getBoundingClientRect().width / map.view.scale]"""
+    def test_the_scale_is_true_at_each_zoom(self):
         for factor in (1, 3, 3):
             self.browser.run("window.virtualBorders.map.zoom(arguments[0])", factor)
-            shown_length, true = self.browser.run(scale)
-            self.assertAlmostEqual(shown_length / true, 1.0, delta=0.02)
+            shown_length, true_length = run_script(self.browser, "scaleLengths")
+            self.assertAlmostEqual(shown_length / true_length, 1.0, delta=0.02)
         self.browser.click("#zoom-fit")
-        lengths = "return [...document.querySelectorAll('#placed .length')].map((text) => parseFloat(text.textContent))"
+
+    def test_a_drawing_shows_the_lengths_of_its_sides(self):
         self.browser.click("#draw")
         for point in ([3.0, 1.0], [5.0, 1.0], [5.0, 2.5]):
             self.browser.tap(point)
-        self.assertAlmostEqual(self.browser.run(lengths)[0], 1.5, delta=0.1)
+        self.assertAlmostEqual(run_script(self.browser, "shownLengths")[0], 1.5, delta=0.1)
         self.browser.click("#review button", "Remove last corner")
-        self.assertEqual(len(self.browser.boxes("#placed .knob")), 2)
-        self.assertAlmostEqual(self.browser.run(lengths)[0], 2.0, delta=0.1)
+        self.assertEqual(self.knobs(), 2)
+        self.assertAlmostEqual(run_script(self.browser, "shownLengths")[0], 2.0, delta=0.1)
         for _ in range(2):
             self.browser.click("#review button", "Remove last corner")
-        self.assertEqual(len(self.browser.boxes("#placed .knob")), 0)
+        self.assertEqual(self.knobs(), 0)
         buttons = "return [...document.querySelectorAll('#review button:disabled')].map((button) => button.textContent)"
         self.assertIn("Remove last corner", self.browser.run(buttons))
-        self.browser.stroke(round_the(CARPET))
-        self.browser.wait_text("#review", "m²")
-        self.assertEqual(self.browser.run(lengths), [])
+
+    def test_a_corner_that_is_chosen_shows_the_lengths_beside_it(self):
+        draw_carpet(self.browser)
+        self.assertEqual(run_script(self.browser, "shownLengths"), [])
         corner = self.browser.run("return window.virtualBorders.draft().points[0]")
         self.browser.tap(corner)
-        sides = self.browser.run("""const points = window.virtualBorders.draft().points, last = points[points.length - 1];
-            return [points[1], last].map(([x, y]) => Math.hypot(x - points[0][0], y - points[0][1]))""")
-        np.testing.assert_allclose(sorted(self.browser.run(lengths)), sorted(sides), atol=0.006)
-        # the seed follows each change of corners, and Delete removes the focused corner
-        states = self.browser.run("""const { map, draft } = window.virtualBorders;
-            return import("/shapes.js").then(({ inside }) => {
-                map.on.drag(2, [6.5, 3.0], true);
-                map.on.choose(0);
-                document.querySelector("[data-corner='2']").dispatchEvent(
-                    new KeyboardEvent("keydown", { key: "Delete", bubbles: true }));
-                const seen = [draft().points.every(([x]) => x < 6), inside(draft().seed, draft().points)];
-                map.on.between(0, [3.5, 1.7]);  // a quick finger: beyond the middle at once
-                return [...seen, inside(draft().seed, draft().points)];
-            });""")
-        self.assertEqual(states, [True] * 3)
-        # a form that is rendered again keeps the caret and a half-typed number
-        caret = self.browser.run("""const { map, draft } = window.virtualBorders, before = document.querySelector("#review input");
-            before.focus();
-            before.value = draft().name = "Rug";
-            before.setSelectionRange(1, 2);
-            map.on.choose(1);
-            const now = document.activeElement;
-            return [now === before, now.value, now.selectionStart, now.selectionEnd]""")
-        self.assertEqual(caret, [True, "Rug", 1, 2])
+        sides = run_script(self.browser, "sidesAtFirstCorner")
+        np.testing.assert_allclose(sorted(run_script(self.browser, "shownLengths")), sorted(sides), atol=0.006)
+
+    def test_the_seed_follows_each_change_of_corners(self):
+        draw_carpet(self.browser)
+        self.assertEqual(run_script(self.browser, "changeCorners"), [True, True, True])
+
+    def test_a_rendered_form_keeps_caret_and_typing(self):
+        draw_carpet(self.browser)
+        self.assertEqual(run_script(self.browser, "renderFormAgain"), [True, "Rug", 1, 2])
+        # a half-typed number
         self.browser.run("const { map, draft } = window.virtualBorders; draft().zone = 'slow'; map.on.choose(null)")
         speed = self.browser.field("#review input[type=number]")
         self.browser.run("arguments[0].select()", speed)
@@ -256,7 +218,6 @@ class BordersTest(PageTest):
         speed.send_keys("35")
         self.browser.run("arguments[0].blur()", speed)
         self.assertEqual(self.browser.run("return window.virtualBorders.draft().max_speed"), 0.35)
-        self.browser.click("#review button", "Cancel")
 
     def test_a_wall_with_a_warning_hides_no_name(self):
         with self.small_phone() as small:
@@ -268,10 +229,7 @@ class BordersTest(PageTest):
             small.wait_arrived()
             small.run("window.scrollTo(0, 0)")
             for part in ("input", ".issue", ".primary"):
-                is_seen = """const part = document.querySelector(`#review ${arguments[0]}`), box = part.getBoundingClientRect();
-                    return [box.top + 2, box.bottom - 2].every(
-                        (y) => document.elementFromPoint(box.left + box.width / 2, y) === part)"""
-                self.assertTrue(small.run(is_seen, part), part)
+                self.assertTrue(run_script(small, "isUncovered", f"#review {part}"), part)
             small.click("#review button", "Save")
             (wall,) = self.wait_borders(1)
             self.assertEqual(wall.kind, VirtualBorder.VIRTUAL_WALL)
@@ -281,22 +239,14 @@ class BordersTest(PageTest):
         self.browser.wait_arrived()
         lines = {"a": CARPET, "b": [[x + 0.4, y + 2.2] for x, y in CARPET]}
         lines.update((name, [[x, 2.3], [x, 3.0]]) for name, x in (("c", 3.9), ("d", 4.1), ("e", 4.3)))
-        show = """window.virtualBorders.map.setBorders(Object.entries(arguments[0]).map(([name, line]) => ({
-            id: name, mark: name, name: `A name of some length: ${name}`, note: "", area: 1, points: line.flat().map((v) => 100 * v),
-            kind: line.length > 2 ? "polygon" : "wall" })), "")"""
-        self.browser.run(show, lines)
-        look = """const map = window.virtualBorders.map; map.view = { ...map.view, ...arguments[0] }; map.layOut();
-            return [...document.querySelectorAll('#placed .name')].map((group) => {
-                const shown = [...group.querySelectorAll(':scope > text, .mark')].filter((text) => text.getClientRects().length
-                    && getComputedStyle(text).visibility !== 'hidden');
-                return [group.border.id, ...shown.map((text) => [text.textContent, text.getBoundingClientRect().toJSON()])]; })"""
+        run_script(self.browser, "showBorders", lines)
         (frame,) = self.browser.boxes("#map")
         scale = self.browser.run("return window.virtualBorders.map.limits[0]")
         for factor, x, y in ((1, 4, 2.5), (1.5, 4, 2.5), (4, 4.1, 2.6), (6, 4, 1.5), (5, 1.0, 1.0), (12, 4.1, 2.0)):
             view = {"scale": scale * factor, "x": x, "y": y}
             half = [frame["width"] / view["scale"] / 2, frame["height"] / view["scale"] / 2]
             boxes = []
-            for name, *shown in self.browser.run(look, view):
+            for name, *shown in run_script(self.browser, "labelsInView", view):
                 low, high = np.min(lines[name], axis=0), np.max(lines[name], axis=0)
                 inside = bool(np.all(high > [x - half[0], y - half[1]]) and np.all(low < [x + half[0], y + half[1]]))
                 self.assertEqual(len(shown), int(inside), f"{name} at {view}: {shown}")
@@ -320,9 +270,7 @@ class BordersTest(PageTest):
             ("#placed .mark", "textDecorationLine strokeDasharray"),
             ("#borders .mark", "textDecorationLine borderTopStyle"),
         ):
-            styles = """return [...document.querySelectorAll(arguments[0])].map((element) => [element, ...element.children].map(
-                (part) => arguments[1].map((name) => getComputedStyle(part)[name]).join()).join())"""
-            states = self.browser.run(styles, selector, properties.split())
+            states = run_script(self.browser, "stylesOf", selector, properties.split())
             self.assertEqual((len(states), len(set(states))), (2, 2), f"{selector}: {states}")
 
 

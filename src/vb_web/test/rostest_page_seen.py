@@ -9,8 +9,7 @@ import rostest
 import yaml
 from sensor_msgs.msg import Image
 
-from accessibility import CHECKS
-from page_rig import PageTest, draw_carpet
+from page_rig import PageTest, draw_carpet, run_script
 from phone import PHONE, WALL, Browser
 from vb_testing import wait_until
 from vb_core import names, sentences
@@ -20,7 +19,7 @@ from vb_msgs.msg import DetectorStatus, DriverState, LaserSpot, RobotStatus, Rob
 
 
 class SeenTest(PageTest):
-    def test_browsers_of_any_size_show_the_same_in_their_languages(self):
+    def test_browsers_show_the_same_in_their_languages(self):
         with closing(Browser(self.browser.url, WALL, "de", dark=True)) as second_browser:
             second_browser.wait_ready()
             self.assertEqual(second_browser.run("return document.documentElement.lang"), "de")
@@ -46,7 +45,7 @@ class SeenTest(PageTest):
             notices.close()
             for browser, size in ((self.browser, PHONE), (second_browser, WALL)):
                 self.assertLessEqual(browser.run("return document.documentElement.scrollWidth"), size[0])
-                self.assertEqual(browser.run(CHECKS), [])
+                self.assertEqual(run_script(browser, "findFaults"), [])
             self.assertEqual(second_browser.faults(), [])
 
     def test_dialog_and_undo_fit_a_small_phone(self):
@@ -77,28 +76,24 @@ class SeenTest(PageTest):
             self.assertGreaterEqual(box["top"], line["bottom"])
             self.assertLessEqual(box["bottom"], height)
 
-    def test_a_button_shows_its_action_and_below_it_the_spoken_command(self):
+    def test_a_button_shows_its_spoken_command(self):
         with self.small_phone("de") as small:
             small.resize((640, 360))
-            unlabelled = """return [...document.querySelectorAll('#commands button')].filter((button) =>
-                !button.querySelector('small') && button.textContent.toLowerCase() !== button.dataset.command)"""  # Pause
-            self.assertEqual(small.run(unlabelled), [])
+            self.assertEqual(run_script(small, "commandsWithoutWords"), [])
             small.click("#commands [data-command=define_border]")
             small.wait_text("#hint", "die Grenze mit dem Laser auf den Boden")
-            self.assertEqual(small.run(CHECKS), [])
+            self.assertEqual(run_script(small, "findFaults"), [])
             small.click("#commands [data-command=cancel]")
             small.wait("document.body.dataset.state == 'default'", what="the state default")
             self.assertEqual(small.faults(), [])
 
-    def test_an_on_screen_keyboard_does_not_cover_the_field_that_is_typed_into(self):
+    def test_a_keyboard_does_not_cover_its_field(self):
         with self.small_phone("de") as small:
             small.resize((640, 360))
             draw_carpet(small)
             small.field("#review input[data-key=name]").click()
             small.resize((640, 180))  # the keyboard takes the rest
-            is_seen = """(() => { const box = document.activeElement.getBoundingClientRect();
-                return document.elementFromPoint(box.left + 20, box.top + box.height / 2) === document.activeElement; })()"""
-            small.wait(is_seen, what="the field in view")
+            wait_until(lambda: run_script(small, "isFocusInView"), "the field in view")
             small.resize((640, 360))
             small.click("#review button", "Abbrechen")
             self.assertEqual(small.faults(), [])
@@ -135,25 +130,15 @@ class SeenTest(PageTest):
         self.browser.run("document.getElementById('health').open = false")
         self.browser.wait("!document.querySelector('#cameras img')", what="no picture in a closed list")
 
-    def test_a_picture_that_is_not_there_yet_is_asked_for_again(self):
+    def test_a_missing_picture_is_asked_for_again(self):
         """The floor comes from cameras, which may start after the page was opened."""
         self.browser.run("window.virtualBorders.map.showPicture('floor', 'floor.webp?early')")
         requests = "performance.getEntriesByType('resource').filter(({ name }) => name.endsWith('floor.webp?early'))"
         self.browser.wait(f"{requests}.length > 1", what="the second request")
         self.browser.run("window.virtualBorders.map.showPicture('floor', '')")
 
-    def test_the_floor_is_not_switched_on_again_after_somebody_has_switched_it_off(self):
-        pressed = self.browser.run("""const { view } = window.virtualBorders, button = document.getElementById("floor-button");
-            return import("/state.js").then(({ hello, page: { link } }) => {
-                const section = { map: { ...view.map, floor: 4 } }, pressed = [];
-                for (const next of [() => {}, () => button.click(), () => link.onHello({ ...hello })]) {
-                    next();
-                    link.onView(section);
-                    pressed.push(button.getAttribute("aria-pressed"));
-                }
-                return pressed;
-            });""")
-        self.assertEqual(pressed, ["true", "false", "false"])
+    def test_a_floor_switched_off_stays_off(self):
+        self.assertEqual(run_script(self.browser, "switchFloorOff"), ["true", "false", "false"])
         self.browser.driver.refresh()
 
     def test_a_map_with_another_origin_is_shown_in_its_place(self):
@@ -178,14 +163,11 @@ class SeenTest(PageTest):
         self.assertFalse(self.browser.run("return window.evil"))
 
     # ------------------------------------------------------------- missing parts
-    def test_a_connection_that_is_lost_without_a_word_costs_no_drawing(self):
+    def test_a_lost_connection_keeps_the_drawing(self):
         draw_carpet(self.browser)
         self.browser.run("window.virtualBorders.map.zoom(1.5)")
         view = self.browser.run("return window.virtualBorders.map.view")
-        self.browser.run("""const wait = window.setTimeout, ask = window.fetch;
-            window.asked = 0;
-            window.setTimeout = (work, time) => wait(work, time === 8000 ? 2000 : time);
-            window.fetch = (...given) => ask(...given, ++window.asked)""")
+        run_script(self.browser, "hurryAndCountTries")
         self.page.process.send_signal(signal.SIGSTOP)
         try:
             self.browser.wait("document.body.dataset.state == 'offline'", what="the lost connection")
@@ -202,7 +184,7 @@ class SeenTest(PageTest):
         self.wait_borders(1)
         self.browser.driver.refresh()
 
-    def test_robot_in_a_border_and_a_silent_monitor_are_problems(self):
+    def test_a_caught_robot_and_a_silent_monitor_are_problems(self):
         self.restart_page()  # which forgets the cameras and robots of other tests
         self.browser.wait_ready()
         robots = rospy.Publisher(names.ROBOTS, RobotStatusArray, queue_size=1)
@@ -219,7 +201,7 @@ class SeenTest(PageTest):
         self.browser.wait("!document.getElementById('health-sum').textContent", what="the problem's end")
         self.restart_page()  # which forgets that there was a monitor
 
-    def test_killed_page_comes_back_and_asks_for_the_code(self):
+    def test_a_restarted_page_asks_for_the_code(self):
         self.store_carpet()
         self.restart_page("_address:=0.0.0.0")
         # for later tests, which have no code: parameters stay on the server

@@ -15,7 +15,7 @@ from vb_web.access_control import COOKIE_DAYS, ConnectionSlots, Role, Sessions, 
 CODES = {"viewer": "view-er22", "operator": "oper-at33"}
 
 
-def test_codes_are_made_once_and_only_their_owner_can_read_them(tmp_path):
+def test_codes_are_made_once_and_private(tmp_path):
     path = tmp_path / "folder" / "codes.yaml"
     first = load_codes(path)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
@@ -65,7 +65,7 @@ def test_a_new_code_ends_the_sessions_of_the_old_one(tmp_path):
     assert [changed.find(cookie)[0] for cookie in cookies] == [Role.VIEWER, Role.NOBODY]
 
 
-def test_a_session_ends_by_itself_and_a_damaged_file_ends_all(tmp_path, monkeypatch):
+def test_sessions_expire_and_end_with_a_damaged_file(tmp_path, monkeypatch):
     path = tmp_path / "sessions.json"
     cookie = Sessions(CODES, path).open(CODES["viewer"])
     monkeypatch.setattr(access_control.time, "time", lambda: path.stat().st_mtime + COOKIE_DAYS * 86400 + 60)
@@ -125,7 +125,7 @@ def test_who_holds_the_most_gives_up_a_slot_for_others():
 def test_sessions_and_addresses_of_one_person_count_as_one():
     for holders in ([f"address s{n}" for n in range(30)], [f"a{n} session" for n in range(30)]):
         connections = filled(ConnectionSlots(10, yields=False), "phone one", *holders, "wall two")
-        assert not connections[0].ended and not connections[-1].ended
+        assert [connections[index].ended for index in (0, -1)] == [False, False]
 
 
 def test_strangers_replace_each_other_but_known_people_stay():
@@ -134,7 +134,7 @@ def test_strangers_replace_each_other_but_known_people_stay():
     assert [peer.ended for peer in filled(ConnectionSlots(10, yields=False), *names)] == [False] * 10 + [True] * 2
 
 
-def test_a_slot_that_was_left_or_whose_connection_closed_is_free():
+def test_a_released_or_closed_slot_is_free():
     slots = ConnectionSlots(2, yields=False)
     first, second = filled(slots, "a", "b")
     first.ended = True
@@ -182,7 +182,7 @@ def test_a_limiter_forgets_the_oldest_of_many_keys():
     assert len(limiter._buckets) == 1000
 
 
-def test_files_of_others_cannot_be_overwritten_through_a_link(tmp_path):
+def test_codes_are_not_written_through_a_link(tmp_path):
     target = tmp_path / "target"
     (tmp_path / "codes.yaml").symlink_to(target)
     load_codes(tmp_path / "codes.yaml")

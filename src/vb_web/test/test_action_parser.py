@@ -86,7 +86,8 @@ def test_what_gets_through_of_hostile_messages_is_harmless():
         passed.append(text)
         draft = request.values.get("draft")
         if draft is not None:
-            assert (np.abs(draft["points"]) <= 9.0).all() and math.isfinite(draft["max_speed"])
+            assert np.abs(draft["points"]).max() <= 9.0
+            assert math.isfinite(draft["max_speed"])
         for value in request.values.values():
             assert not isinstance(value, str) or (len(value) <= 300 and value.isprintable())
 

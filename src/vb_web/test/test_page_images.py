@@ -47,7 +47,7 @@ def test_restricted_floor_is_where_the_map_became_fuller():
     assert 0 < pixels[30:35, 10:20, 3].max() < pixels[10:20, 10:20, 3].max()
 
 
-def test_the_same_content_has_the_same_name_and_an_album_keeps_two():
+def test_the_cache_keeps_two_images_named_by_content():
     maps = [page_images.draw_map(GridMap(np.full((5, 5), value, np.int8), 0.05)) for value in (0, 100, -1, 0)]
     assert maps[0].name == maps[3].name
     assert len({image.name for image in maps}) == 3
@@ -80,7 +80,9 @@ def test_the_floor_is_where_the_cameras_see_it():
     def at(x, y):
         return pixels[int((y - 2.0) * meter), int((x + 1.0) * meter)]
 
-    assert at(2.5, 4.25)[2] > 200 and at(2.5, 4.25)[0] < 80
+    blue, _, red, _ = at(2.5, 4.25)
+    assert blue < 80
+    assert red > 200
     assert abs(int(at(1.5, 4.25)[2]) - 90) < 12
     assert at(-0.9, 2.1)[3] == 0
     assert (decode(page_images.draw_floor(grid, views * 2)) == decode(image)).all()
@@ -101,7 +103,7 @@ def test_camera_pictures_are_made_smaller_never_larger():
         assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR).shape[1] == expected
 
 
-def test_floor_without_a_camera_is_made_again_for_the_next_browser(monkeypatch):
+def test_an_incomplete_floor_image_is_made_again(monkeypatch):
     connected, drawings = {"red"}, []
     monkeypatch.setattr(camera_images.time, "monotonic", lambda: 0.0)
     image = page_images.EncodedImage(b"", "", 1)

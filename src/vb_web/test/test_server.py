@@ -142,7 +142,8 @@ def test_certificate_makes_the_network_https_only(tmp_path):
         trusted = {"ca_certs": str(tmp_path / "page.crt")}
         options = {"scheme": "https", "options": trusted, "Origin": f"https://{running.host}"}
         answer = log_in(running, CODES["viewer"], **options)
-        assert answer.code == 200 and "Secure" in answer.headers["Set-Cookie"]
+        assert answer.code == 200
+        assert "Secure" in answer.headers["Set-Cookie"]
         assert "Strict-Transport-Security" in answer.headers
         with pytest.raises(OSError):  # plain http gets no answer
             running.ask("/session")
@@ -221,7 +222,7 @@ def log_in(running, code, **headers):
     return running.ask("/session", "POST", json.dumps({"code": code}), **all_headers)
 
 
-def test_code_gives_a_cookie_hidden_from_scripts_and_other_sites(network):
+def test_a_code_gives_a_protected_cookie(network):
     answer = log_in(network, "VIEW ER22")
     cookie_header = answer.headers["Set-Cookie"]
     assert answer.code == 200
@@ -265,7 +266,7 @@ def test_a_body_that_is_large_or_a_form_is_never_parsed(network):
     assert network.ask("/session", "POST", "--b\r\n\r\nx\r\n--b--", **form_headers).code == 400
 
 
-def test_pictures_are_kept_by_browsers_and_pages_are_asked_for(local):
+def test_browsers_cache_pictures_and_revalidate_pages(local):
     assert "immutable" in local.ask(PRIVATE[0]).headers["Cache-Control"]
     first = local.ask("/page.js")
     assert local.ask("/page.js", If_None_Match=first.headers["Etag"]).code == 304
@@ -333,7 +334,7 @@ def test_previews_wait_only_for_those_of_the_same_person(network):
     assert first != second
 
 
-def test_who_logs_out_is_out_at_once_and_the_cookie_is_worth_nothing(network):
+def test_logout_ends_connections_and_cookie(network):
     cookie_text = cookie(network, Role.OPERATOR)
 
     async def work(connection):
@@ -446,7 +447,7 @@ def test_one_newcomer_is_let_in_at_each_turn_of_the_loop(local):
     assert max(later - earlier for earlier, later in zip(counts, counts[1:])) == 1
 
 
-def test_an_address_that_asks_too_often_is_refused_with_the_reason(local):
+def test_too_many_requests_are_refused(local):
     local.server.request_limiter = RateLimiter(rate=0.0, burst=3.0)
     assert [local.ask("/session").code for _ in range(4)] == [200, 200, 200, 429]
 

@@ -223,14 +223,16 @@ def find_roslaunch_call(process: int) -> Tuple[List[str], List[Path], str]:
 
     All are empty if the process starts nothing, or is another program, such as a test that runs its own master.
     """
-    words = [os.fsdecode(word) for word in Path(f"/proc/{process}/cmdline").read_bytes().split(b"\0")[:-1]]
-    position = next((index for index, word in enumerate(words[:3]) if os.path.basename(word) == "roslaunch"), None)
-    if position is None:
+    command_line = Path(f"/proc/{process}/cmdline").read_bytes()
+    words = [os.fsdecode(word) for word in command_line.split(b"\0")[:-1]]
+    programs = [os.path.basename(word) for word in words[:3]]
+    if "roslaunch" not in programs:
         return [], [], ""
     import roslaunch
     import roslaunch.rlutil
 
-    options, remaining = roslaunch._get_optparse().parse_args(words[position + 1 :])
+    after_program = words[programs.index("roslaunch") + 1 :]
+    options, remaining = roslaunch._get_optparse().parse_args(after_program)
     if any([options.node_args, options.node_list, options.find_node, options.dump_params, options.file_list]):
         return [], [], ""
     files = [Path(name) for name in roslaunch.rlutil.resolve_launch_arguments(remaining) if os.path.isfile(name)]

@@ -33,8 +33,11 @@ def check_camera(graph: NodeGraph, name: str, parameters: Mapping[str, Any], has
     """
     source = str(parameters.get("source", ""))
     delay = parameters.get("capture", {}).get("delay_ms", 0.0)
-    topic = "" if source or not parameters else "/" + image_topic(name, parameters.get("image", "")).lstrip("/")
-    topic += "/compressed" if topic and parameters.get("image_transport") == "compressed" else ""
+    topic = ""
+    if parameters and not source:
+        topic = "/" + image_topic(name, parameters.get("image", "")).lstrip("/")
+        if parameters.get("image_transport") == "compressed":
+            topic += "/compressed"
     publishers = graph.publishers.get(topic, [])
     namespace = f"/{topic.strip('/').split('/')[0]}/"
     image_topics = [other for other, nodes in graph.publishers.items() if nodes and graph.types.get(other) == _IMAGE]

@@ -67,31 +67,41 @@ _REPEAT_NOTE = " The film repeats: press each just before its part; what was mis
 # ------------------------------------------------------------- the floor
 def draw_seen_floor(view: PosedCamera) -> GridMap:
     """Returns an empty map of the floor that a camera sees. Raises CodedError "bad_rectangle" if all is far away."""
-    camera, T = view.camera, view.T_map_camera
-    columns, rows = np.meshgrid(np.linspace(0, camera.width - 1, 60), np.linspace(0, camera.height - 1, 40))
-    places = project_to_floor(camera, T, np.column_stack([columns.ravel(), rows.ravel()]))[:, :2]
+    camera = view.camera
+    u, v = np.meshgrid(np.linspace(0, camera.width - 1, 60), np.linspace(0, camera.height - 1, 40))
+    pixels = np.column_stack([u.ravel(), v.ravel()])
+    places = project_to_floor(camera, view.T_map_camera, pixels)[:, :2]
+    camera_place = view.T_map_camera[:2, 3]
     with np.errstate(invalid="ignore"):
-        places = places[np.linalg.norm(places - T[:2, 3], axis=1) < _FAR]
+        places = places[np.linalg.norm(places - camera_place, axis=1) < _FAR]
     if not len(places):
         raise CodedError("bad_rectangle")
-    low, high = places.min(axis=0), places.max(axis=0)
-    columns, rows = (int(np.ceil(length / _CELL)) + 1 for length in high - low)
-    floor = GridMap(np.zeros((rows, columns), np.int8), _CELL, (*map(float, low), 0.0))
-    in_view = camera.contains(project(camera, T, floor.cell_to_world(np.argwhere(floor.data == 0))))
-    return floor.with_data(np.where(in_view.reshape(floor.shape), np.int8(0), np.int8(-1)))
+    low = places.min(axis=0)
+    columns, rows = np.ceil((places.max(axis=0) - low) / _CELL).astype(int) + 1
+    origin = (float(low[0]), float(low[1]), 0.0)
+    floor = GridMap(np.zeros((rows, columns), np.int8), _CELL, origin)
+    cells = floor.cell_to_world(np.argwhere(floor.data == 0))
+    in_view = camera.contains(project(camera, view.T_map_camera, cells)).reshape(floor.shape)
+    return floor.with_data(np.where(in_view, np.int8(0), np.int8(-1)))
 
 
 def grid_lines(view: PosedCamera, floor: GridMap) -> List[List[List[float]]]:
     """Returns lines on the floor every half metre, as the camera sees them [px], to be drawn over its picture."""
-    low, high = floor.corners().min(axis=0), floor.corners().max(axis=0)
+    low = floor.corners().min(axis=0)
+    high = floor.corners().max(axis=0)
+    first = np.ceil(low / _GRID)
+    last = np.floor(high / _GRID)
     lines = []
-    for axis in (0, 1):
-        for value in np.arange(np.ceil(low[axis] / _GRID), np.floor(high[axis] / _GRID) + 1) * _GRID:
-            places = np.full((40, 2), value)
-            places[:, 1 - axis] = np.linspace(low[1 - axis], high[1 - axis], 40)
+    for axis, other in ((0, 1), (1, 0)):
+        for number in np.arange(first[axis], last[axis] + 1):
+            places = np.empty((40, 2))
+            places[:, axis] = number * _GRID
+            places[:, other] = np.linspace(low[other], high[other], 40)
             pixels = project(view.camera, view.T_map_camera, places)
-            lines.append(np.round(pixels[view.camera.contains(pixels)], 1).tolist())
-    return [line for line in lines if len(line) > 1]
+            in_view = pixels[view.camera.contains(pixels)]
+            if len(in_view) > 1:
+                lines.append(np.round(in_view, 1).tolist())
+    return lines
 
 
 def write_camera_lab(folder: Path, source: str, view: PosedCamera, profiles: Path) -> None:
@@ -104,7 +114,8 @@ def write_camera_lab(folder: Path, source: str, view: PosedCamera, profiles: Pat
     write_map(folder.parent / "floor", draw_seen_floor(view))
     write_lab(folder, {CAMERA: source}, "", folder.parent / "floor.yaml", profiles)
     save_lens(folder / "lenses" / f"{CAMERA}.yaml", CAMERA, view.camera)
-    pose = CameraPose(CAMERA, names.MAP_FRAME, f"{CAMERA}_optical_frame", view.T_map_camera, view.camera.focal_px)
+    camera_frame = f"{CAMERA}_optical_frame"
+    pose = CameraPose(CAMERA, names.MAP_FRAME, camera_frame, view.T_map_camera, view.camera.focal_px)
     pose_file.write_pose(folder / "calibration" / f"{CAMERA}.yaml", pose, ["from a rectangle on the floor"])
 
 

@@ -38,7 +38,8 @@ def jaccard(truth: np.ndarray, drawn: np.ndarray) -> float:
     Raises:
         CodedError: "bad_shape" if the shapes differ.
     """
-    truth, drawn = (np.asarray(area, bool) for area in (truth, drawn))
+    truth = np.asarray(truth, bool)
+    drawn = np.asarray(drawn, bool)
     if truth.shape != drawn.shape:
         raise CodedError("bad_shape", f"the ground truth has {truth.shape} cells, the user's map {drawn.shape}")
     union = int(np.count_nonzero(truth | drawn))
@@ -84,12 +85,16 @@ def boundary_error(prior: GridMap, truth: np.ndarray, restricted: np.ndarray) ->
     Returns:
         None if one of the two areas has no boundary on free floor.
     """
-    edges = [_edges(np.asarray(area, bool), free_cells(prior)) * prior.resolution for area in (truth, restricted)]
-    if not len(edges[0]) or not len(edges[1]):
+    free = free_cells(prior)
+    requested = _edges(np.asarray(truth, bool), free) * prior.resolution
+    drawn = _edges(np.asarray(restricted, bool), free) * prior.resolution
+    if not len(requested) or not len(drawn):
         return None
-    one_way, other_way = (cKDTree(edges[to]).query(edges[of])[0] for of, to in ((0, 1), (1, 0)))
-    distances = np.concatenate([one_way, other_way])
-    return BoundaryError(float(distances.mean()), float(np.percentile(distances, 95)), float(distances.max()))
+    to_drawn, _ = cKDTree(drawn).query(requested)
+    to_requested, _ = cKDTree(requested).query(drawn)
+    distances = np.concatenate([to_drawn, to_requested])
+    p95 = float(np.percentile(distances, 95))
+    return BoundaryError(float(distances.mean()), p95, float(distances.max()))
 
 
 def accuracy(prior: GridMap, truth: np.ndarray, restricted: np.ndarray) -> Dict[str, object]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
-from typing import Callable, Dict, Sequence
+from typing import Callable, Sequence
 
 import numpy as np
 from scipy import stats
@@ -19,22 +19,6 @@ from vb_core.errors import CodedError
 CONFIDENCE = 0.95
 RESAMPLES = 4999
 ALPHA, POWER = 0.05, 0.8
-
-
-@dataclass(frozen=True)
-class SignedRank:
-    """Wilcoxon signed-rank test of paired differences, two-sided.
-
-    Attributes:
-        w_plus, w_minus: sums of the ranks of positive and of negative differences; those of zero are dropped.
-        z: z value of the smaller sum, at most 0; nan if nothing can be ranked.
-        p_exact: p by the distribution of all 2^n signs, ties included ("Exact Sig.").
-    """
-
-    w_plus: float
-    w_minus: float
-    z: float
-    p_exact: float
 
 
 @dataclass(frozen=True)
@@ -63,61 +47,60 @@ UNKNOWN_INTERVAL = Interval(math.nan)
 
 
 @dataclass(frozen=True)
-class PairedComparison:
-    """All statistics of two paired samples. Differences are first minus second.
+class SignedRankTest:
+    """Wilcoxon signed-rank test of paired differences, two-sided, with effect sizes.
 
     Attributes:
         n: pairs.
-        test: Wilcoxon.
+        w_plus, w_minus: sums of the ranks of positive and of negative differences; those of zero are dropped.
+        z: z value of the smaller sum, at most 0; nan if nothing can be ranked.
+        p_exact: p by the distribution of all 2^n signs, ties included ("Exact Sig.").
         r: effect size |Z| / sqrt(number of observations), two per pair (Rosenthal 1991; Field 2009, Sect. 15.4).
         rank_biserial: (W+ - W-) / (W+ + W-), -1 .. 1 (Kerby 2014).
         shift: Hodges-Lehmann estimate of the difference with its interval.
     """
 
     n: int
-    test: SignedRank
+    w_plus: float
+    w_minus: float
+    z: float
+    p_exact: float
     r: float
     rank_biserial: float
     shift: Interval
 
 
-def compare_paired(first: np.ndarray, second: np.ndarray, confidence: float = CONFIDENCE) -> PairedComparison:
-    """Compares two paired samples (N,) by the paper's statistics and further ones.
+def paired_differences(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Subtracts the second of two paired samples (N,) from the first, without the noise that would hide ties.
 
     Raises:
         CodedError: "bad_sample" if they are not pairs of finite numbers.
     """
-    first, second = (_sample(values) for values in (first, second))
+    first = _sample(first)
+    second = _sample(second)
     if len(first) != len(second):
         raise CodedError("bad_sample", f"paired samples have the same length, got {len(first)} and {len(second)}")
     # 0.3 - 0.1 and 0.4 - 0.2 are a tie that floating point does not see
-    differences = np.round(first - second, 9)
-    test = signed_rank(differences)
-    ranks = test.w_plus + test.w_minus
-    return PairedComparison(
-        n=len(differences),
-        test=test,
-        r=abs(test.z) / math.sqrt(2 * len(differences)) if len(differences) else math.nan,
-        rank_biserial=(test.w_plus - test.w_minus) / ranks if ranks else math.nan,
-        shift=hodges_lehmann(differences, confidence),
-    )
+    return np.round(first - second, 9)
 
 
-def signed_rank(differences: np.ndarray) -> SignedRank:
-    """Tests differences (N,) by Wilcoxon's signed ranks. Equal ones must be equal to the last bit to be ties."""
+def signed_rank_test(differences: np.ndarray) -> SignedRankTest:
+    """Tests paired differences (N,). Equal ones must be equal to the last bit to be ties."""
     differences = _sample(differences)
-    ranked = differences[differences != 0.0]
-    if not len(ranked):
-        return SignedRank(0.0, 0.0, math.nan, 1.0 if len(differences) else math.nan)
-    ranks = stats.rankdata(np.abs(ranked))
-    w_plus, w_minus = float(ranks[ranked > 0].sum()), float(ranks[ranked < 0].sum())
-    with warnings.catch_warnings():
-        # SciPy warns that the normal approximation is poor for n < 10, but the exact p is reported too
-        warnings.simplefilter("ignore", UserWarning)
-        approximation = stats.wilcoxon(ranked, zero_method="wilcox", correction=False, mode="approx")
-    tail = _distribution(ranks)[: int(round(2 * min(w_plus, w_minus))) + 1].sum()
-    p_exact = min(1.0, 2.0 * float(tail))
-    return SignedRank(w_plus, w_minus, float(approximation.zstatistic), p_exact)
+    n = len(differences)
+    ranks = _signed_ranks(differences)
+    w_plus = float(ranks[ranks > 0].sum())
+    w_minus = float(-ranks[ranks < 0].sum())
+    z = p_exact = rank_biserial = math.nan
+    if len(ranks):
+        # under random signs the sum of signed ranks has mean 0 and variance sum(ranks^2), ties included
+        z = -abs(w_plus - w_minus) / math.sqrt(float(np.sum(ranks**2)))
+        rank_biserial = (w_plus - w_minus) / (w_plus + w_minus)
+    if n:
+        larger_sums = ranks if w_plus >= w_minus else -ranks
+        p_exact = min(1.0, 2.0 * _tail_probability(larger_sums))  # of all signs that are as one-sided, either way
+    r = abs(z) / math.sqrt(2 * n) if n else math.nan
+    return SignedRankTest(n, w_plus, w_minus, z, p_exact, r, rank_biserial, hodges_lehmann(differences))
 
 
 def hodges_lehmann(differences: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
@@ -131,12 +114,27 @@ def hodges_lehmann(differences: np.ndarray, confidence: float = CONFIDENCE) -> I
     if n == 0:
         return UNKNOWN_INTERVAL
     rows, columns = np.triu_indices(n)
-    walsh = np.sort((differences[rows] + differences[columns]) / 2.0)
-    cumulative = np.cumsum(_distribution(np.arange(1.0, n + 1)))[::2]
+    means = np.sort((differences[rows] + differences[columns]) / 2.0)
+    # P(W+ <= 0, 1, 2, ...); without ties every sum is a whole number
+    cumulative = np.cumsum(_rank_sum_distribution(np.arange(1.0, n + 1)))[::2]
     # cuts off as many of the smallest means as the confidence allows
-    cut = max(int(np.searchsorted(cumulative, (1.0 - confidence) / 2.0, side="right")) - 1, 0)
+    tail = (1.0 - confidence) / 2.0
+    cut = max(int(np.searchsorted(cumulative, tail, side="right")) - 1, 0)
     reached = 1.0 - 2.0 * float(cumulative[cut])
-    return Interval(float(np.median(walsh)), float(walsh[cut]), float(walsh[-1 - cut]), reached)
+    return Interval(float(np.median(means)), float(means[cut]), float(means[-1 - cut]), reached)
+
+
+def noninferiority_p(gains: np.ndarray, margin: float) -> float:
+    """Computes the one-sided exact Wilcoxon p of "the first method is worse by the margin or more".
+
+    The two one-sided tests for equivalence (Schuirmann 1987) are this test of the gains and of their negatives.
+
+    Args:
+        gains: (N,) paired differences, larger is better.
+        margin: > 0, in the same unit.
+    """
+    ranks = _signed_ranks(np.round(_sample(gains) + margin, 9))
+    return _tail_probability(ranks) if len(ranks) else math.nan
 
 
 def ratio_of_means(numerator: np.ndarray, denominator: np.ndarray) -> Interval:
@@ -174,27 +172,10 @@ def bootstrap(statistic: Callable[..., np.ndarray], *samples: np.ndarray, method
         with warnings.catch_warnings(), np.errstate(invalid="ignore", divide="ignore"):
             warnings.simplefilter("ignore")
             result = stats.bootstrap(values, statistic, method=name, paired=True, vectorized=True, **options)
-            low, high = map(float, result.confidence_interval)
+        low, high = map(float, result.confidence_interval)
         if math.isfinite(low + high):
             break
     return Interval(estimate, low, high, CONFIDENCE)
-
-
-def noninferiority_p(gains: np.ndarray, margin: float) -> float:
-    """Computes the one-sided exact Wilcoxon p of "the first method is worse by the margin or more".
-
-    The two one-sided tests for equivalence (Schuirmann 1987) are this test of the gains and of their negatives.
-
-    Args:
-        gains: (N,) paired differences, larger is better.
-        margin: > 0, in the same unit.
-    """
-    shifted = np.round(_sample(gains) + margin, 9)
-    shifted = shifted[shifted != 0.0]
-    if not len(shifted):
-        return math.nan
-    ranks = stats.rankdata(np.abs(shifted))
-    return float(_distribution(ranks)[int(round(2 * ranks[shifted > 0].sum())) :].sum())
 
 
 def holm(ps: Sequence[float]) -> np.ndarray:
@@ -207,21 +188,6 @@ def holm(ps: Sequence[float]) -> np.ndarray:
     if is_known.any():
         corrected[is_known] = multipletests(corrected[is_known], ALPHA, "holm")[1]
     return corrected
-
-
-def compare_completed(first: np.ndarray, second: np.ndarray) -> Dict[str, float]:
-    """Counts pairs (N,) of 0 and 1 by which of the two were completed; `p` is McNemar's, exact."""
-    from statsmodels.stats.contingency_tables import mcnemar
-
-    first, second = (_sample(values).astype(bool) for values in (first, second))
-    counts = {
-        "both": int((first & second).sum()),
-        "first": int((first & ~second).sum()),
-        "second": int((~first & second).sum()),
-        "neither": int((~first & ~second).sum()),
-    }
-    table = [[counts["both"], counts["first"]], [counts["second"], counts["neither"]]]
-    return {**counts, "p": float(mcnemar(table, exact=True).pvalue)}
 
 
 def required_sample_size(effect: float, tests: int = 1) -> int:
@@ -239,33 +205,39 @@ def required_sample_size(effect: float, tests: int = 1) -> int:
     return int(math.ceil(float(pairs) * math.pi / 3.0))
 
 
+def proportion(successes: int, n: int, confidence: float = CONFIDENCE) -> Interval:
+    """Computes a success rate, 0 .. 1, with Wilson's interval."""
+    if n == 0:
+        return UNKNOWN_INTERVAL
+    limits = stats.binomtest(int(successes), int(n)).proportion_ci(confidence, method="wilson")
+    return Interval(successes / n, float(limits.low), float(limits.high), confidence)
+
+
+def percentage(flags: np.ndarray) -> Interval:
+    """Computes the share of ones among flags (N,) of 0 and 1 [%], with Wilson's interval."""
+    return proportion(flags.sum(), len(flags)).scaled(100.0)
+
+
 def difference_of_proportions(first: np.ndarray, second: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
     """Computes the first sample's share of ones minus the second's, (N,) and (M,) of 0 and 1, with Newcombe's interval.
 
     All values count as independent: the interval is too wide for pairs, and too narrow for several runs of a person who
     fails more than once. Unlike a bootstrap, it allows for events that none of a few people had.
     """
-    from statsmodels.stats.proportion import confint_proportions_2indep
-
-    first, second = (_sample(values) for values in (first, second))
-    if not len(first) or not len(second):
-        return UNKNOWN_INTERVAL
-    counts = first.sum(), len(first), second.sum(), len(second)
-    low, high = confint_proportions_2indep(*counts, method="newcomb", compare="diff", alpha=1.0 - confidence)
-    return Interval(float(first.mean() - second.mean()), float(low), float(high), confidence)
-
-
-def proportion(successes: int, n: int) -> Interval:
-    """Computes a success rate, 0 .. 1, with Wilson's interval."""
-    if n == 0:
-        return UNKNOWN_INTERVAL
-    limits = stats.binomtest(int(successes), int(n)).proportion_ci(CONFIDENCE, method="wilson")
-    return Interval(successes / n, float(limits.low), float(limits.high), CONFIDENCE)
+    a = proportion(first.sum(), len(first), confidence)
+    b = proportion(second.sum(), len(second), confidence)
+    difference = a.estimate - b.estimate
+    # Newcombe (1998), method 10: from the distances to the limits of Wilson's intervals
+    below = math.hypot(a.estimate - a.low, b.high - b.estimate)
+    above = math.hypot(a.high - a.estimate, b.estimate - b.low)
+    low = difference - below
+    high = difference + above
+    return Interval(difference, low, high, confidence)
 
 
-def format_number(value: float, digits: int) -> str:
-    """Writes a number as the report shows it, or a dash for what is unknown."""
-    return "–" if math.isnan(value) else f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")
+def format_number(value: float, digits: int, sign: str = "-") -> str:
+    """Writes a number as the report shows it, or a dash for what is unknown. With the sign "+", also positive ones have one."""
+    return "–" if math.isnan(value) else f"{value:{sign}.{digits}f}".replace("-", "\N{MINUS SIGN}")
 
 
 def format_p(p: float) -> str:
@@ -277,14 +249,24 @@ def format_p(p: float) -> str:
     return f"{p:.3f}".lstrip("0") if p < 0.9995 else "1"
 
 
-def _distribution(ranks: np.ndarray) -> np.ndarray:
+def _signed_ranks(differences: np.ndarray) -> np.ndarray:
+    """Ranks the magnitudes of the differences (N,) that are not zero, and gives the ranks their signs."""
+    ranked = differences[differences != 0.0]
+    return np.sign(ranked) * stats.rankdata(np.abs(ranked))
+
+
+def _tail_probability(signed_ranks: np.ndarray) -> float:
+    """Computes the probability that random signs make the positive ranks' sum at least as large as it is."""
+    doubled_sum = int(round(2 * signed_ranks[signed_ranks > 0].sum()))
+    return float(_rank_sum_distribution(np.abs(signed_ranks))[doubled_sum:].sum())
+
+
+def _rank_sum_distribution(ranks: np.ndarray) -> np.ndarray:
     """Computes the probability of each sum 0, 1/2, 1, ... of those ranks (N,) whose random sign is plus."""
     pmf = np.ones(1)
-    for doubled in np.round(2.0 * np.asarray(ranks)).astype(int):
-        grown = np.zeros(len(pmf) + doubled)
-        grown[: len(pmf)] += 0.5 * pmf
-        grown[doubled:] += 0.5 * pmf
-        pmf = grown
+    for doubled in np.round(2.0 * ranks).astype(int):
+        # the convolution with the two equally likely summands 0 and the rank
+        pmf = 0.5 * (np.pad(pmf, (0, doubled)) + np.pad(pmf, (doubled, 0)))
     return pmf
 
 

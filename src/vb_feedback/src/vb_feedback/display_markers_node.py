@@ -21,7 +21,6 @@ from vb_core.ros.robot_status import CapabilitiesListener
 from visualization_msgs.msg import Marker, MarkerArray
 
 from vb_feedback.display import display_messages, restriction_overlay, scene
-from vb_feedback.display.display_messages import marker_from_shape
 from vb_feedback.display.display_inputs import InputListener, DisplayInputs
 from vb_feedback.display.layout import Box, Layout, fit_view
 from vb_feedback.display.text_panel import PanelContent, text_panel_shapes
@@ -69,9 +68,9 @@ class DisplayMarkersNode:
 
     def __init__(self, params: DisplayParams) -> None:
         self._params = params
-        self._radii = {
-            frame: robot_profile.read_radius(str(frame).rpartition("/")[0], params.robot_radius)
-            for frame in params.robots
+        self._radii = {  # [m] of each robot, by its frame
+            frame: robot_profile.read_radius(frame.rpartition("/")[0], params.robot_radius)
+            for frame in map(str, params.robots)
         }
         self._lock = threading.Lock()
         self._wake = node.WakeTimer(_REFRESH_PERIOD)
@@ -130,9 +129,11 @@ class DisplayMarkersNode:
     def _draw(self) -> bool:
         """Sends the changed shapes. Returns whether any keeps changing by itself."""
         with self._lock:
-            newcomers, self._newcomers = self._newcomers, []
+            newcomers = self._newcomers
+            self._newcomers = []
         inputs = self._inputs.current()
-        physical, restricted = (self._grids.get(topic) for topic in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS))
+        physical = self._grids.get(names.PHYSICAL_MAP)
+        restricted = self._grids.get(names.MAP_WITH_BORDERS)
         grid = restricted or physical
         if grid is not None:
             self._layout = fit_view(Box.around(grid.corners()), self._params.screen_aspect)
@@ -144,12 +145,12 @@ class DisplayMarkersNode:
         changed, removed = scene.find_changes(self._shown, shapes)
         self._shown = {shape.key: shape for shape in shapes}
         message = MarkerArray([Marker(ns=namespace, id=number, action=Marker.DELETE) for namespace, number in removed])
-        message.markers += [marker_from_shape(shape) for shape in changed]
+        message.markers += map(display_messages.marker_from_shape, changed)
         if message.markers:
             self._markers.publish(message)
         for publish in newcomers:
             everything = MarkerArray([Marker(action=Marker.DELETEALL)])
-            everything.markers += [marker_from_shape(shape) for shape in shapes]
+            everything.markers += map(display_messages.marker_from_shape, shapes)
             publish(everything)
         # fading shapes are drawn again, and once more to remove them
         return any(shape.lifetime for shape in shapes)
@@ -174,8 +175,8 @@ class DisplayMarkersNode:
         if inputs.progress is not None:
             shapes += self._part("drawing", _drawing_shapes, layout, inputs.progress)
         shapes += scene.spot_shapes(layout, inputs.spots, now)
-        for number, frame in enumerate(self._params.robots):
-            shapes += scene.robot_shapes(str(frame), number, self._radii[frame])
+        for number, (frame, radius) in enumerate(self._radii.items()):
+            shapes += scene.robot_shapes(frame, number, radius)
         return shapes
 
     def _part(self, name: str, build_shapes: Callable[..., List[scene.Shape]], *inputs: Any) -> List[scene.Shape]:

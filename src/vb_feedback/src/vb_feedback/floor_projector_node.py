@@ -27,8 +27,7 @@ from vb_feedback.projector.projector_window import ProjectorWindow
 from vb_feedback.display.scene import Drawing, TrailPoint
 
 FRAME = "projector"
-# [s] a spot that no camera has seen for this long counts as gone
-_SPOT_LIFETIME = 0.5
+_SPOT_LIFETIME = 0.5  # [s] a spot that no camera has seen for this long counts as gone
 # [m] how far the spot must move for the image to be drawn again; less than the radius that stays dark around it
 _SPOT_STEP = 0.1
 
@@ -84,7 +83,6 @@ class FloorProjectorNode:
         self._floor_image = FloorImage(calibration, params.brightness) if calibration is not None else None
         self._clicked: List[Tuple[float, float]] = []
         self._window = window
-        self._period = 1.0 / params.max_rate
         # no message reports that the spot is gone: check now and then during an interaction
         self._wake = node.WakeTimer(1.0)
         self._inputs = InputListener(self._wake.set)
@@ -142,7 +140,7 @@ class FloorProjectorNode:
             return
         started = time.monotonic()
         self._show(self._floor_image, self._content(rospy.get_time()))
-        rospy.rostime.wallsleep(max(0.0, self._period - (time.monotonic() - started)))
+        rospy.rostime.wallsleep(max(0.0, started + 1.0 / self._params.max_rate - time.monotonic()))
 
     def _content(self, now: float) -> FloorContent:
         """Returns what to show at a time [s]."""
@@ -168,7 +166,7 @@ class FloorProjectorNode:
         return self._spot_shown
 
     def _show(self, floor_image: FloorImage, content: FloorContent) -> None:
-        if self._shown is None or self._shown != content or self._shown.region is not content.region:
+        if self._shown != content or self._shown.region is not content.region:
             self._shown = content
             self._project(floor_image.render(content))
 

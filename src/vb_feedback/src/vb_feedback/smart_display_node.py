@@ -12,7 +12,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import List, Optional, Tuple
+from typing import Optional, Tuple
 
 import rospkg
 import rospy
@@ -79,14 +79,12 @@ def _wait_for_screen() -> None:
     rospy.set_param("~lacking", "")
 
 
-def _write_fitted_config(params: SmartDisplayParams) -> str:
-    """Waits for the map, writes the fitted RViz configuration, and returns its path."""
+def _write_fitted_config(params: SmartDisplayParams, path: Path) -> None:
+    """Waits for the map, and writes the fitted RViz configuration."""
     rospy.loginfo("smart_display: RViz starts as soon as there is a map on %s", names.PHYSICAL_MAP)
-    extent = Box.around(grid_from_message(rospy.wait_for_message(names.PHYSICAL_MAP, NumpyOccupancyGrid)).corners())
-    # one file per node, rewritten at each start; RViz reads it after it has replaced this process
-    path = os.path.join(rospkg.get_ros_home(), f"{rospy.get_name().strip('/').replace('/', '_')}.rviz")
-    write_fitted_config(params.config, Path(path), extent, *params.size(), aspect=rospy.get_param(_ASPECT, None))
-    return path
+    grid = grid_from_message(rospy.wait_for_message(names.PHYSICAL_MAP, NumpyOccupancyGrid))
+    aspect = rospy.get_param(_ASPECT, None)
+    write_fitted_config(params.config, path, Box.around(grid.corners()), *params.size(), aspect)
 
 
 def _install_fonts(name: str) -> None:
@@ -103,21 +101,22 @@ def _install_fonts(name: str) -> None:
 def main() -> None:
     """Runs the program. The name from roslaunch is passed on to RViz."""
     rospy.init_node("smart_display")
-    arguments: List[str] = sys.argv[1:]
+    name = rospy.get_name().strip("/").replace("/", "_")
+    # one file per node, rewritten at each start; RViz reads it after it has replaced this process
+    path = Path(rospkg.get_ros_home()) / f"{name}.rviz"
     try:
         params = parameters.read(SmartDisplayParams)
         if shutil.which("rviz") is None:
             _report_missing("no_rviz")
             return rospy.spin()
         _wait_for_screen()
-        path = _write_fitted_config(params)
+        _write_fitted_config(params, path)
     except CodedError as error:
         rospy.logfatal("smart_display: %s", error)
         sys.exit(1)
     except rospy.ROSException:
         return
-    name = rospy.get_name().strip("/").replace("/", "_")
     rospy.signal_shutdown("RViz takes over")
     _install_fonts(name)
     screen_options = ["--fullscreen"] if params.full_screen else []
-    os.execvp("rviz", ["rviz", *screen_options, "-d", path, *arguments])
+    os.execvp("rviz", ["rviz", *screen_options, "-d", str(path), *sys.argv[1:]])

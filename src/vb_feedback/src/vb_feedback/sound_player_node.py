@@ -63,7 +63,8 @@ class SoundPlayerNode:
             self._waiting.put((message.name, time.monotonic()))
 
     def _play(self, sound: Tuple[str, float]) -> None:
-        (name, queued), now = sound, time.monotonic()
+        name, queued = sound
+        now = time.monotonic()
         if now < self._silent_until or now - queued > self._params.max_age:
             return
         self._busy = True

@@ -61,8 +61,6 @@ class BorderFusionNode:
         self._collector = SpotCollector()
         self._live = LiveExtractor(params.extraction, params.live_cpu_share)
         self._lock = threading.Lock()
-        self._changed = threading.Event()  # wakes the publisher on a change of state
-        self._closing = False
         self._new_spots = False  # whether spots arrived since the last progress message
         self._failure: Optional[CodedError] = None  # why the last attempt to extract a border failed
         self._doubts: List[Notice] = []  # doubts about the drawing, as last published
@@ -74,7 +72,8 @@ class BorderFusionNode:
         # 4 cameras at 25 Hz fill a queue of 400 in 4 s, longer than any extraction takes
         self._spot_input = rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=400, tcp_nodelay=True)
         self._service = rospy.Service(names.GET_DRAWN_BORDER, GetDrawnBorder, self._on_get_drawn_border)
-        self._worker = node.start_thread(self._work)
+        self._timer = node.WakeTimer(1.0 / PROGRESS_RATE)
+        self._worker = node.Worker(self._timer, self._publish)
 
     # ------------------------------------------------------------- input
     def _on_state(self, message: InteractionState) -> None:
@@ -87,11 +86,11 @@ class BorderFusionNode:
             entered = message.entered.to_sec()
             is_new = self._collector.set_state(state, message.interaction_id, entered, message.last_outcome)
             if is_new:
-                self._live.reset()
+                self._live = LiveExtractor(self._params.extraction, self._params.live_cpu_share)
                 self._failure = None
                 self._doubts = []
         if is_new or state != state_before:
-            self._changed.set()
+            self._timer.set()
 
     def _on_spot(self, message: LaserSpot) -> None:
         camera = message.camera
@@ -109,31 +108,18 @@ class BorderFusionNode:
                 self._new_spots = True
 
     # ------------------------------------------------------------ output
-    def _work(self) -> None:
-        """Publishes progress and notices until the node ends.
-
-        The rate uses wall time, as it limits the load on processors and must survive jumps of simulated time.
-        """
-        while not rospy.is_shutdown():
-            state_changed = self._changed.wait(1.0 / PROGRESS_RATE)
-            if self._closing:
+    def _publish(self, state_changed: bool) -> None:
+        """Publishes progress and notices. A drawing that breaks the extraction must not end the node."""
+        try:
+            if self._tick(state_changed):
+                self._failure = None
+        except Exception as error:
+            if rospy.is_shutdown():
                 return
-            if state_changed:  # cleared only then, or a change that arrives just now would be lost
-                self._changed.clear()
-            try:
-                if self._tick(state_changed):
-                    self._failure = None
-            except Exception as error:  # a drawing that breaks the extraction must not end the node
-                if rospy.is_shutdown():
-                    return
-                rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {error!r}")
-                reason = error.message if isinstance(error, CodedError) else repr(error)
-                self._failure = CodedError("extraction_failed", what=reason)
-            try:
-                self._publish_notices()
-            except rospy.ROSException:  # topics close before the node has ended
-                if not rospy.is_shutdown():
-                    raise
+            rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {error!r}")
+            reason = error.message if isinstance(error, CodedError) else repr(error)
+            self._failure = CodedError("extraction_failed", what=reason)
+        self._publish_notices()
 
     def _publish_notices(self) -> None:
         """Publishes the problems that persist, and the doubts about the drawing."""
@@ -177,9 +163,10 @@ class BorderFusionNode:
             if not reason or not self._collector.interaction_id:
                 return False
             snapshot = self._collector.snapshot()
+            live = self._live
         self._published = now
         # after a change of state the published chain must be current
-        drawn = self._live.update(snapshot, time.monotonic, force=state_changed)
+        drawn = live.update(snapshot, time.monotonic, force=state_changed)
         with self._lock:
             if snapshot.interaction_id != self._collector.interaction_id:
                 return True  # another interaction has begun since the snapshot
@@ -193,7 +180,7 @@ class BorderFusionNode:
         message.header.stamp = rospy.get_rostime()
         message.header.frame_id = names.MAP_FRAME
         message.interaction_id = snapshot.interaction_id
-        message.border_spots, message.seed_spots, message.ignored_spots = self._collector.counts
+        message.border_spots, message.seed_spots, message.ignored_spots = snapshot.counts
         shown = subsample_evenly(snapshot.border)
         message.points = points_from_array(shown["points"])
         message.point_cameras = bytes(np.minimum(shown["cameras"], 255).astype(np.uint8))
@@ -210,7 +197,9 @@ class BorderFusionNode:
         if seed is not None:
             message.has_seed = True
             message.seed = Point(*seed, 0.0)
-        missing = drawn.chain_error or (drawn.seed_error if self._collector.state == SEED else None)
+        missing = drawn.chain_error
+        if missing is None and self._collector.state == SEED:
+            missing = drawn.seed_error
         if missing is not None:
             message.code, message.message = missing.code, missing.message
             message.values = values_from_mapping(missing.values)
@@ -220,13 +209,14 @@ class BorderFusionNode:
         with self._lock:
             snapshot = self._collector.snapshot()
             is_incomplete = self._collector.is_incomplete
+            live = self._live
         interaction = request.interaction_id or snapshot.interaction_id
         try:
             if not interaction or interaction != snapshot.interaction_id:
                 raise CodedError("unknown_interaction", interaction=interaction)
             if is_incomplete:
                 raise CodedError("drawing_lost")
-            drawn = self._live.update(snapshot, time.monotonic, force=True)
+            drawn = live.update(snapshot, time.monotonic, force=True)
             missing = drawn.chain_error or drawn.seed_error
             if missing is not None:
                 raise missing
@@ -239,7 +229,7 @@ class BorderFusionNode:
         chain = drawn.chain
         values = {"vertices": len(chain.points), "length": f"{chain.length:.2f}", "reason": chain.reason}
         sentence = sentences.translate("drawn_border_ready", values)
-        rospy.loginfo("%s: border of %d spots: %s", rospy.get_name(), snapshot.border_total, sentence)
+        rospy.loginfo("%s: border of %d spots: %s", rospy.get_name(), snapshot.counts[0], sentence)
         points = points_from_array(chain.points)
         kind = VirtualBorder.POLYGON if chain.closed else VirtualBorder.SEPARATING_CURVE
         seed = Point(*drawn.seed, 0.0)
@@ -248,15 +238,16 @@ class BorderFusionNode:
 
     def close(self) -> None:
         """Ends the worker."""
-        self._closing = True
-        self._changed.set()
+        self._timer.close()
         self._worker.join(1.0)  # a running worker would publish notices again
         self._notices.close()
 
 
-def subsample_evenly(rows: np.ndarray, limit: int = MAX_SHOWN) -> np.ndarray:
-    """Returns at most `limit` of the rows, evenly spaced, including the first and the last."""
-    return rows if len(rows) <= limit else rows[np.linspace(0, len(rows) - 1, limit).astype(int)]
+def subsample_evenly(rows: np.ndarray) -> np.ndarray:
+    """Returns at most MAX_SHOWN of the rows, evenly spaced, including the first and the last."""
+    if len(rows) <= MAX_SHOWN:
+        return rows
+    return rows[np.linspace(0, len(rows) - 1, MAX_SHOWN).astype(int)]
 
 
 def build() -> BorderFusionNode:

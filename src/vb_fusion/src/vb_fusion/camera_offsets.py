@@ -37,27 +37,34 @@ def remove_offsets(observations: Observations) -> Observations:
     # a stationary camera has one offset, that of second 0; a robot has one in each second in which it saw the pointer
     seconds = np.where(observations.mobile, 1 + bins // 10 - bins.min() // 10, 0)
     span = int(seconds.max()) + 1
-    unknowns, offset_index = np.unique(observations.cameras * span + seconds, return_inverse=True)
+    keys = observations.cameras * span + seconds
+    unknowns, offset_index = np.unique(keys, return_inverse=True)
     bin_index = np.unique(bins, return_inverse=True)[1]
     # 1 in column k of an observation's row if it has offset k, or is in time bin k
     has_offset = identity(len(unknowns), format="csr")[offset_index]
     in_bin = identity(int(bin_index.max()) + 1, format="csr")[bin_index]
     # turns values of the observations into deviations from the mean of their time bin
-    centering = identity(len(bins)) - in_bin @ diags(1.0 / np.bincount(bin_index)) @ in_bin.T
+    averaging = diags(1.0 / np.bincount(bin_index)) @ in_bin.T
+    centering = identity(len(bins)) - in_bin @ averaging
     # least squares: centred offsets equal centred positions with an error of TREMOR, and offsets are probably small
     design = centering @ has_offset
-    precision = design.T @ design / TREMOR**2 + _offset_precision(*np.divmod(unknowns, span))
-    offsets = spsolve(precision.tocsc(), design.T @ (centering @ observations.points) / TREMOR**2).reshape(-1, 2)
+    centred = centering @ observations.points
+    prior = _offset_precision(unknowns // span, unknowns % span)
+    precision = design.T @ design / TREMOR**2 + prior
+    offsets = spsolve(precision.tocsc(), design.T @ centred / TREMOR**2).reshape(-1, 2)
     # offsets are rounded to 0.1 mm, so that positions found before stay the same while more is seen
-    return replace(observations, points=observations.points - np.round(offsets, 4)[offset_index])
+    rounded = np.round(offsets, 4)
+    return replace(observations, points=observations.points - rounded[offset_index])
 
 
 def _offset_precision(cameras: np.ndarray, seconds: np.ndarray) -> spmatrix:
     """Returns the inverse covariance (K, K) [1/m^2] of the offsets of these cameras (K,) in these seconds (K,)."""
     spread = np.where(seconds > 0, ROBOT_OFFSET, STATIONARY_OFFSET)
-    continues = (np.diff(cameras) == 0) & (seconds[:-1] > 0)
-    correlation = np.exp(-np.where(continues, np.diff(seconds), np.inf) / CORRELATION_TIME)
+    is_same_robot = (np.diff(cameras) == 0) & (seconds[:-1] > 0)
+    pauses = np.where(is_same_robot, np.diff(seconds), np.inf)
+    correlation = np.exp(-pauses / CORRELATION_TIME)
     # what is new in each offset, compared with the robot's previous one, is independent of all others
     new_part = identity(len(cameras)) - diags(correlation, -1)
     new_variance = spread**2 * np.append(1.0, 1.0 - correlation**2)
-    return new_part.T @ diags(1.0 / new_variance) @ new_part
+    new_precision = diags(1.0 / new_variance)
+    return new_part.T @ new_precision @ new_part

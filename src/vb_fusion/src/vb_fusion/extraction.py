@@ -2,7 +2,7 @@
 
 `extract_border` is the list of all stages, each described in its module and in docs/explanation/extraction.md:
 
-    0       observations      the spots, checked, merged where they repeat each other, and in order of time
+    0       observations      the spots, checked, merged where they repeat each other, in order of time; their clusters
     1       strokes           which of them are the pointer's, as strokes, and which strokes make the line
     2       camera_offsets    the line without the errors of the cameras' poses
     3 to 6  polygonal_chain   samples along the line; polygon or separating curve; straight sides; vertices
@@ -30,7 +30,7 @@ from vb_core import geometry, sentences
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 from vb_fusion.camera_offsets import remove_offsets
-from vb_fusion.observations import Observations, is_on_floor, make_observations
+from vb_fusion.observations import Observations, find_clusters, is_on_floor, make_observations
 from vb_fusion.paper_algorithms import find_cluster, generate_polygon, thin_points
 from vb_fusion.polygonal_chain import Closure, classify_closure, make_chain
 from vb_fusion.seed_point import Dwell, choose_seed, find_dwells, find_competing_dwell
@@ -117,11 +117,13 @@ def extract_border(
         raise ValueError("only the paper's mode needs no stamps")
     observations = make_observations(points, stamps, cameras, confidences, mobile)  # stage 0
     _require_spots(int(observations.spots.sum()), params.min_size)
-    drawn = find_drawn_line(observations, params.eps, params.min_exp, params.min_size)  # stage 1
-    line = remove_offsets(drawn.line)  # stage 2
-    vertices, closure = make_chain(line, drawn.joined, params.eps)  # stages 3 to 6
-    unseen = _longest_unseen_gap(line, closure, drawn.joined, drawn.dropout_time)
-    return BorderChain(vertices, closure, drawn.left_out.points, int(drawn.left_out.spots.sum()), unseen)
+    clusters = find_clusters(observations)
+    # stage 1
+    line, left_out, was_joined = find_drawn_line(observations, clusters, params.eps, params.min_exp, params.min_size)
+    line = remove_offsets(line)  # stage 2
+    vertices, closure = make_chain(line, was_joined, params.eps)  # stages 3 to 6
+    unseen = _longest_unseen_gap(line, closure, was_joined, clusters.dropout_time)
+    return BorderChain(vertices, closure, left_out.points, int(left_out.spots.sum()), unseen)
 
 
 def _extract_as_in_paper(points: np.ndarray, params: ExtractionParams) -> BorderChain:
@@ -144,17 +146,20 @@ def _require_spots(count: int, needed: int) -> None:
         raise CodedError("too_few_spots", spots=count, needed=needed)
 
 
-def _longest_unseen_gap(line: Observations, closure: Closure, joined: bool, dropout: float) -> float:
+def _longest_unseen_gap(line: Observations, closure: Closure, was_joined: bool, dropout: float) -> float:
     """Returns the longest stretch [m] of the line that no camera saw.
 
     The opening between start and end counts only if several strokes were joined and either the chain is closed or
     nothing was seen between the times of its two ends.
     """
     began, ended = sorted(line.stamps[[0, -1]])
-    lifted = not ((began < line.stamps) & (line.stamps < ended)).any()
-    opening = closure.gap if joined and (closure.closed or lifted) else 0.0
-    steps = np.hypot(*np.diff(line.points, axis=0).T)
-    return float(steps[np.abs(np.diff(line.stamps)) > dropout].max(initial=opening))
+    is_between = (began < line.stamps) & (line.stamps < ended)
+    is_unseen = was_joined and (closure.closed or not is_between.any())
+    opening = closure.gap if is_unseen else 0.0
+    dx, dy = np.diff(line.points, axis=0).T
+    steps = np.hypot(dx, dy)
+    pauses = np.abs(np.diff(line.stamps))
+    return float(steps[pauses > dropout].max(initial=opening))
 
 
 # ------------------------------------------------------------------ border and seed while a person draws
@@ -179,7 +184,7 @@ class DrawnBorder:
 
 
 class LiveExtractor:
-    """Repeats the extraction on all spots when there are new ones, using at most a share of one core.
+    """Repeats the extraction on all spots of an interaction when there are new ones, using at most a share of one core.
 
     It takes 0.1 s for five minutes of drawing.
 
@@ -192,14 +197,9 @@ class LiveExtractor:
         self._params = params
         self._share = share
         self._lock = threading.Lock()
-        self.reset()
-
-    def reset(self) -> None:
-        """Forgets everything, for a new interaction."""
-        with self._lock:
-            self._next_extraction_at = 0.0
-            self._totals = (-1, -1)  # numbers of border and seed spots at the last extraction
-            self.drawn = DrawnBorder()
+        self._next_extraction_at = 0.0
+        self._totals = (-1, -1)  # numbers of border and seed spots at the last extraction
+        self.drawn = DrawnBorder()
 
     def update(self, snapshot: CollectedSpots, clock: Callable[[], float], force: bool = False) -> DrawnBorder:
         """Returns the border so far, extracted again if there are new spots and it is due. Thread safe.
@@ -209,7 +209,7 @@ class LiveExtractor:
             force: whether it is due regardless of what the last extraction cost.
         """
         with self._lock:
-            totals = snapshot.border_total, snapshot.seed_total
+            totals = snapshot.counts[:2]
             if totals != self._totals and (force or clock() >= self._next_extraction_at):
                 started = clock()
                 try:
@@ -222,16 +222,17 @@ class LiveExtractor:
 
     def _extract(self, snapshot: CollectedSpots) -> None:
         drawn = self.drawn
-        border, seed = snapshot.border, snapshot.seed
-        if snapshot.border_total != self._totals[0]:
+        border_total, seed_total, _ = snapshot.counts
+        last_border_total, last_seed_total = self._totals
+        if border_total != last_border_total:
             try:
-                chain = extract_border(border["points"], self._params, **_columns(border))
+                chain = extract_border(params=self._params, **_columns(snapshot.border))
                 drawn = replace(drawn, chain=chain, chain_error=None)
             except CodedError as error:
                 drawn = replace(drawn, chain=None, chain_error=error)
-        if snapshot.seed_total != self._totals[1]:
+        if seed_total != last_seed_total:
             try:
-                dwells = find_dwells(seed["points"], border_points=border["points"], **_columns(seed))
+                dwells = find_dwells(border_points=snapshot.border["points"], **_columns(snapshot.seed))
                 drawn = replace(drawn, dwells=dwells, seed_error=None)
             except CodedError as error:
                 drawn = replace(drawn, dwells=(), seed_error=error)
@@ -239,5 +240,5 @@ class LiveExtractor:
 
 
 def _columns(spots: np.ndarray) -> Dict[str, np.ndarray]:
-    """Returns the columns of spots (K,) of the type SPOT that are keyword arguments of `extract_border`."""
-    return {name: spots[name] for name in ("stamps", "cameras", "confidences", "mobile")}
+    """Returns the columns of spots (K,) of the type SPOT, which are named like the arguments of `extract_border`."""
+    return {name: spots[name] for name in spots.dtype.names}

@@ -1,7 +1,8 @@
 """Stage 0: the spots as observations, checked, merged where they repeat each other, and in order of time.
 
 All later stages work on observations: what one camera saw at one position within a time bin. A camera that sees a hand
-draw gives about ten a second, and more only where the pointer is quick. A million spots become a few thousand.
+draw gives about ten a second, and more only where the pointer is quick. A million spots become a few thousand. What all
+cameras saw close together in one time bin is merged again, into a cluster.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ BIN_PHASE = 0.031  # [bins] shift of the bins. Images come at round intervals, s
 TIME_BIN = 0.1  # [s] within it a hand moves the pointer by centimetres, and a camera with 10 images/s sees it
 MAX_DROPOUTS = 3.0  # median intervals between occupied time bins, within which a moving pointer is seen again
 MAX_COORDINATE = 1e5  # [m] from the origin. No floor is larger
+CLUSTER_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a cluster covers
+MAX_SIMULTANEOUS_CLUSTERS = 10  # clusters of one time bin, the strongest ones
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,7 @@ class Observations:
     Attributes:
         points: (N, 2) [m].
         stamps: (N,) [s] since the drawing began.
+        time_bins: (N,) int, number of the time bin.
         cameras: (N,) int, index of the camera. An observation merged from several cameras has any of theirs.
         weights: (N,) > 0, from the number of spots, their confidence and the kind of camera.
         mobile: (N,) bool, whether seen by mobile cameras only.
@@ -35,16 +39,12 @@ class Observations:
 
     points: np.ndarray
     stamps: np.ndarray
+    time_bins: np.ndarray
     cameras: np.ndarray
     weights: np.ndarray
     mobile: np.ndarray
     spots: np.ndarray
     witnesses: np.ndarray
-
-    @property
-    def time_bins(self) -> np.ndarray:
-        """(N,) int, number of each observation's time bin."""
-        return np.floor(self.stamps / TIME_BIN + BIN_PHASE).astype(np.int64)
 
     @property
     def dropout_time(self) -> float:
@@ -58,19 +58,21 @@ class Observations:
         return Observations(*(getattr(self, column.name)[rows] for column in fields(self)))
 
     def merge(self, labels: np.ndarray) -> "Observations":
-        """Merges observations with the same label (N,), numbered from 0, into one at their weighted mean.
+        """Merges observations of one time bin with the same label (N,), numbered from 0, at their weighted mean.
 
         The result is in order of time, then of position.
         """
         weights = np.bincount(labels, self.weights)
-        x, y, times = (np.bincount(labels, self.weights * values) / weights for values in (*self.points.T, self.stamps))
-        cameras = np.empty(len(weights), dtype=int)
-        cameras[labels] = self.cameras
+        x = np.bincount(labels, self.weights * self.points[:, 0]) / weights
+        y = np.bincount(labels, self.weights * self.points[:, 1]) / weights
+        times = np.bincount(labels, self.weights * self.stamps) / weights
+        first = np.unique(labels, return_index=True)[1]
         span = int(self.cameras.max()) + 1
         merged = Observations(
             points=np.column_stack([x, y]),
             stamps=times,
-            cameras=cameras,
+            time_bins=self.time_bins[first],
+            cameras=self.cameras[first],
             weights=weights,
             mobile=np.bincount(labels, ~self.mobile) == 0,
             spots=np.bincount(labels, self.spots).astype(int),
@@ -94,20 +96,20 @@ def make_observations(
     points = np.asarray(points, dtype=float).reshape(-1, 2)
     stamps = np.asarray(stamps, dtype=float)
     count = len(points)
-    cameras = np.zeros(count, dtype=int) if cameras is None else np.asarray(cameras)
-    if cameras.dtype.kind not in "iu" or (count and not 0 <= cameras.min() <= cameras.max() < 256):
-        cameras = np.unique(cameras, return_inverse=True)[1]
+    cameras = np.zeros(count, dtype=int) if cameras is None else np.unique(cameras, return_inverse=True)[1]
     mobile = np.zeros(count, dtype=bool) if mobile is None else np.asarray(mobile, dtype=bool)
     confidences = np.ones(count) if confidences is None else np.nan_to_num(np.asarray(confidences, dtype=float))
     # a detector that reports confidence 0 still saw something
     weights = np.where(mobile, TREMOR / LOCALIZATION_ERROR, 1.0) * np.clip(confidences, 0.1, 1.0)
-    usable = is_on_floor(points) & np.isfinite(stamps)
-    began = stamps[usable].min() if usable.any() else 0.0
+    usable = np.flatnonzero(is_on_floor(points) & np.isfinite(stamps))
+    began = stamps[usable].min(initial=np.inf)
     # stamps are rounded to microseconds, because a double that counts seconds since 1970 is no more precise
-    stamps = np.round(stamps - began, 6)
-    once = np.ones(count, dtype=int)
-    spots = Observations(points, stamps, cameras, weights, mobile, spots=once, witnesses=once).select(usable)
-    return _merge_repeats(spots) if usable.any() else spots
+    stamps = np.round(stamps[usable] - began, 6)
+    time_bins = np.floor(stamps / TIME_BIN + BIN_PHASE).astype(np.int64)
+    columns = (points[usable], stamps, time_bins, cameras[usable], weights[usable], mobile[usable])
+    once = np.ones(len(usable), dtype=int)
+    spots = Observations(*columns, spots=once, witnesses=once)
+    return _merge_repeats(spots) if len(usable) else spots
 
 
 def is_on_floor(points: np.ndarray) -> np.ndarray:
@@ -123,3 +125,20 @@ def _merge_repeats(spots: Observations) -> Observations:
         column = column - column.min()
         keys = keys * (int(column.max()) + 1) + column
     return spots.merge(np.unique(keys, return_inverse=True)[1])
+
+
+def find_clusters(observations: Observations) -> Observations:
+    """Finds the strongest clusters of each time bin, at most MAX_SIMULTANEOUS_CLUSTERS, in order of time."""
+    group = observations.time_bins.copy()
+    # split at gaps along x, then along y, then along x again
+    for axis in (0, 1, 0):
+        order = np.lexsort((observations.points[:, axis], group))
+        new = (np.diff(group[order]) != 0) | (np.diff(observations.points[order, axis]) > CLUSTER_WIDTH)
+        group[order] = np.concatenate([[0], np.cumsum(new)])
+    clusters = observations.merge(group)
+    x, y = clusters.points.T
+    # weights are rounded because another computer may sum equal ones in another order
+    strongest_first = np.lexsort((y, x, -np.round(clusters.weights, 6), clusters.time_bins))
+    bins = clusters.time_bins[strongest_first]
+    rank_in_bin = np.arange(len(bins)) - np.searchsorted(bins, bins)
+    return clusters.select(np.sort(strongest_first[rank_in_bin < MAX_SIMULTANEOUS_CLUSTERS]))

@@ -47,12 +47,12 @@ MIN_DETAIL = 0.005  # [m] vertices whose loss moves the chain by less are droppe
 MAX_SLIP_RATIO = 0.02  # share of the area that a self-crossing line encloses. Smaller loops are slips of the hand
 
 
-def make_chain(line: Observations, joined: bool, max_gap: float) -> Tuple[np.ndarray, Closure]:
+def make_chain(line: Observations, was_joined: bool, max_gap: float) -> Tuple[np.ndarray, Closure]:
     """Makes the polygonal chain along the drawn line.
 
     Args:
         line: the observations in the order in which the line runs, without their cameras' offsets.
-        joined: whether the line consists of several strokes.
+        was_joined: whether the line consists of several strokes.
         max_gap: [m] widest gap between the line's ends that may hide a corner.
 
     Returns:
@@ -69,8 +69,10 @@ def make_chain(line: Observations, joined: bool, max_gap: float) -> Tuple[np.nda
         raise CodedError("figure_too_small", size=f"{size:.2f}", needed=f"{MIN_FIGURE_SIZE * tremor:.2f}")
     within = slice(closure.first, closure.last + 1)
     trimmed = ResampledStroke(stroke.points[within], stroke.observation_weights[within], tremor)
+    starts = divide_into_sides(trimmed)  # stage 5
     # a gap that was crossed unseen may hide a corner. A wider one was left by the hand and gets a straight side
-    vertices = fit_sides(trimmed, closure.closed and (joined or closure.gap <= max_gap))  # stage 5
+    hides_corner = closure.closed and (was_joined or closure.gap <= max_gap)
+    vertices = fit_vertices(trimmed, starts, hides_corner and len(starts) > 2)
     if len(vertices) < 3:
         closure = classify_closure(vertices)
     return simplify(vertices, closure.closed), closure  # stage 6
@@ -83,18 +85,22 @@ def estimate_tremor(stroke: Observations) -> float:
     It is three standard deviations of the observations from the straight line between those 0.2 s before and after,
     rounded to half powers of two, so that it seldom changes while a line grows.
     """
-    next_rows = np.searchsorted(stroke.stamps, stroke.stamps + 2.0 * TIME_BIN)
-    previous_rows = np.searchsorted(stroke.stamps, stroke.stamps - 2.0 * TIME_BIN) - 1
+    stamps, points = stroke.stamps, stroke.points
+    next_rows = np.searchsorted(stamps, stamps + 2.0 * TIME_BIN)
+    previous_rows = np.searchsorted(stamps, stamps - 2.0 * TIME_BIN) - 1
     inner = np.flatnonzero((previous_rows >= 0) & (next_rows < len(next_rows)))
-    start, end = previous_rows[inner], next_rows[inner]
-    share = ((stroke.stamps[inner] - stroke.stamps[start]) / (stroke.stamps[end] - stroke.stamps[start]))[:, None]
-    deviations = stroke.points[inner] - (1.0 - share) * stroke.points[start] - share * stroke.points[end]
     if len(inner) < 10:
         return TREMOR
+    start = previous_rows[inner]
+    end = next_rows[inner]
+    share = ((stamps[inner] - stamps[start]) / (stamps[end] - stamps[start]))[:, None]
+    expected = (1.0 - share) * points[start] + share * points[end]
+    squares = ((points[inner] - expected) ** 2).sum(axis=1)
     # half of the squares are below 2 ln 2 variances of an axis, and the errors of the line's ends add half a variance
-    deviation = np.sqrt(np.median((deviations**2).sum(axis=1)) / (3.0 * np.log(2.0)))
-    steps = np.round(2.0 * np.log2(max(3.0 * deviation, 1e-6) / TREMOR))
-    return float(TREMOR * 2.0 ** (0.5 * np.clip(steps, -2.0, 1.0)))
+    deviation = np.sqrt(np.median(squares) / (3.0 * np.log(2.0)))
+    octaves = np.log2(max(3.0 * deviation, 1e-6) / TREMOR)
+    rounded = np.clip(0.5 * np.round(2.0 * octaves), -1.0, 0.5)
+    return float(TREMOR * 2.0**rounded)
 
 
 @dataclass(frozen=True)
@@ -128,19 +134,18 @@ def resample_stroke(line: Observations, tremor: float) -> ResampledStroke:
     # each is averaged with its neighbours, because two cameras that see the spot in turn are not a movement
     weighted = np.column_stack([line.points * line.weights[:, None], line.weights])
     wide = np.pad(weighted, ((1, 1), (0, 0)), mode="edge")
-    total = wide[:-2] + wide[1:-1] + wide[2:]
-    calm = total[:, :2] / total[:, 2:]
+    sums = wide[:-2] + wide[1:-1] + wide[2:]
+    calm = sums[:, :2] / sums[:, 2:]
     sample = np.empty(len(calm), dtype=int)
     number, count = 0, 0
-    sum_x, sum_y = 0.0, 0.0
-    for row, (x, y) in enumerate(calm.tolist()):
-        if count and (x - sum_x / count) ** 2 + (y - sum_y / count) ** 2 > tremor**2:
+    total = 0j
+    for row, place in enumerate((calm @ [1.0, 1.0j]).tolist()):
+        if count and abs(place - total / count) > tremor:
             number += 1
             count = 0
-            sum_x, sum_y = 0.0, 0.0
+            total = 0j
         count += 1
-        sum_x += x
-        sum_y += y
+        total += place
         sample[row] = number
     stroke = _means(line.points, line.weights, sample, tremor)
     # the line ends where the spot was seen first and last
@@ -208,19 +213,21 @@ def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
         tremor: [m] a narrower figure encloses nothing.
     """
     end = len(points) - 1
-    length = geometry.chain_length(points)
+    arc = geometry.arc_lengths(points)
+    length = float(arc[-1])
     apart = float(np.linalg.norm(points[-1] - points[0]))
     if len(points) < 3 or length == 0.0:
         return Closure(False, "open_two_points", apart, length, 0, end)
-    first, last, opening = _find_closing_points(points, length)
-    cut = points[first : last + 1]
+    first, last, opening = _find_closing_points(points, arc)
+    within = slice(first, last + 1)
+    cut = points[within]
     gap = float(np.linalg.norm(cut[-1] - cut[0]))
-    length_within = geometry.chain_length(cut)
+    length_within = float(arc[last] - arc[first])
     # mean width of the enclosed area, also where the line crosses itself
     width = 2.0 * make_valid(Polygon(cut)).area / (length_within + gap) if len(cut) > 2 else 0.0
     if opening > MAX_OPENING_RATIO * pdist(cut).max():
         code = "open_apart"
-    elif gap * _closing_turn(cut, 0.1 * length_within) > width * 180.0:
+    elif gap * _closing_turn(cut, arc[within]) > width * 180.0:
         code = "open_wide"
     elif width < tremor:
         code = "open_flat"
@@ -230,75 +237,68 @@ def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
     return Closure(False, code, apart, length, 0, end)
 
 
-def _find_closing_points(points: np.ndarray, length: float) -> Tuple[int, int, float]:
+def _find_closing_points(points: np.ndarray, arc: np.ndarray) -> Tuple[int, int, float]:
     """Finds the points in the first and the last third of the line between which it closes, and the opening [m] there.
 
     An overhang is cut off only if this brings the ends nearer by at least half of its length.
     """
-    arc = geometry.arc_lengths(points)
+    length = arc[-1]
     head = np.flatnonzero(arc <= length / 3.0)
     tail = np.flatnonzero(arc >= 2.0 * length / 3.0)
-    overhang = arc[head][:, None] + (length - arc[tail])[None, :]
-    cost = cdist(points[head], points[tail]) + 0.5 * overhang
-    i, j = np.unravel_index(int(np.argmin(cost)), cost.shape)
-    return int(head[i]), int(tail[j]), float(cost[i, j])
+    before_head = arc[head]
+    behind_tail = length - arc[tail]
+    overhang = before_head[:, None] + behind_tail[None, :]
+    opening = cdist(points[head], points[tail]) + 0.5 * overhang
+    i, j = np.unravel_index(int(np.argmin(opening)), opening.shape)
+    return int(head[i]), int(tail[j]), float(opening[i, j])
 
 
-def _closing_turn(points: np.ndarray, lever: float) -> float:
+def _closing_turn(points: np.ndarray, arc: np.ndarray) -> float:
     """Returns the angle [deg] by which the line would turn if closed from its end to its start.
 
-    Its directions at both ends are taken over `lever` [m].
+    Its directions at both ends are taken over a tenth of its length.
     """
     line = points @ [1.0, 1.0j]
-    arc = geometry.arc_lengths(points)
-    after_start, before_end = np.interp([lever, arc[-1] - lever], arc, line)
-    directions = np.array([line[-1] - before_end, line[0] - line[-1], after_start - line[0]])
+    lever = 0.1 * (arc[-1] - arc[0])
+    start = line[0]
+    end = line[-1]
+    after_start = np.interp(arc[0] + lever, arc, line)
+    before_end = np.interp(arc[-1] - lever, arc, line)
+    directions = np.array([end - before_end, start - end, after_start - start])
     turns = np.angle(directions[1:] * np.conj(directions[:-1]))
     return float(np.degrees(np.abs(turns).sum()))
 
 
 # ------------------------------------------------------------------ 5: sides
-def fit_sides(stroke: ResampledStroke, joined: bool) -> np.ndarray:
-    """Fits straight sides to a stroke.
-
-    Args:
-        stroke: the samples to fit.
-        joined: whether the line continues from its last vertex to the first.
-
-    Returns:
-        The line's vertices (M, 2) [m].
-    """
-    starts = _divide(stroke)
-    return _fit_vertices(stroke, starts, joined and len(starts) > 2)
-
-
-def _divide(stroke: ResampledStroke) -> np.ndarray:
-    """Divides a stroke into sides, and returns the first sample of each."""
+def divide_into_sides(stroke: ResampledStroke) -> np.ndarray:
+    """Divides a stroke into straight sides, and returns the first sample of each."""
     x, y = (stroke.points - stroke.points[0]).T
     count = len(x)
     terms = stroke.sample_lengths * np.array([np.ones_like(x), x, y, x * x, y * y, x * y])
     sums = np.concatenate([np.zeros((6, 1)), np.cumsum(terms, axis=1)], axis=1)
     # people mark corners by stopping, so a smaller detail suffices where the spot was seen more than twice as long as
     # usual. The usual value is rounded, so that it seldom changes while a line grows
-    usual = 2.0 ** np.round(np.log2(np.median(stroke.observation_weights)))
-    rest = np.maximum(stroke.observation_weights, np.append(stroke.observation_weights[1:], 0.0)) / usual
-    corner = CORNER_MISFIT * stroke.tremor**3 * np.clip(2.0 / rest, 0.25, 1.0)
+    weights = stroke.observation_weights
+    usual = 2.0 ** np.round(np.log2(np.median(weights)))
+    rest = np.maximum(weights, np.append(weights[1:], 0.0)) / usual
+    corner_cost = CORNER_MISFIT * stroke.tremor**3 * np.clip(2.0 / rest, 0.25, 1.0)
     arc = geometry.arc_lengths(stroke.points)
     best = np.zeros(count + 1)
     predecessor = np.zeros(count + 1, dtype=int)
     starts = np.arange(0)
-    for end in range(1, count + 1):
-        starts = np.append(starts, end - 1)
-        explained = best[starts] + _misfit(sums[:, end, None] - sums[:, starts])
+    for last in range(count):
+        starts = np.append(starts, last)
+        explained = best[starts] + _misfit(sums[:, last + 1, None] - sums[:, starts])
         # a line that goes back over itself is two sides
-        chord = np.hypot(x[starts] - x[end - 1], y[starts] - y[end - 1])
-        turns_back = arc[end - 1] - arc[starts] > MAX_BEND * chord + 2.0 * MIN_SPIKE * stroke.tremor
+        chord = np.hypot(x[starts] - x[last], y[starts] - y[last])
+        longest_bend = MAX_BEND * chord + 2.0 * MIN_SPIKE * stroke.tremor
+        turns_back = arc[last] - arc[starts] > longest_bend
         cost = np.where(turns_back, np.inf, explained)
         chosen = int(cost.argmin())
-        best[end] = cost[chosen] + corner[end - 1]
-        predecessor[end] = starts[chosen]
+        best[last + 1] = cost[chosen] + corner_cost[last]
+        predecessor[last + 1] = starts[chosen]
         # a start that is worse than a corner here will never be the best one (PELT, Killick et al. 2012)
-        starts = starts[explained <= best[end] + 1e-9]
+        starts = starts[explained <= best[last + 1] + 1e-9]
     firsts = [int(predecessor[count])]
     while firsts[-1] > 0:
         firsts.append(int(predecessor[firsts[-1]]))
@@ -312,38 +312,44 @@ def _misfit(sums: np.ndarray) -> np.ndarray:
         sums: (6, ...) weighted sums of 1, x, y, xx, yy and xy.
     """
     w, x, y, xx, yy, xy = sums
-    # the moments about the mean
+    # the moments about the mean. The smaller eigenvalue of their matrix is the misfit
     sxx = xx - x * x / w
     syy = yy - y * y / w
     sxy = xy - x * y / w
-    return np.maximum(0.5 * (sxx + syy - np.hypot(sxx - syy, 2.0 * sxy)), 0.0)
+    difference = np.hypot(sxx - syy, 2.0 * sxy)
+    return np.maximum(0.5 * (sxx + syy - difference), 0.0)
 
 
-def _fit_vertices(stroke: ResampledStroke, starts: np.ndarray, joined: bool) -> np.ndarray:
-    """Moves the vertices to where the sides between them are nearest to the samples, by weighted least squares."""
+def fit_vertices(stroke: ResampledStroke, starts: np.ndarray, ends_meet: bool) -> np.ndarray:
+    """Places the vertices (M, 2) [m] where the sides between them are nearest to the samples, by weighted least squares.
+
+    `starts` are the first samples of the sides. If `ends_meet`, the last side ends where the first begins.
+    """
     points = stroke.points
     vertices = 0.5 * (points[starts - 1] + points[starts])
-    if not joined:
+    if not ends_meet:
         vertices = np.vstack([points[:1], vertices[1:], points[-1:]])
     count = len(vertices)
     # each sample is explained by the side from vertex `start` to `end`. Samples before the first side belong to the last
-    start = (np.searchsorted(starts, np.arange(len(points)), side="right") - 1) % count
+    samples = np.arange(len(points))
+    start = (np.searchsorted(starts, samples, side="right") - 1) % count
     end = (start + 1) % count
     directions = vertices[end] - vertices[start]
     lengths = np.maximum(np.linalg.norm(directions, axis=1), 1e-9)[:, None]
     normals = np.column_stack([-directions[:, 1], directions[:, 0]]) / lengths
     offsets = points - vertices[start]
-    shares = np.clip((offsets * directions).sum(axis=1) / lengths[:, 0] ** 2, 0.0, 1.0)[:, None]
+    along = (offsets * directions).sum(axis=1)[:, None]
+    shares = np.clip(along / lengths**2, 0.0, 1.0)
     # a sample's distance from its side changes by as much as both vertices move along the normal, each by its share
     design = np.zeros((len(points), count, 2))
-    samples = np.arange(len(points))
     design[samples, start] = (1.0 - shares) * normals
     design[samples, end] += shares * normals
     design = design.reshape(len(points), -1)
     weighted = design * stroke.sample_lengths[:, None]
     # a corner that the samples do not determine, between nearly collinear sides, stays in place
     prior = VERTEX_PRIOR * stroke.tremor * np.eye(2 * count)
-    move = np.linalg.solve(weighted.T @ design + prior, weighted.T @ (offsets * normals).sum(axis=1))
+    distances = (offsets * normals).sum(axis=1)
+    move = np.linalg.solve(weighted.T @ design + prior, weighted.T @ distances)
     return vertices + move.reshape(-1, 2)
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from vb_core.errors import CodedError
-from vb_fusion.observations import TIME_BIN, TREMOR, Observations, is_on_floor, make_observations
-from vb_fusion.strokes import find_best_track, find_clusters
+from vb_fusion.observations import TIME_BIN, TREMOR, Observations, find_clusters, is_on_floor, make_observations
+from vb_fusion.strokes import find_best_track
 
 HAND_RADIUS = 1.5 * TREMOR  # [m] a hand held still stays within this of its mean, camera offsets included
 MIN_DWELL = 0.7  # [s] a hand that passes at 0.2 m/s, as slowly as people draw, is within HAND_RADIUS for this long
@@ -101,10 +101,13 @@ def find_dwells(
     border_points = np.asarray(border_points, dtype=float).reshape(-1, 2)
     # a balanced tree takes longer to build than its queries take
     tree = cKDTree(border_points[is_on_floor(border_points)], compact_nodes=False, balanced_tree=False)
-    was_lit_before = np.isfinite(tree.query(positions, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
-    gains = np.where(was_lit_before, KNOWN_PLACE_GAIN, NEW_PLACE_GAIN) * clusters.witnesses / (1.0 + TIME_BIN * earlier)
+    distances, _ = tree.query(positions, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)
+    was_lit_before = np.isfinite(distances[:, 0])
+    place_gains = np.where(was_lit_before, KNOWN_PLACE_GAIN, NEW_PLACE_GAIN)
+    gains = place_gains * clusters.witnesses / (1.0 + TIME_BIN * earlier)
     track, _ = find_best_track(positions, clusters.stamps, clusters.dropout_time, gains, NEW_PLACE_GAIN)
-    path, path_patch, path_was_lit = positions[track], patch[track], was_lit_before[track]
+    path = positions[track]
+    path_patch = patch[track]
     dwells: List[Dwell] = []
     for stay in _find_stays(path_patch, clusters.time_bins[track]):
         last = stay[-1]
@@ -117,7 +120,8 @@ def find_dwells(
             begun = dwells.pop()
             seconds += begun.seconds
             followed = begun.followed
-        dwells.append(Dwell(point, seconds, bool(path_was_lit[last]), followed, _count_witnesses(observations, point)))
+        was_lit = bool(was_lit_before[track[last]])
+        dwells.append(Dwell(point, seconds, was_lit, followed, _count_witnesses(observations, point)))
     return dwells
 
 
@@ -132,11 +136,16 @@ def _find_stays(patch: np.ndarray, bins: np.ndarray) -> List[np.ndarray]:
         clusters. If there is no such patch, only the clusters of the longest stay.
     """
     order = np.argsort(patch, kind="stable")
-    breaks = (np.diff(patch[order]) != 0) | (np.diff(bins[order]) * TIME_BIN > MAX_BLINK)
-    stays = np.split(order, np.flatnonzero(breaks) + 1)
-    held = [stay for stay in stays if len(stay) * TIME_BIN >= MIN_DWELL] or [max(stays, key=len)]
-    on_one_patch = [list(group) for _, group in groupby(held, key=lambda stay: patch[stay[0]])]
-    return sorted(map(np.concatenate, on_one_patch), key=lambda clusters: clusters[-1])
+    is_other_patch = np.diff(patch[order]) != 0
+    was_dark = np.diff(bins[order]) * TIME_BIN > MAX_BLINK
+    stays = np.split(order, np.flatnonzero(is_other_patch | was_dark) + 1)
+    held = [stay for stay in stays if len(stay) * TIME_BIN >= MIN_DWELL]
+    if not held:
+        held = [max(stays, key=len)]
+    on_one_patch = []
+    for _, group in groupby(held, key=lambda stay: patch[stay[0]]):
+        on_one_patch.append(np.concatenate(list(group)))
+    return sorted(on_one_patch, key=lambda clusters: clusters[-1])
 
 
 def _count_witnesses(observations: Observations, point: np.ndarray) -> int:

@@ -72,15 +72,14 @@ class CollectedSpots:
     Attributes:
         border, seed: (K,) of the type SPOT, in the order of their arrival.
         cameras: names of the cameras, by their indices.
-        border_total, seed_total: number of spots collected, also of those that are no longer stored.
+        counts: `SpotCollector.counts`.
     """
 
     interaction_id: str
     border: np.ndarray
     seed: np.ndarray
     cameras: List[str]
-    border_total: int
-    seed_total: int
+    counts: Tuple[int, int, int]
 
 
 class CameraClocks:
@@ -132,17 +131,13 @@ class SpotCollector:
     """
 
     def __init__(self) -> None:
-        self.interaction_id = ""
         self.state = DEFAULT
         self.is_incomplete = False
-        self.ignored: Counter = Counter()
-        self.faults: Set[Tuple[str, str]] = set()
         self._heard_state = False
         self._entered = -math.inf
-        self._cameras: List[str] = []
         self._last_seen: Dict[str, float] = {}
         self._clocks = CameraClocks()
-        self.clear()
+        self._begin("")
 
     def set_state(self, state: State, interaction_id: str, entered: float, outcome: str = "") -> bool:
         """Adopts a new state, and returns whether a new interaction began.
@@ -154,21 +149,25 @@ class SpotCollector:
         """
         is_new = bool(interaction_id) and interaction_id != self.interaction_id
         if is_new:
-            self.interaction_id = interaction_id
             self.is_incomplete = not self._heard_state  # the interaction began before this collector existed
-            self.ignored = Counter()
-            self._cameras = []
-            self.faults = set()
-            self.clear()
+            self._begin(interaction_id)
         self._heard_state = True
         if state != self.state or is_new:
             if state == DEFAULT:
                 # every interaction that ends has an outcome, unless the interaction manager restarted during it
                 self.is_incomplete = any(self.counts[:2]) and not outcome
             self.may_clear = state == DEFAULT and (self.is_incomplete or outcome not in ("", "saved"))
-            self.state, self._entered = state, entered
+            self.state = state
+            self._entered = entered
             self._clocks = CameraClocks()
         return is_new
+
+    def _begin(self, interaction_id: str) -> None:
+        self.interaction_id = interaction_id
+        self.ignored: Counter = Counter()
+        self.faults: Set[Tuple[str, str]] = set()
+        self._cameras: Dict[str, int] = {}  # index by name
+        self.clear()
 
     def ignore_frame(self, camera: str) -> None:
         """Counts a camera's spot that is not in the map frame."""
@@ -204,9 +203,8 @@ class SpotCollector:
                 self.faults.add(("camera_clock_off", spot.camera))
             return self._ignore("before_state")
         self._clocks.record_stamp(spot.camera, stamp)
-        if spot.camera not in self._cameras:
-            self._cameras.append(spot.camera)
-        self._stores[self.state.collects].append(replace(spot, stamp=stamp), self._cameras.index(spot.camera))
+        camera = self._cameras.setdefault(spot.camera, len(self._cameras))
+        self._stores[self.state.collects].append(replace(spot, stamp=stamp), camera)
         return ""
 
     def clear(self) -> None:
@@ -219,12 +217,12 @@ class SpotCollector:
         return sorted(camera for camera, stamp in self._last_seen.items() if abs(now - stamp) <= timeout)
 
     @property
-    def counts(self) -> tuple:
-        """(border spots, seed spots, ignored spots)."""
-        return self._stores[BORDER.collects].total, self._stores[SEED.collects].total, sum(self.ignored.values())
+    def counts(self) -> Tuple[int, int, int]:
+        """Numbers of border spots and seed spots, also of those that are no longer stored, and of ignored spots."""
+        border, seed = self._stores[BORDER.collects], self._stores[SEED.collects]
+        return border.total, seed.total, sum(self.ignored.values())
 
     def snapshot(self) -> CollectedSpots:
         """Returns the spots collected so far."""
         border, seed = self._stores[BORDER.collects], self._stores[SEED.collects]
-        cameras = list(self._cameras)
-        return CollectedSpots(self.interaction_id, border.spots, seed.spots, cameras, border.total, seed.total)
+        return CollectedSpots(self.interaction_id, border.spots, seed.spots, list(self._cameras), self.counts)

@@ -24,7 +24,6 @@ removed. The best track of the rest is the next stroke. The line is the widest s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import List, Sequence, Tuple
 
 import numpy as np
@@ -33,76 +32,52 @@ from scipy.spatial.distance import cdist
 
 from vb_core import geometry
 from vb_core.errors import CodedError
-from vb_fusion.observations import LOCALIZATION_ERROR, MAX_DROPOUTS, TIME_BIN, TREMOR, Observations
+from vb_fusion.observations import CLUSTER_WIDTH, LOCALIZATION_ERROR, MAX_DROPOUTS, MAX_SIMULTANEOUS_CLUSTERS
+from vb_fusion.observations import TIME_BIN, TREMOR, Observations
 
-CLUSTER_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a cluster covers. A stroke explains at least one
 UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen step costs as much floor as it crosses
 MAX_DWELL = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer, but a bright object stays
 MAX_CROWD = 3.0  # clusters of one time bin that count in full: the pointer, a bright object and a stray
 MIN_SEEN = 5  # clusters. A shorter run between two unseen steps is a stray or a glint, seen for a third of a second
-MAX_SIMULTANEOUS_CLUSTERS = 10  # clusters of one time bin, the strongest ones
 # clusters among which a predecessor is sought. They span more than a dropout, however much glitters
 LOOK_BACK = int(MAX_DROPOUTS + 1.0) * MAX_SIMULTANEOUS_CLUSTERS
 
 
-@dataclass(frozen=True)
-class DrawnLine:
-    """The line that becomes the border.
-
-    Attributes:
-        line: the line's observations, in the order in which it runs.
-        left_out: observations that may have been drawn, but are not part of the line.
-        joined: whether several strokes were joined.
-        dropout_time: [s] time within which the moving pointer was seen again.
-    """
-
-    line: Observations
-    left_out: Observations
-    joined: bool
-    dropout_time: float
-
-
-def find_drawn_line(observations: Observations, max_gap: float, min_expansion: float, min_spots: int) -> DrawnLine:
+def find_drawn_line(
+    observations: Observations, clusters: Observations, max_gap: float, min_expansion: float, min_spots: int
+) -> Tuple[Observations, Observations, bool]:
     """Finds the line that was drawn among all observations.
 
     Args:
         observations: observations in order of time.
+        clusters: clusters of these observations, in order of time.
         max_gap: [m] widest gap that is bridged, within a stroke or between two.
         min_expansion: [m] diagonal of the bounding box of the shortest line.
         min_spots: least number of spots of a line.
 
+    Returns:
+        The line's observations, in the order in which it runs; those that may have been drawn but are not part of the
+        line; and whether several strokes were joined.
+
     Raises:
         CodedError: "no_line".
     """
-    clusters = find_clusters(observations)
-    strokes, ends = find_strokes(observations, clusters, max_gap)
-    # the strokes that could be a line alone, the widest first. Moving back and forth also explains much floor
-    sized = [(geometry.bounding_diagonal(observations.points[stroke]), stroke) for stroke in strokes]
-    sized.sort(key=lambda sized_stroke: sized_stroke[0], reverse=True)
-    wide = [stroke for size, stroke in sized if size > min_expansion - 2.0 * TREMOR]
+    strokes, glints = find_strokes(observations, clusters, max_gap)
+
+    def expansion(stroke: np.ndarray) -> float:
+        return geometry.bounding_diagonal(observations.points[stroke])
+
+    # the strokes that could be a line alone
+    wide = [stroke for stroke in strokes if expansion(stroke) > min_expansion - 2.0 * TREMOR]
     candidates = [stroke for stroke in wide if observations.spots[stroke].sum() >= min_spots]
     if not candidates:
         raise CodedError("no_line", spots=int(observations.spots.sum()), shortest=f"{min_expansion:g}")
-    line, unjoined, joined = _join_strokes(observations, candidates, max_gap)
-    left_out = np.setdiff1d(np.concatenate([np.zeros(0, dtype=int), *unjoined, *ends]), line)
-    return DrawnLine(observations.select(line), observations.select(left_out), joined, clusters.dropout_time)
-
-
-def find_clusters(observations: Observations) -> Observations:
-    """Finds the strongest clusters of each time bin, at most MAX_SIMULTANEOUS_CLUSTERS, in order of time."""
-    group = observations.time_bins
-    # split at gaps along x, then along y, then along x again
-    for axis in (0, 1, 0):
-        order = np.lexsort((observations.points[:, axis], group))
-        new = (np.diff(group[order]) != 0) | (np.diff(observations.points[order, axis]) > CLUSTER_WIDTH)
-        group[order] = np.concatenate([[0], np.cumsum(new)])
-    clusters = observations.merge(group)
-    x, y = clusters.points.T
-    # weights are rounded because another computer may sum equal ones in another order
-    strongest_first = np.lexsort((y, x, -np.round(clusters.weights, 6), clusters.time_bins))
-    bins = clusters.time_bins[strongest_first]
-    rank_in_bin = np.arange(len(bins)) - np.searchsorted(bins, bins)
-    return clusters.select(np.sort(strongest_first[rank_in_bin < MAX_SIMULTANEOUS_CLUSTERS]))
+    # the widest is first, and not the one that explains most floor. Moving back and forth explains much floor too
+    candidates.sort(key=expansion, reverse=True)
+    line, unjoined = _join_strokes(observations, candidates, max_gap)
+    left_out = np.setdiff1d(np.concatenate([line, *unjoined, *glints]), line)
+    was_joined = len(unjoined) < len(candidates) - 1
+    return observations.select(line), observations.select(left_out), was_joined
 
 
 def find_strokes(
@@ -119,107 +94,110 @@ def find_strokes(
         The indices of the observations of each stroke, in order of time, and those of each glint before or after them.
         A glint may be the beginning or the end of the drawing, but was seen too seldom to tell.
     """
-    points, stamps, bins, dropout = clusters.points, clusters.stamps, clusters.time_bins, clusters.dropout_time
+    points, stamps, bins = clusters.points, clusters.stamps, clusters.time_bins
+    dropout = clusters.dropout_time
     explained = floor_gains(points, stamps, dropout)
     # a cluster is less likely to be the pointer if many are seen at once, and a stationary camera's pose is known better
     # than that of a camera on a robot
     trust = np.minimum(1.0, MAX_CROWD / np.bincount(bins)[bins])
-    trust[clusters.mobile & (np.bincount(bins, ~clusters.mobile) > 0)[bins]] *= TREMOR / LOCALIZATION_ERROR
+    seen_by_stationary = np.bincount(bins, ~clusters.mobile) > 0
+    trust[clusters.mobile & seen_by_stationary[bins]] *= TREMOR / LOCALIZATION_ERROR
     gains = explained * trust
     strokes: List[np.ndarray] = []
-    ends: List[np.ndarray] = []
+    end_glints: List[np.ndarray] = []
     free = np.arange(len(points))
     while gains[free].sum() >= CLUSTER_WIDTH:
         track, gain = find_best_track(points[free], stamps[free], dropout, gains[free], TREMOR)
         if gain < CLUSTER_WIDTH:
-            break
-        line = free[track]
-        pieces, glints = _divide(line, points[line], stamps[line], explained[line], dropout, max_gap + TREMOR)
+            break  # a stroke explains at least one width
+        pointer = clusters.select(free[track])
+        pieces, glints = _divide(pointer, explained[free[track]], dropout, max_gap + TREMOR)
         if pieces and not strokes:
-            ends = [_observations_near(observations, clusters, glint) for glint in glints]
-        strokes += [_observations_near(observations, clusters, piece) for piece in pieces]
+            end_glints = [_observations_near(observations, pointer.select(glint)) for glint in glints]
+        strokes += [_observations_near(observations, pointer.select(piece)) for piece in pieces]
         # the pointer is at one place at a time, and floor is explained once
-        is_taken = np.isin(bins[free], bins[line])
-        free = free[~is_taken & (cKDTree(points[line]).query(points[free])[0] > CLUSTER_WIDTH)]
-    return strokes, ends
+        is_taken = np.isin(bins[free], pointer.time_bins)
+        distances = cKDTree(pointer.points).query(points[free])[0]
+        free = free[~is_taken & (distances > CLUSTER_WIDTH)]
+    return strokes, end_glints
 
 
 def _divide(
-    line: np.ndarray, points: np.ndarray, times: np.ndarray, explained: np.ndarray, dropout: float, widest: float
+    track: Observations, explained: np.ndarray, dropout: float, max_gap: float
 ) -> Tuple[List[np.ndarray], List[np.ndarray]]:
-    """Divides a track, the indices of its clusters, into strokes where nothing was seen over more than `widest` [m].
+    """Divides a track of P clusters into strokes where nothing was seen over more than `max_gap` [m].
 
-    A step is seen if the floor that its two clusters explain covers it, within a dropout. Few clusters isolated
-    between an unseen step and a pause are a stray or a glint and are dropped; a quick hand's rest is kept.
+    A step is seen if the floor (P,) [m] that its two clusters explain covers it, within a dropout [s]. Few clusters
+    isolated between an unseen step and a pause are a stray or a glint and are dropped; a quick hand's rest is kept.
 
     Returns:
-        The strokes, and the glints before the first and after the last of them.
+        The clusters of each stroke, and those of each glint before the first and after the last of them, as indices.
     """
-    covered = CLUSTER_WIDTH + np.where(np.diff(times) > dropout, 0.0, explained[:-1] + explained[1:])
-    unseen = np.flatnonzero(np.hypot(*np.diff(points, axis=0).T) > covered) + 1
-    pieces = np.split(np.arange(len(line)), unseen)
-    runs = _drop_short_pieces_beside_pauses(_split_at_pauses(pieces, times, dropout))
-    strokes = _join_across_gaps([np.concatenate(run) for run in runs if run], points, widest)
+    steps = np.linalg.norm(np.diff(track.points, axis=0), axis=1)
+    is_pause = np.diff(track.stamps) > dropout
+    floor = np.where(is_pause, 0.0, explained[:-1] + explained[1:])
+    unseen = np.flatnonzero(steps > CLUSTER_WIDTH + floor) + 1
+    pieces = np.split(np.arange(len(explained)), unseen)
+    runs = _drop_short_pieces_beside_pauses(pieces, is_pause)
+    strokes = _join_across_gaps(runs, track.points, max_gap)
     within = range(strokes[0][0], strokes[-1][-1] + 1) if strokes else range(0)
     # a single cluster is a stray
     glints = [piece for piece in pieces if len(piece) > 1 and piece[0] not in within]
-    return [line[stroke] for stroke in strokes], [line[glint] for glint in glints]
+    return strokes, glints
 
 
-def _split_at_pauses(pieces: Sequence[np.ndarray], times: np.ndarray, dropout: float) -> List[List[np.ndarray]]:
-    """Splits a track's pieces into runs without a pause."""
-    runs: List[List[np.ndarray]] = []
+def _drop_short_pieces_beside_pauses(pieces: Sequence[np.ndarray], is_pause: np.ndarray) -> List[np.ndarray]:
+    """Joins the pieces between two pauses, without strays and glints at their ends: pieces of few clusters."""
+    runs: List[List[np.ndarray]] = [[]]
     for piece in pieces:
-        if not runs or times[piece[0]] - times[piece[0] - 1] > dropout:
+        if piece[0] > 0 and is_pause[piece[0] - 1]:
             runs.append([])
         runs[-1].append(piece)
-    return runs
+    for run in runs[1:]:
+        while run and len(run[0]) < MIN_SEEN:
+            run.pop(0)
+    for run in runs[:-1]:
+        while run and len(run[-1]) < MIN_SEEN:
+            run.pop()
+    return [np.concatenate(run) for run in runs if run]
 
 
-def _drop_short_pieces_beside_pauses(runs: Sequence[List[np.ndarray]]) -> List[List[np.ndarray]]:
-    """Returns the runs without the strays and glints at their ends: pieces of few clusters next to a pause."""
-    kept = []
-    for number, run in enumerate(runs):
-        long_pieces = [index for index, piece in enumerate(run) if len(piece) >= MIN_SEEN]
-        begin = 0 if number == 0 else min(long_pieces, default=len(run))
-        end = len(run) if number == len(runs) - 1 else max(long_pieces, default=-1) + 1
-        kept.append(run[begin:end])
-    return kept
-
-
-def _join_across_gaps(pieces: Sequence[np.ndarray], points: np.ndarray, widest: float) -> List[np.ndarray]:
-    """Joins successive pieces into strokes, unless a gap between them is wider than `widest` [m]."""
+def _join_across_gaps(pieces: Sequence[np.ndarray], points: np.ndarray, max_gap: float) -> List[np.ndarray]:
+    """Joins successive pieces into strokes, unless a gap between them is wider than `max_gap` [m]."""
     strokes: List[np.ndarray] = []
     for piece in pieces:
-        if strokes and np.hypot(*(points[piece[0]] - points[strokes[-1][-1]])) <= widest:
+        if strokes and np.hypot(*(points[piece[0]] - points[strokes[-1][-1]])) <= max_gap:
             strokes[-1] = np.concatenate([strokes[-1], piece])
         else:
             strokes.append(piece)
     return strokes
 
 
-def _observations_near(observations: Observations, clusters: Observations, line: np.ndarray) -> np.ndarray:
-    """Returns the indices of the observations beside a line, given as the indices of its clusters, at its own times.
+def _observations_near(observations: Observations, pointer: Observations) -> np.ndarray:
+    """Returns the indices of the observations beside the pointer's clusters, at their times.
 
     As there is one pointer, a robot's spot that is off by no more than the localisation error is still the pointer.
     """
-    pointer = clusters.select(line)
     began, ended = pointer.stamps[[0, -1]]
     first, last = np.searchsorted(observations.stamps, (began - TIME_BIN, ended + TIME_BIN))
-    nearby = observations.select(slice(first, last))
-    x, y, mobile = (np.interp(nearby.stamps, pointer.stamps, column) for column in (*pointer.points.T, pointer.mobile))
-    reach = CLUSTER_WIDTH + LOCALIZATION_ERROR * np.maximum(mobile, nearby.mobile)
-    distances = np.hypot(*(nearby.points - np.column_stack([x, y])).T)
+    nearby = slice(first, last)
+    times = observations.stamps[nearby]
+    x = np.interp(times, pointer.stamps, pointer.points[:, 0])
+    y = np.interp(times, pointer.stamps, pointer.points[:, 1])
+    pointer_mobile = np.interp(times, pointer.stamps, pointer.mobile)
+    mobile = np.maximum(pointer_mobile, observations.mobile[nearby])
+    reach = CLUSTER_WIDTH + LOCALIZATION_ERROR * mobile
+    distances = np.hypot(observations.points[nearby, 0] - x, observations.points[nearby, 1] - y)
     return first + np.flatnonzero(distances <= reach)
 
 
 def _join_strokes(
     observations: Observations, strokes: List[np.ndarray], max_gap: float
-) -> Tuple[np.ndarray, List[np.ndarray], bool]:
+) -> Tuple[np.ndarray, List[np.ndarray]]:
     """Joins to the first stroke those that continue from its ends; strokes are the indices of their observations.
 
     Returns:
-        The line's observations as indices, in the order in which it runs; the strokes left out; whether any was joined.
+        The line's observations as indices, in the order in which it runs, and the strokes left out.
     """
     line, *others = strokes
     while others:
@@ -231,20 +209,23 @@ def _join_strokes(
             break
         # the stroke must run away from the line's end, or up to its start
         other = others.pop(number)
-        other = other[::-1] if line_end == other_end else other
+        if line_end == other_end:
+            other = other[::-1]
         line = np.concatenate([line, other] if line_end else [other, line])
-    return line, others, len(others) < len(strokes) - 1
+    return line, others
 
 
 def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.ndarray:
     """Returns the floor (P,) [m] that each cluster adds. Clusters on the same floor share it."""
     nodes, shares = _lattice_shares(points)
     # the number of clusters at each cluster, itself included, independent of where it lies between the nodes
-    crowding = (np.bincount(nodes.ravel(), shares.ravel())[nodes] * shares).sum(axis=0) / (shares**2).sum(axis=0)
+    clusters_at_node = np.bincount(nodes.ravel(), shares.ravel())
+    crowding = (clusters_at_node[nodes] * shares).sum(axis=0) / (shares**2).sum(axis=0)
     # along a line, this is on average 1.5 times the clusters in a width. Together they then add the line's length
     new = CLUSTER_WIDTH / np.maximum(crowding / 1.5, 2.0)
-    longest_stay = _stationary_times(points, stamps, dropout, nodes, shares)[nodes].max(axis=0)
-    dwell_factor = np.minimum(1.0, MAX_DWELL / np.maximum(longest_stay, TIME_BIN)) ** 2
+    stays = _stationary_times(points, stamps, dropout, nodes, shares)
+    longest_stay = np.maximum(stays[nodes].max(axis=0), TIME_BIN)
+    dwell_factor = np.minimum(1.0, MAX_DWELL / longest_stay) ** 2
     gains = np.maximum(new, _swept(points, stamps, dropout)) * dwell_factor
     # gains are rounded to 0.1 mm, so that equal clusters are equal on every computer, and are never exactly zero
     return np.round(gains, 4) + 1e-5
@@ -259,12 +240,12 @@ def _lattice_shares(points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     scaled = points / CLUSTER_WIDTH
     cell = np.floor(scaled).astype(np.int64)
     part = scaled - cell
-    cell -= cell.min(axis=0)
-    stride = int(cell[:, 1].max()) + 2
-    corners = [(dx, dy) for dx in (0, 1) for dy in (0, 1)]
-    keys = [(cell[:, 0] + dx) * stride + cell[:, 1] + dy for dx, dy in corners]
-    shares = [np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1]) for dx, dy in corners]
-    return np.unique(keys, return_inverse=True)[1].reshape(4, -1), np.array(shares)
+    corners = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])[:, None]
+    shares = np.abs(1.0 - corners - part).prod(axis=2)
+    column, row = np.moveaxis(cell - cell.min(axis=0) + corners, 2, 0)
+    keys = column * (int(row.max()) + 1) + row
+    nodes = np.unique(keys, return_inverse=True)[1].reshape(4, -1)
+    return nodes, shares
 
 
 def _stationary_times(
@@ -272,22 +253,26 @@ def _stationary_times(
 ) -> np.ndarray:
     """Returns for how long [s] light stayed at each node. Light that moved on slowly counts less, or not at all.
 
-    `nodes` and `shares` are (4, P), as `_lattice_shares` returns them.
+    The distance that it moved is the slope of a weighted regression of position on time, cov(position, time) / var(time),
+    times the duration. `nodes` and `shares` are (4, P), as `_lattice_shares` returns them.
     """
     node, share = nodes.ravel(), shares.ravel()
-    time, x, y = (np.tile(values - values.mean(), len(nodes)) for values in (stamps, *points.T))
+    time = np.tile(stamps - stamps.mean(), len(nodes))
+    x, y = np.tile((points - points.mean(axis=0)).T, len(nodes))
     order = np.lexsort((time, node))
     is_first = np.append(True, np.diff(node[order]) != 0)
     # light not seen for longer than a dropout was not there
     pauses = np.append(0.0, np.minimum(np.diff(time[order]), dropout))
     lit_times = np.bincount(node[order], np.where(is_first, TIME_BIN, pauses))
-    # the distance moved is the slope of a weighted regression of position on time, cov(position, time) / var(time),
-    # times the duration. A uniform movement lasts for sqrt(12) standard deviations of its times
     total = np.maximum(np.bincount(node, share), 1e-9)
-    deviation = time - (np.bincount(node, share * time) / total)[node]
+    mean_times = np.bincount(node, share * time) / total
+    deviation = time - mean_times[node]
     variance = np.bincount(node, share * deviation * deviation)
-    covariance = np.hypot(*(np.bincount(node, share * deviation * axis) for axis in (x, y)))
-    moved = np.sqrt(12.0 / total / np.maximum(variance, 1e-12)) * covariance
+    covariance_x = np.bincount(node, share * deviation * x)
+    covariance_y = np.bincount(node, share * deviation * y)
+    # a uniform movement lasts for sqrt(12) standard deviations of its times
+    duration_over_variance = np.sqrt(12.0 / total / np.maximum(variance, 1e-12))
+    moved = duration_over_variance * np.hypot(covariance_x, covariance_y)
     return lit_times * (1.0 - np.minimum(1.0, (moved / CLUSTER_WIDTH) ** 2))
 
 
@@ -298,15 +283,21 @@ def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
     """
     swept = np.zeros(len(points))
     for back, forth in ((1, 1), (1, 2), (2, 1), (2, 2)):
-        before, middle, after = (slice(0, -back - forth), slice(back, -forth), slice(back + forth, None))
+        before = slice(0, -back - forth)
+        middle = slice(back, -forth)
+        after = slice(back + forth, None)
         whole = times[after] - times[before]
         share = (times[middle] - times[before]) / np.maximum(whole, 1e-9)
-        offset = np.hypot(*(points[before] + share[:, None] * (points[after] - points[before]) - points[middle]).T)
-        half_distance = 0.5 * np.hypot(*(points[after] - points[before]).T)
-        straight = np.exp(-((offset / np.maximum(0.3 * half_distance, TREMOR)) ** 2))
+        way = points[after] - points[before]
+        offset = points[before] + share[:, None] * way - points[middle]
+        distance = np.hypot(way[:, 0], way[:, 1])
+        deviation = np.hypot(offset[:, 0], offset[:, 1])
+        straight = np.exp(-((deviation / np.maximum(0.15 * distance, TREMOR)) ** 2))
         # the middle cluster of a row is seen halfway in time. If only two are seen, one of them twice, it is not
-        row = np.maximum(half_distance - TREMOR, 0.0) * straight * 4.0 * share * (1.0 - share)
-        row[(whole > dropout) | (2.0 * half_distance > UNSEEN_SPEED * whole)] = 0.0
+        halfway = 4.0 * share * (1.0 - share)
+        row = np.maximum(0.5 * distance - TREMOR, 0.0) * straight * halfway
+        is_too_fast = distance > UNSEEN_SPEED * whole
+        row[(whole > dropout) | is_too_fast] = 0.0
         # the row's ends too, where the stroke may begin or end
         for part, weight in ((before, 0.5), (middle, 1.0), (after, 0.5)):
             swept[part] = np.maximum(swept[part], weight * row)

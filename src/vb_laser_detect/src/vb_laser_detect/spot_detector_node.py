@@ -11,7 +11,7 @@ import time
 import traceback
 from collections import deque
 from functools import partial
-from typing import Any, Deque, List, Optional, Sequence, Tuple, Union
+from typing import Any, Deque, List, Optional, Sequence, Union
 
 import cv2
 import rospy
@@ -32,7 +32,7 @@ from vb_laser_detect.ros.camera_feed import CameraFeed, LensFile, ReceivedImage,
 from vb_laser_detect.detection.debug_image import draw_candidates
 from vb_laser_detect.detection.spot_detector import DetectorParams, Spot, SpotDetector
 from vb_laser_detect.spot_detector_node_params import SpotDetectorNodeParams, image_topic
-from vb_laser_detect.detection.projection import FloorProjection, ImageGeometry, ProjectionParams
+from vb_laser_detect.detection.projection import FloorProjection, ProjectionParams
 from vb_laser_detect.ros.camera_geometry import CameraGeometry, DepthTopic, InfoTopic, is_rectified, sibling_topic
 from vb_laser_detect.ros.detector_diagnostics import DetectorDiagnostics
 from vb_msgs.msg import DetectorStatus, LaserSpot
@@ -211,7 +211,11 @@ class CameraDetector:
             raise CodedError("no_stamp", "the images carry no time: they cannot be matched with poses")
         picture = received.decode()
         self._stamps.append(stamp)
-        geometry, pose_error = self._image_geometry(received.frame_id, stamp, picture.size)
+        geometry = pose_error = None
+        try:
+            geometry = self._camera_geometry.geometry_at(received.frame_id, stamp, picture.size)
+        except CodedError as error:  # spots are then found, but not published
+            pose_error = error.without_traceback()
         began = time.perf_counter()
         detection = self._detector.detect(picture, stamp.to_sec(), geometry)
         search_s = time.perf_counter() - began
@@ -231,15 +235,6 @@ class CameraDetector:
             self._publish_debug(picture, detection.candidates, received)
         if self._feed is not None:
             self._feed.publish(received, picture)
-
-    def _image_geometry(
-        self, frame_id: str, stamp: rospy.Time, size: Tuple[int, int]
-    ) -> Tuple[Optional[ImageGeometry], Optional[CodedError]]:
-        """Returns the image's geometry, or the reason why there is none. Spots are then found, but not published."""
-        try:
-            return self._camera_geometry.geometry_at(frame_id, stamp, size), None
-        except CodedError as error:
-            return None, error.without_traceback()
 
     def _message(self, spot: Spot) -> LaserSpot:
         """Converts a located spot."""

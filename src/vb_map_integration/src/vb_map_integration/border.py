@@ -70,7 +70,7 @@ class VirtualBorder:
         enabled: the user's switch.
         created, modified: [s] ROS time.
         robots: names of the robots that it applies to; empty: all.
-        wall: a virtual wall: the open chain itself may not be crossed, both sides stay usable, the seed is not used.
+        is_wall: a virtual wall: the open chain itself may not be crossed, both sides stay usable, the seed is not used.
         zone: what the area means for robots (vb_core.zones); may be given by its name.
         max_speed: [m/s] in a zone that limits it; 0 elsewhere.
         map_id: fingerprint of the map on which a person accepted it; "" until then.
@@ -90,7 +90,7 @@ class VirtualBorder:
     created: float = 0.0
     modified: float = 0.0
     robots: Tuple[str, ...] = ()
-    wall: bool = False
+    is_wall: bool = False
     zone: Zone = KEEP_OUT
     max_speed: float = 0.0
     map_id: str = ""
@@ -101,15 +101,16 @@ class VirtualBorder:
             raise IntegrationError("too_many_points", most=MAX_POINTS)
         if len(points) > 1:
             points = points[np.concatenate([[True], (np.diff(points, axis=0) != 0.0).any(axis=1)])]
-        closed = False if self.wall else self.closed
+        closed = False if self.is_wall else self.closed
         if closed is None:
-            closed = _looks_closed(points)
+            gap = float(np.linalg.norm(points[-1] - points[0])) if len(points) > 2 else math.inf
+            closed = gap <= CLOSING_SHARE * geometry.chain_length(points)
         if closed and len(points) > 1 and (points[0] == points[-1]).all():
             points = points[:-1]
         least = 3 if closed else 2
         if len(points) < least:
             raise IntegrationError("too_few_points", least=least, count=len(points))
-        seed = _coordinates(points[0] if self.wall else self.seed, "bad_seed")
+        seed = _coordinates(points[0] if self.is_wall else self.seed, "bad_seed")
         if len(seed) != 1:
             raise IntegrationError("bad_seed")
         occupancy = _number(self.occupancy, "bad_occupancy")
@@ -122,7 +123,7 @@ class VirtualBorder:
             raise IntegrationError("bad_occupancy")
         speed = _number(self.max_speed, "bad_speed", speed=self.max_speed)
         slow = zone.limits_speed
-        if not 0.0 <= speed <= MAX_SPEED or slow != (speed > 0.0) or (slow and self.wall):
+        if not 0.0 <= speed <= MAX_SPEED or slow != (speed > 0.0) or (slow and self.is_wall):
             raise IntegrationError("bad_speed", speed=speed)
         for key in ("created", "modified"):
             value = _number(getattr(self, key), "bad_time", key=key)
@@ -135,10 +136,10 @@ class VirtualBorder:
                 raise IntegrationError("bad_name", key=key)
         points.setflags(write=False)
         seed.setflags(write=False)
-        robots = (self.robots,) if isinstance(self.robots, str) else self.robots
+        given_robots = (self.robots,) if isinstance(self.robots, str) else self.robots
+        robots = tuple(str(robot) for robot in given_robots if str(robot))
         checked = {"points": points, "seed": seed[0], "occupancy": occupancy, "zone": zone, "max_speed": speed}
-        checked.update(closed=bool(closed), enabled=bool(self.enabled), wall=bool(self.wall))
-        checked.update(robots=tuple(str(robot) for robot in robots if str(robot)))
+        checked.update(closed=bool(closed), enabled=bool(self.enabled), robots=robots, is_wall=bool(self.is_wall))
         for key, value in checked.items():
             object.__setattr__(self, key, value)
 
@@ -147,11 +148,11 @@ class VirtualBorder:
         return dataclasses.replace(self, **changes)
 
     @property
-    def value(self) -> int:
+    def cell_value(self) -> int:
         """delta as an occupancy value of the map, 0 .. 100."""
         return self.zone.value(self.occupancy)
 
-    def moved(self, transform: Transform) -> "VirtualBorder":
+    def transform(self, transform: Transform) -> "VirtualBorder":
         """Moves the border into the frame of another map."""
         if not any(transform):
             return self
@@ -161,7 +162,7 @@ class VirtualBorder:
         """Returns whether both borders restrict the same cells on any map, whatever their occupancy."""
         return (
             self.closed == other.closed
-            and self.wall == other.wall
+            and self.is_wall == other.is_wall
             and np.array_equal(self.points, other.points)
             and np.array_equal(self.seed, other.seed)
         )
@@ -169,8 +170,7 @@ class VirtualBorder:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, VirtualBorder):
             return NotImplemented
-        plain = [field.name for field in dataclasses.fields(self) if field.name not in ("points", "seed")]
-        return self.has_same_area(other) and all(getattr(self, key) == getattr(other, key) for key in plain)
+        return self.has_same_area(other) and all(getattr(self, key) == getattr(other, key) for key in _PROPERTIES)
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -201,17 +201,10 @@ def _number(value: object, code: str, **values: object) -> float:
     return number
 
 
-def _looks_closed(points: np.ndarray) -> bool:
-    if len(points) < 3:
-        return False
-    gap = float(np.linalg.norm(points[-1] - points[0]))
-    return gap <= CLOSING_SHARE * geometry.chain_length(points)
-
-
 # ------------------------------------------------------------------ GeoJSON
 _WALL = "virtual_wall"
 _FIELDS = [field.name for field in dataclasses.fields(VirtualBorder)]
-_PROPERTIES = tuple(name for name in _FIELDS if name not in ("points", "seed", "closed", "wall"))
+_PROPERTIES = tuple(name for name in _FIELDS if name not in ("points", "seed", "closed", "is_wall"))
 
 
 def border_to_feature(border: VirtualBorder) -> Dict[str, Any]:
@@ -222,7 +215,7 @@ def border_to_feature(border: VirtualBorder) -> Dict[str, Any]:
         geometry = {"type": "Polygon", "coordinates": [points + points[:1]]}
     properties = {name: getattr(border, name) for name in _PROPERTIES}
     properties.update(zone=border.zone.name, seed=border.seed.tolist())
-    if border.wall:
+    if border.is_wall:
         properties["kind"] = _WALL
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
@@ -245,10 +238,10 @@ def borders_from_geojson(text: str) -> List[VirtualBorder]:
     except ValueError as error:
         raise CodedError("bad_border_file", reason="$file_format", format="JSON", detail=str(error)) from None
     if not isinstance(document, dict):
-        raise _wrong("type", "FeatureCollection", document)
+        raise _file_error("type", "FeatureCollection", document)
     features = document.get("features") if document.get("type") == "FeatureCollection" else [document]
     if not isinstance(features, list):
-        raise _wrong("features", "[...]", features)
+        raise _file_error("features", "[...]", features)
     borders = []
     for number, feature in enumerate(features, 1):
         try:
@@ -258,7 +251,7 @@ def borders_from_geojson(text: str) -> List[VirtualBorder]:
     return borders
 
 
-def _wrong(key: str, expected: str, found: Any) -> CodedError:
+def _file_error(key: str, expected: str, found: Any) -> CodedError:
     return CodedError("bad_border_file", reason="$file_value", key=key, expected=expected, found=repr(found))
 
 
@@ -269,31 +262,31 @@ def border_from_feature(feature: Any) -> VirtualBorder:
         CodedError: "bad_border_file", or as `VirtualBorder`.
     """
     if not isinstance(feature, dict) or feature.get("type") != "Feature":
-        raise _wrong("type", "Feature", feature)
+        raise _file_error("type", "Feature", feature)
     try:
         shape = shapely.geometry.shape(feature.get("geometry"))
     except (shapely.errors.ShapelyError, ValueError, TypeError, LookupError, AttributeError) as error:
         detail = str(error).strip()
         raise CodedError("bad_border_file", reason="$file_format", format="GeoJSON", detail=detail) from None
     if shape.geom_type not in ("Polygon", "LineString"):
-        raise _wrong("geometry", "Polygon | LineString", shape.geom_type)
+        raise _file_error("geometry", "Polygon | LineString", shape.geom_type)
     closed = shape.geom_type == "Polygon"
     if closed and shape.interiors:
         raise CodedError("bad_border_file", reason="$file_polygon_has_holes", found=1 + len(shape.interiors))
     points = shapely.get_coordinates(shape.exterior if closed else shape)  # heights are dropped
     properties = feature.get("properties")
     properties = properties if isinstance(properties, dict) else {}
-    wall = not closed and properties.get("kind") == _WALL
+    is_wall = not closed and properties.get("kind") == _WALL
     # other programs write null for absent values, and numbers as ids
     values = {key: properties[key] for key in (*_PROPERTIES, "seed") if properties.get(key) is not None}
     if not isinstance(values.get("id"), str):
         values.pop("id", None)
     if "seed" not in values:
-        if not closed and not wall:
+        if not closed and not is_wall:
             raise CodedError("bad_border_file", reason="$file_no_seed")
         values["seed"] = _point_inside(shape) if closed and np.isfinite(points).all() else (0.0, 0.0)
     try:
-        return VirtualBorder(points, closed=closed, wall=wall, **values)
+        return VirtualBorder(points, closed=closed, is_wall=is_wall, **values)
     except TypeError as error:
         raise CodedError("bad_border_file", reason="$file_keys", detail=str(error)) from None
 

@@ -48,7 +48,7 @@ def border_from_message(message: BorderMessage) -> VirtualBorder:
         created=message.created.to_sec(),
         modified=message.modified.to_sec(),
         robots=tuple(message.robots),
-        wall=message.kind == BorderMessage.VIRTUAL_WALL,
+        is_wall=message.kind == BorderMessage.VIRTUAL_WALL,
         zone=_ZONES[message.zone],
         max_speed=round(message.max_speed, 6),
     )
@@ -71,7 +71,7 @@ def message_from_border(
         id=border.id,
         name=border.name,
         points=messages.points_from_array(border.points),
-        kind=BorderMessage.VIRTUAL_WALL if border.wall else kind,
+        kind=BorderMessage.VIRTUAL_WALL if border.is_wall else kind,
         occupancy=border.occupancy,
         enabled=border.enabled,
         created=rospy.Time.from_sec(border.created),

@@ -13,7 +13,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -22,17 +22,17 @@ from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.notices import Notice, Severity
 from vb_map_integration.border import IntegrationError, VirtualBorder
 from vb_map_integration.border_region import BorderRegion, Region, apply_regions, compute_region, join_regions
-from vb_map_integration.places.border_location import BorderLocation
+from vb_map_integration.places.border_location import BorderLocation, BorderLocator
 
 # status codes: the border waits for a person, or is not in force
 TO_BE_CONFIRMED, DOES_NOT_FIT = "to_be_confirmed", "inactive_on_this_map"
 # causes of waiting, besides the codes of `IntegrationError`
 PLACE, EFFECT = "$place_uncertain", "$closes_something_else"
 # a border closes off the same floor if the IoU of what it closed off and closes off now is at least this
-_SAME_EFFECT = 0.5
+_MIN_SAME_FLOOR_IOU = 0.5
 # while it waits, what it closes off now is in force only up to this many times the area that was accepted
 _MAX_GROWTH_WHILE_WAITING = 2.0
-_NAMED = 3  # how many borders are named to describe a place
+_MAX_NAMES = 3  # how many borders are named to describe a place
 
 
 @dataclass(frozen=True)
@@ -79,11 +79,13 @@ class BorderStatus:
         return self.code == TO_BE_CONFIRMED and self.cause in (PLACE, EFFECT)
 
     @property
-    def values(self) -> Dict[str, str]:
+    def sentence_values(self) -> Dict[str, str]:
         """The values for the sentence that belongs to its code."""
-        before, after = (region.area_m2 if region else 0.0 for region in (self.region_before, self.region_after))
-        areas = {"before": f"{before:.1f}", "now": f"{after:.1f}"} if self.region_before else {}
-        return {"border": self.map_border.name, "why": self.cause, **areas}
+        values = {"border": self.map_border.name, "why": self.cause}
+        if self.region_before:
+            area_now = self.region_after.area_m2 if self.region_after else 0.0
+            values.update(before=f"{self.region_before.area_m2:.1f}", now=f"{area_now:.1f}")
+        return values
 
 
 @dataclass(frozen=True)
@@ -103,24 +105,23 @@ class BordersInForce:
         """The map with all borders in force."""
         return self.draw_map()
 
-    def draw_map(self, without: Iterable[str] = (), also: Sequence[Region] = ()) -> GridMap:
-        """Draws the map with the borders in force, except those with the ids `without`, and also with further regions."""
-        regions = [status.region for key, status in self.statuses.items() if status.region and key not in without]
-        return apply_regions(self.physical_map, [*regions, *also])
+    def draw_map(self, excluded_ids: Iterable[str] = (), extra_regions: Sequence[Region] = ()) -> GridMap:
+        """Draws the map with the borders in force, without those with excluded ids, and with extra regions."""
+        statuses = [status for border_id, status in self.statuses.items() if border_id not in excluded_ids]
+        regions = [status.region for status in statuses if status.region]
+        return apply_regions(self.physical_map, [*regions, *extra_regions])
 
     @property
     def slow_zones(self) -> Tuple[BorderStatus, ...]:
         """The slow zones in force."""
-        in_force = (status for status in self.statuses.values() if status.is_in_force)
-        return tuple(status for status in in_force if status.map_border.zone.limits_speed)
+        statuses = self.statuses.values()
+        return tuple(status for status in statuses if status.is_in_force and status.map_border.zone.limits_speed)
 
     def outlines(self, border_id: str) -> Tuple[np.ndarray, np.ndarray]:
         """Returns the outlines (N, 2) [m] before and after confirmation; empty unless the border waits for it."""
         status = self.statuses[border_id]
         regions = (status.region_before, status.region_after) if status.code == TO_BE_CONFIRMED else (None, None)
-        return tuple(  # type: ignore[return-value]
-            region.outline(self.physical_map) if region else np.zeros((0, 2)) for region in regions
-        )
+        return tuple(region.outline(self.physical_map) if region else np.zeros((0, 2)) for region in regions)
 
     @property
     def speed_limits(self) -> GridMap:
@@ -133,72 +134,63 @@ class BordersInForce:
         return self.physical_map.with_data(cells)
 
 
-def compute_in_force(
-    grid: GridMap,
+def compute_borders_in_force(
     borders: Iterable[VirtualBorder],
-    locate: Callable[[VirtualBorder], BorderLocation],
-    before: Optional[BordersInForce] = None,
-    known_region: Optional[BorderRegion] = None,
+    locator: BorderLocator,
+    previous: Optional[BordersInForce] = None,
+    drawn: Optional[BorderRegion] = None,
 ) -> BordersInForce:
-    """Computes what is in force on a map.
+    """Computes which borders are in force on a map, and what they restrict there.
 
     Args:
-        grid: the physical map.
         borders: the stored borders, in the frame of their place.
-        locate: finds where a border is on the map.
-        before: the previous result for the same map and `locate`, from which unchanged borders take their statuses.
-        known_region: the region of one of these borders, if it was just computed on this map: it is not computed again.
+        locator: has the physical map, and finds where the borders are on it.
+        previous: the previous result for the same locator, from which unchanged borders take their statuses.
+        drawn: the region of the border that was just drawn on this map, if it is one of these.
     """
-    earlier = before.statuses if before else {}
     statuses: Dict[str, BorderStatus] = {}
     for border in borders:
-        status = earlier.get(border.id)
-        is_same = status is not None and status.stored_border is border
-        statuses[border.id] = status if is_same else _decide_status(border, locate(border), grid, known_region)
-    return BordersInForce(grid, statuses)
+        status = previous.statuses.get(border.id) if previous else None
+        if status is None or status.stored_border is not border:
+            if drawn is not None and drawn.border.id == border.id:
+                region = drawn if border.enabled else None
+                status = BorderStatus(border, drawn.border, region=region, region_after=region)
+            else:
+                status = _decide_status(border, locator.locate(border), locator.grid)
+        statuses[border.id] = status
+    return BordersInForce(locator.grid, statuses)
 
 
-def _decide_status(
-    stored: VirtualBorder, location: BorderLocation, grid: GridMap, known_region: Optional[BorderRegion]
-) -> BorderStatus:
+def _decide_status(stored: VirtualBorder, location: BorderLocation, grid: GridMap) -> BorderStatus:
     """Decides which region of a border is in force, and whether to ask a person. In doubt, it is the larger region."""
     border = location.border
     if not border.enabled:
         return BorderStatus(stored, border)
-    current, error = _find_region(grid, border, known_region)
+    current, error = _find_region(grid, border)
     if location.accepted is None:
         return BorderStatus(stored, border, "" if current else DOES_NOT_FIT, error, current, region_after=current)
     # a closed line or a wall closes off the same wherever it is, as the line alone decides
-    before = current if border.closed or border.wall else transfer_accepted_region(location, grid)
+    before = current if border.closed or border.is_wall else transfer_accepted_region(location, grid)
     cause = error
     if not cause and location.floor_is_known and not location.walls_agree:
         cause = PLACE
     # they are the same object if the line alone decides: then there is nothing to compare
-    if not cause and before is not current and (before is None or before.iou(current) < _SAME_EFFECT):
-        cause = EFFECT
-    possible = [current, *(_find_region(grid, other, known_region)[0] for other in location.others)]
+    if current is not None and before is not current and not cause:
+        if before is None or before.iou(current) < _MIN_SAME_FLOOR_IOU:
+            cause = EFFECT
+    possible = [current, *(_find_region(grid, other)[0] for other in location.alternatives)]
     if not cause:
         return BorderStatus(stored, border, region=join_regions(possible), region_after=current)
-    region = _join_while_waiting(before, possible)
-    return BorderStatus(stored, border, TO_BE_CONFIRMED if region else DOES_NOT_FIT, cause, region, before, current)
+    if before is not None:  # until a person answers, what it restricted there, and nothing that is much larger
+        max_area = _MAX_GROWTH_WHILE_WAITING * before.area_m2
+        possible = [before, *(region for region in possible if region is not None and region.area_m2 <= max_area)]
+    region = join_regions(possible)
+    code = TO_BE_CONFIRMED if region else DOES_NOT_FIT
+    return BorderStatus(stored, border, code, cause, region, before, current)
 
 
-def _join_while_waiting(before: Optional[Region], possible: List[Optional[Region]]) -> Optional[Region]:
-    """Joins what is in force until a person answers: `before`, and each possible region that is not much larger."""
-    if before is None:
-        return join_regions(possible)
-    max_area = _MAX_GROWTH_WHILE_WAITING * before.area_m2
-    return join_regions([before, *(region for region in possible if region is not None and region.area_m2 <= max_area)])
-
-
-def _find_region(
-    grid: GridMap, border: VirtualBorder, known_region: Optional[BorderRegion]
-) -> Tuple[Optional[Region], str]:
+def _find_region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[Region], str]:
     """Finds the region that a border restricts; else returns None and the code that says why there is none."""
-    # on its way to the frame of its place and back a border may have moved by a rounding error: then it is not the same
-    if known_region and known_region.prior is grid and known_region.value == border.value:
-        if known_region.border.has_same_area(border):
-            return known_region, ""
     try:
         return compute_region(grid, border), ""
     except IntegrationError as error:
@@ -221,7 +213,7 @@ def transfer_accepted_region(location: BorderLocation, grid: GridMap) -> Optiona
     is_free = (grid.data[window] >= 0) & (grid.data[window] < OCCUPIED_THRESHOLD)
     mask = cells[window] * is_free * np.uint8(255)
     count = cv2.countNonZero(mask)
-    return Region(window, mask, accepted.value, False, count * grid.resolution**2) if count else None
+    return Region(window, mask, accepted.cell_value, False, count * grid.resolution**2) if count else None
 
 
 def find_notices(statuses: Sequence[BorderStatus], is_certain: bool, place_name: str) -> List[Notice]:
@@ -232,21 +224,19 @@ def find_notices(statuses: Sequence[BorderStatus], is_certain: bool, place_name:
         place_name: the place's name; "" if it has none.
     """
     notices = []
+    borders = [status.map_border for status in statuses]
     waiting = [status.map_border for status in statuses if status.can_be_confirmed]
     if not is_certain:
-        values = {
-            "count": str(len(statuses)),
-            **_describe_place(place_name, [status.map_border for status in statuses]),
-        }
+        values = {"count": str(len(borders)), **_describe_place(place_name, borders)}
         notices.append(Notice("borders_unconfirmed", Severity.WARNING, values=values))
     elif waiting:
-        values = {"count": str(len(waiting)), "borders": _names(waiting)}
+        values = {"count": str(len(waiting)), "borders": _list_names(waiting)}
         notices.append(Notice("borders_to_confirm", Severity.WARNING, values=values))
-    return notices + [
-        Notice(status.code, Severity.WARNING, border_id=status.map_border.id, values=status.values)
-        for status in statuses
-        if status.code
-    ]
+    for status in statuses:
+        if status.code:
+            border_id = status.map_border.id
+            notices.append(Notice(status.code, Severity.WARNING, border_id=border_id, values=status.sentence_values))
+    return notices
 
 
 def _describe_place(name: str, borders: Iterable[VirtualBorder]) -> Dict[str, str]:
@@ -257,12 +247,12 @@ def _describe_place(name: str, borders: Iterable[VirtualBorder]) -> Dict[str, st
     if not drawn:
         return {"place": "$place_before"}
     date = time.strftime("%Y-%m-%d", time.localtime(drawn[0].created))
-    return {"place": "$place_of_borders", "borders": _names(drawn), "date": date}
+    return {"place": "$place_of_borders", "borders": _list_names(drawn), "date": date}
 
 
-def _names(borders: Sequence[VirtualBorder]) -> str:
+def _list_names(borders: Sequence[VirtualBorder]) -> str:
     """Lists the names of the first few borders."""
-    listed = [border.name for border in borders[:_NAMED]]
-    if len(borders) > _NAMED:
+    listed = [border.name for border in borders[:_MAX_NAMES]]
+    if len(borders) > _MAX_NAMES:
         listed.append("...")
     return ", ".join(listed)

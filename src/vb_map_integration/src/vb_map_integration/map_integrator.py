@@ -1,7 +1,7 @@
 """Keeps physical map, borders, their database and the map with borders consistent.
 
 Borders are kept in the frame of the map on which their place's first border was drawn. `PlaceRecognizer` finds which
-place the current map shows, and `compute_in_force` what is in force there, as one value, `BordersInForce`.
+place the current map shows, and `compute_borders_in_force` what is in force there, as one value, `BordersInForce`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_map_integration.border import IntegrationError, VirtualBorder, borders_to_geojson, warning
 from vb_map_integration.border_region import BorderRegion, compute_region
-from vb_map_integration.borders_in_force import BordersInForce, BorderStatus, compute_in_force, find_notices
+from vb_map_integration.borders_in_force import BordersInForce, BorderStatus, compute_borders_in_force, find_notices
 from vb_map_integration.grid.raster import count_free_parts
 from vb_map_integration.places.border_location import BorderLocator
 from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer
@@ -80,8 +80,8 @@ class MapIntegrator:
         self._database = Database(root)
         self._recognizer = PlaceRecognizer(self._database, map_name)
         self._recognition = PlaceRecognition()
-        self._locator: Optional[BorderLocator] = None  # None until the first map arrives, as `_in_force`
-        self._in_force: Optional[BordersInForce] = None
+        self._locator: Optional[BorderLocator] = None  # None until the first map arrives, as `_borders_in_force`
+        self._borders_in_force: Optional[BordersInForce] = None
         self.map_id = ""
         self._free_parts: Optional[int] = None  # of the map with borders; None until they are counted
         self._place_notices: List[Notice] = []  # why the map's place could not be recorded
@@ -92,31 +92,31 @@ class MapIntegrator:
 
     # ------------------------------------------------------------- state
     @property
-    def in_force(self) -> BordersInForce:
+    def borders_in_force(self) -> BordersInForce:
         """What is in force; raises CodedError "no_map" until the first map arrives."""
-        if self._in_force is None:
+        if self._borders_in_force is None:
             raise CodedError("no_map")
-        return self._in_force
+        return self._borders_in_force
 
     @property
     def has_map(self) -> bool:
         """Whether there is a physical map."""
-        return self._in_force is not None
+        return self._borders_in_force is not None
 
     @property
     def physical_map(self) -> GridMap:
         """The physical map; raises CodedError "no_map" until the first one arrives."""
-        return self.in_force.physical_map
+        return self.borders_in_force.physical_map
 
     @property
     def map_with_borders(self) -> GridMap:
         """The physical map with all borders in force; raises CodedError "no_map" until the first map arrives."""
-        return self.in_force.map_with_borders
+        return self.borders_in_force.map_with_borders
 
     def map_with_borders_for(self, robot: str) -> GridMap:
         """Returns the map for one robot: with the borders that name it and those that name no robot."""
         others = [border.id for border in self.borders if border.robots and robot not in border.robots]
-        return self.in_force.draw_map(without=others) if others else self.map_with_borders
+        return self.borders_in_force.draw_map(excluded_ids=others) if others else self.map_with_borders
 
     @property
     def borders(self) -> Tuple[VirtualBorder, ...]:
@@ -125,7 +125,7 @@ class MapIntegrator:
 
     @property
     def _statuses(self) -> List[BorderStatus]:
-        return list(self._in_force.statuses.values()) if self._in_force else []
+        return list(self._borders_in_force.statuses.values()) if self._borders_in_force else []
 
     @property
     def revision(self) -> int:
@@ -135,7 +135,7 @@ class MapIntegrator:
     @property
     def map_name(self) -> str:
         """The name of the place that the current map shows; "" if it has none."""
-        return self._database.get_name(self._recognition.place) if self._recognition.place else self._expected_name
+        return self._database.place_name(self._recognition.place) if self._recognition.place else self._expected_name
 
     @property
     def needs_confirmation(self) -> bool:
@@ -154,8 +154,8 @@ class MapIntegrator:
         map_id = fingerprint(grid)
         if map_id == self.map_id:
             return False
-        before = self.physical_map if self.has_map else None
-        recognition = self._recognizer.recognize(grid, map_id, before, self._recognition)
+        previous_map = self.physical_map if self.has_map else None
+        recognition = self._recognizer.recognize(grid, map_id, previous_map, self._recognition)
         self.map_id = map_id
         self._adopt_map(grid, recognition)
         if recognition.place:
@@ -172,8 +172,8 @@ class MapIntegrator:
     def _adopt_map(self, grid: GridMap, recognition: PlaceRecognition) -> None:
         """Puts a place's borders in force on a map: a new one, or the same one after a person's answer about it."""
         self._set_recognition(grid, recognition)
-        self._in_force = None
-        self._recompute_borders(grid)
+        self._borders_in_force = None
+        self._recompute_borders()
 
     def _set_recognition(self, grid: GridMap, recognition: PlaceRecognition) -> None:
         """Sets what the current map was recognised as, and with it the locator of borders on it."""
@@ -181,19 +181,18 @@ class MapIntegrator:
         self._locator = BorderLocator(grid, self.map_id, maps, recognition.transform, recognition.other_transform)
         self._recognition = recognition
 
-    def _recompute_borders(self, grid: GridMap, known_region: Optional[BorderRegion] = None) -> None:
-        """Puts in force the borders that the database has now; see `compute_in_force` for `known_region`."""
+    def _recompute_borders(self, drawn: Optional[BorderRegion] = None) -> None:
+        """Puts in force the borders that the database has now; see `compute_borders_in_force` for `drawn`."""
         borders = self._database.borders(self._recognition.place)
-        locate = self._locator.locate  # type: ignore[union-attr]
-        self._in_force = compute_in_force(grid, borders, locate, self._in_force, known_region)
+        self._borders_in_force = compute_borders_in_force(borders, self._locator, self._borders_in_force, drawn)
         self._free_parts = None
 
     # ------------------------------------------------------------- which place the map shows
-    def confirm(self, same: bool, name: str, map_id: str = "") -> ChangeResult:
+    def confirm(self, is_same_place: bool, name: str, map_id: str = "") -> ChangeResult:
         """Adopts a person's answer about what the current map shows.
 
         Args:
-            same: it is the place whose borders are in force, and they are right as shown; else a new place without any.
+            is_same_place: it is the place whose borders are in force, and they are right as shown; else a new place.
             name: the place's new name; empty: unchanged.
             map_id: id of the map that the answer is about; empty: whichever is current.
 
@@ -203,24 +202,24 @@ class MapIntegrator:
         grid, recognition = self.physical_map, self._recognition
         if map_id and map_id != self.map_id:
             raise CodedError("map_changed")
-        stored_map = self._database.find_map(self.map_id)
-        transform = recognition.transform if same else Transform()
-        place = recognition.place if same else 0
+        stored_map = self._database.maps().get(self.map_id)
+        transform = recognition.transform if is_same_place else Transform()
+        place = recognition.place if is_same_place else 0
         self._database.check_name(name, place)
-        if same and place and stored_map is not None and stored_map.place == place:
+        if is_same_place and place and stored_map is not None and stored_map.place == place:
             if name:
                 self._database.rename_place(place, name)
             self._database.remember_place(place)
         else:
             is_places_first = stored_map is not None and stored_map.number == stored_map.place
-            if is_places_first and not same and self._database.borders(stored_map.place):
+            if is_places_first and not is_same_place and self._database.borders(stored_map.place):
                 raise CodedError("drawn_on_this_map")
             place = self._database.add_map(grid, self.map_id, place, transform, name)
-        waiting = [status for status in self._statuses if same and status.can_be_confirmed]
+        waiting = [status for status in self._statuses if is_same_place and status.can_be_confirmed]
         self._adopt_map(grid, PlaceRecognition(place, transform))
         changes = []
         for status in waiting:  # from now on, what these borders close off here counts as accepted
-            accepted = self._to_place_frame(status.map_border.replace(map_id=self.map_id))
+            accepted = status.map_border.replace(map_id=self.map_id).transform(transform.inverse)
             changes.append(BorderChange(accepted.id, status.stored_border, accepted))
         if changes:
             self._make_change(tuple(changes))
@@ -242,7 +241,7 @@ class MapIntegrator:
             issues.append(warning("robot_inside"))
         if self._free_parts is None:
             self._free_parts = count_free_parts(self.map_with_borders, self._robot_radius)
-        new_map = self.in_force.draw_map(without=[border.id], also=[region])
+        new_map = self.borders_in_force.draw_map(excluded_ids=[border.id], extra_regions=[region])
         after = count_free_parts(new_map, self._robot_radius)
         if after > self._free_parts:
             issues.append(warning("splits_free_space"))
@@ -275,13 +274,8 @@ class MapIntegrator:
         if earlier:
             return ChangeResult((earlier,))
         self._check_revision(expected_revision)
-        new = self._database.new_border(border.replace(map_id=self.map_id), now, self._recognition.place)
-        # a preview is not enough: the map, the borders or the robots may have changed since
-        check = self.check(new, robot_positions)
-        self._check_confirmed()
-        self._store_map()
-        change = (BorderChange(new.id, None, self._to_place_frame(new)),)
-        return self._make_change(change, request_id=request_id, check=check)
+        border = self._database.new_border(border, now, self._recognition.place, self.map_id)
+        return self._store_drawn_border(border, None, robot_positions, request_id)
 
     def update(
         self, border: VirtualBorder, now: float, robot_positions: Positions = (), expected_revision: int = 0
@@ -290,23 +284,35 @@ class MapIntegrator:
 
         A border with unchanged points and seed is not checked against the map: one that does not fit can be renamed.
         """
-        in_force = self.in_force
         self._check_revision(expected_revision)
-        place, before = self._database.find(border.id)
+        place, before = self._database.find_border(border.id)
         if place != self._recognition.place:
             raise CodedError("on_another_map", id=border.id)
-        self._check_robots(border)
-        check: Optional[BorderCheck] = None
         name = border.name or before.name
-        after = border.replace(name=name, created=before.created, modified=now, map_id=before.map_id)
-        if border.has_same_area(in_force.statuses[border.id].map_border):
-            after = after.replace(points=before.points, seed=before.seed)
-        else:
-            check = self.check(border, robot_positions)
-            self._check_confirmed()
-            self._store_map()
-            after = self._to_place_frame(after.replace(map_id=self.map_id))
-        return self._make_change((BorderChange(border.id, before, after),), check=check)
+        border = border.replace(name=name, created=before.created, modified=now, map_id=self.map_id)
+        if not border.has_same_area(self.borders_in_force.statuses[border.id].map_border):
+            return self._store_drawn_border(border, before, robot_positions)
+        self._check_robots(border)
+        after = border.replace(points=before.points, seed=before.seed, map_id=before.map_id)
+        return self._make_change((BorderChange(border.id, before, after),))
+
+    def _store_drawn_border(
+        self, border: VirtualBorder, before: Optional[VirtualBorder], robot_positions: Positions, request_id: str = ""
+    ) -> ChangeResult:
+        """Adds a border that was drawn on the current map, or replaces `before` by it."""
+        transform = self._recognition.transform
+        after = border.transform(transform.inverse)
+        # A preview is not enough: the map, the borders or the robots may have changed since. The border is checked as it
+        # will be read back: a rounding error may change it on its way to its place's frame and back.
+        check = self.check(after.transform(transform), robot_positions)
+        if not self._recognition.is_certain:  # a border would belong to no place
+            raise IntegrationError("confirm_map_first")
+        place = self._recognition.place
+        if self.map_id not in self._locator.stored_maps:  # later maps are compared with those on which a person draws
+            name = "" if place or self._database.find_place(self._expected_name) else self._expected_name
+            place = self._database.add_map(self.physical_map, self.map_id, place, transform, name)
+            self._set_recognition(self.physical_map, PlaceRecognition(place, transform))
+        return self._make_change((BorderChange(border.id, before, after),), request_id=request_id, check=check)
 
     def set_enabled(self, border_id: str, enabled: bool, now: float, expected_revision: int = 0) -> ChangeResult:
         """Turns a border of any map on or off; raises CodedError."""
@@ -318,14 +324,14 @@ class MapIntegrator:
 
     def _change_attributes(self, border_id: str, now: float, expected_revision: int, **changes: Any) -> ChangeResult:
         self._check_revision(expected_revision)
-        place, before = self._database.find(border_id)
+        place, before = self._database.find_border(border_id)
         after = before.replace(modified=now, **changes)
         return self._make_change((BorderChange(border_id, before, after),), place=place)
 
     def remove(self, border_id: str, expected_revision: int = 0) -> ChangeResult:
         """Removes a border; raises CodedError "unknown_border"."""
         self._check_revision(expected_revision)
-        place, before = self._database.find(border_id)
+        place, before = self._database.find_border(border_id)
         return self._make_change((BorderChange(border_id, before, None),), place=place)
 
     def undo(self, request_id: str = "") -> ChangeResult:
@@ -340,7 +346,7 @@ class MapIntegrator:
         earlier = self._database.find_border_of_request(request_id)
         if earlier:
             return ChangeResult((earlier,))
-        return self._make_change(self._database.prepare(kind, self._recognition.place), kind, request_id)
+        return self._make_change(self._database.prepare_undo_or_redo(kind, self._recognition.place), kind, request_id)
 
     @property
     def available_commands(self) -> List[str]:
@@ -353,24 +359,6 @@ class MapIntegrator:
             raise CodedError("no_map")
         if expected_revision and expected_revision != self.revision:
             raise CodedError("revision_conflict")
-
-    def _check_confirmed(self) -> None:
-        """Refuses changes while it is uncertain which place the map shows: a border would belong to none."""
-        if not self._recognition.is_certain:
-            raise IntegrationError("confirm_map_first")
-
-    def _to_place_frame(self, border: VirtualBorder) -> VirtualBorder:
-        """Converts a border from the current map's frame to that of its place."""
-        return border.moved(self._recognition.transform.inverse)
-
-    def _store_map(self) -> None:
-        """Stores the map on which a person draws, unless its place has it: later maps are compared with it."""
-        place, transform = self._recognition.place, self._recognition.transform
-        stored_map = self._database.find_map(self.map_id)
-        if stored_map is None or stored_map.place != place:
-            name = "" if place or self._database.find_place(self._expected_name) else self._expected_name
-            place = self._database.add_map(self.physical_map, self.map_id, place, transform, name)
-            self._set_recognition(self.physical_map, PlaceRecognition(place, transform))
 
     def _make_change(
         self,
@@ -385,14 +373,13 @@ class MapIntegrator:
         Args:
             check: the check of a single border; None for changes whose warnings are the statuses of their borders.
         """
-        physical = self.physical_map
         place = place or self._recognition.place
         self._database.commit(place, change, kind, request_id)
         issues = ()
         if place == self._recognition.place:
-            self._recompute_borders(physical, check.region if check else None)
-            statuses = [self.in_force.statuses[entry.id] for entry in change if entry.after is not None]
-            issues = tuple(warning(status.code, **status.values) for status in statuses if status.code)
+            self._recompute_borders(check.region if check else None)
+            statuses = [self.borders_in_force.statuses[entry.id] for entry in change if entry.after is not None]
+            issues = tuple(warning(status.code, **status.sentence_values) for status in statuses if status.code)
         return ChangeResult(tuple(entry.id for entry in change), check.issues if check else issues)
 
     # ------------------------------------------------------------- files

@@ -106,7 +106,7 @@ class MapIntegratorNode:
         rospy.Service(names.LIST_BORDERS, srv.ListBorders, self._list)
         rospy.Service(names.SAVE_MAP, srv.SaveMap, self._save)
         self._maps: node.Mailbox = node.Mailbox()
-        node.Worker(self._maps, self._take_map)
+        node.Worker(self._maps, self._on_map)
         options = {"queue_size": 1, "buff_size": 2**24, "tcp_nodelay": True}
         rospy.Subscriber(names.PHYSICAL_MAP, messages.NumpyOccupancyGrid, self._maps.put, **options)
         node.log_missing_input(f"the map on {names.PHYSICAL_MAP}", lambda: self._integrator.has_map)
@@ -118,7 +118,7 @@ class MapIntegratorNode:
             self._integrator.close()
 
     # ------------------------------------------------------------- the physical map
-    def _take_map(self, message: Any) -> None:
+    def _on_map(self, message: Any) -> None:
         frame = message.header.frame_id.lstrip("/")
         try:
             if frame and frame != names.MAP_FRAME:
@@ -133,8 +133,8 @@ class MapIntegratorNode:
             if not self._integrator.set_map(grid):
                 self._show_notices()  # the last map may have been refused
                 return
-            size, count = " x ".join(map(str, grid.shape)), len(self._integrator.borders)
-            rospy.loginfo("%s: a map of %s cells, %d border(s)", rospy.get_name(), size, count)
+            size = " x ".join(map(str, grid.shape))
+            rospy.loginfo("%s: a map of %s cells, %d border(s)", rospy.get_name(), size, len(self._integrator.borders))
             self._publish()
 
     # ------------------------------------------------------------- one border
@@ -165,7 +165,7 @@ class MapIntegratorNode:
             result = self._integrator.add(border, now, robots, request.expected_revision, request.request_id)
             return ChangeResult(result.ids, result.issues + self._warn_if_soft_cost_is_ignored(border))
 
-        return self._change(add, srv.AddBorderResponse())
+        return self._carry_out(add, srv.AddBorderResponse())
 
     def _update(self, request: srv.UpdateBorderRequest) -> srv.UpdateBorderResponse:
         def update() -> ChangeResult:
@@ -174,7 +174,7 @@ class MapIntegratorNode:
             result = self._integrator.update(border, now, robots, request.expected_revision)
             return ChangeResult(result.ids, result.issues + self._warn_if_soft_cost_is_ignored(border))
 
-        return self._change(update, srv.UpdateBorderResponse())
+        return self._carry_out(update, srv.UpdateBorderResponse())
 
     def _read_border(self, request: Any) -> VirtualBorder:
         """Reads the border of a request to preview, add or update one; raises IntegrationError if it is invalid."""
@@ -198,7 +198,7 @@ class MapIntegratorNode:
 
     def _warn_if_soft_cost_is_ignored(self, border: VirtualBorder) -> Tuple[Notice, ...]:
         """Warns if a running move_base treats every soft value as free (its default, trinary_costmap)."""
-        if border.value in (0, 100):
+        if border.cell_value in (0, 100):
             return ()
         bases = [f"/{name}/move_base" for name in self._robot_maps] or ["/move_base"]
         costmaps = [f"{base}/{which}_costmap" for base in bases for which in ("global", "local")]
@@ -208,34 +208,34 @@ class MapIntegratorNode:
     # ------------------------------------------------------------- other changes
     def _remove(self, request: srv.RemoveBorderRequest) -> srv.RemoveBorderResponse:
         remove = partial(self._integrator.remove, request.id, request.expected_revision)
-        return self._change(remove, srv.RemoveBorderResponse())
+        return self._carry_out(remove, srv.RemoveBorderResponse())
 
     def _set_enabled(self, request: srv.SetBorderEnabledRequest) -> srv.SetBorderEnabledResponse:
-        change = request.id, request.enabled, rospy.get_time(), request.expected_revision
-        return self._change(partial(self._integrator.set_enabled, *change), srv.SetBorderEnabledResponse())
+        arguments = request.id, request.enabled, rospy.get_time(), request.expected_revision
+        return self._carry_out(partial(self._integrator.set_enabled, *arguments), srv.SetBorderEnabledResponse())
 
     def _rename(self, request: srv.RenameBorderRequest) -> srv.RenameBorderResponse:
-        change = request.id, request.name, rospy.get_time(), request.expected_revision
-        return self._change(partial(self._integrator.rename, *change), srv.RenameBorderResponse())
+        arguments = request.id, request.name, rospy.get_time(), request.expected_revision
+        return self._carry_out(partial(self._integrator.rename, *arguments), srv.RenameBorderResponse())
 
     def _confirm(self, request: srv.ConfirmMapRequest) -> srv.ConfirmMapResponse:
-        same = request.answer == srv.ConfirmMapRequest.SAME_PLACE
-        confirm = partial(self._integrator.confirm, same, request.name, request.map_id)
-        return self._change(confirm, srv.ConfirmMapResponse())
+        is_same_place = request.answer == srv.ConfirmMapRequest.SAME_PLACE
+        confirm = partial(self._integrator.confirm, is_same_place, request.name, request.map_id)
+        return self._carry_out(confirm, srv.ConfirmMapResponse())
 
     def _undo_or_redo(self, request: srv.UndoRedoRequest) -> srv.UndoRedoResponse:
         step = self._integrator.redo if request.redo else self._integrator.undo
-        return self._change(partial(step, request.request_id), srv.UndoRedoResponse())
+        return self._carry_out(partial(step, request.request_id), srv.UndoRedoResponse())
 
     def _trigger(self, redo: bool) -> TriggerResponse:
         answer = self._undo_or_redo(srv.UndoRedoRequest(redo=redo))
         return TriggerResponse(answer.success, answer.message or answer.code)
 
-    def _change(self, change: Callable[[], ChangeResult], response: Any) -> Any:
-        """Makes a change, publishes the map with it, and fills in the response; if it is refused, only the response."""
+    def _carry_out(self, command: Callable[[], ChangeResult], response: Any) -> Any:
+        """Carries out a command, publishes the map, and fills in the response; if it is refused, only the response."""
         try:
             with self._lock:
-                result = change()
+                result = command()
                 self._publish()
                 revision = self._integrator.revision
         except CodedError as error:
@@ -243,7 +243,8 @@ class MapIntegratorNode:
         for issue in result.issues:
             rospy.logwarn("%s: %s [%s]", rospy.get_name(), issue.message, issue.code)
         rospy.loginfo("%s: changed: %s", rospy.get_name(), ", ".join(result.ids) or "the map's place")
-        issues, changed_id = messages_from_issues(result.issues), next(iter(result.ids), "")
+        issues = messages_from_issues(result.issues)
+        changed_id = next(iter(result.ids), "")
         return _set_fields(response, success=True, code="ok", id=changed_id, issues=issues, revision=revision)
 
     def _refuse(self, response: Any, error: CodedError) -> Any:
@@ -265,7 +266,7 @@ class MapIntegratorNode:
         stamp = self._last_stamp = next_stamp(rospy.Time.now(), self._last_stamp)
         self._show_notices()
         self._borders_out.publish(self._borders_message(stamp))
-        in_force = self._integrator.in_force
+        in_force = self._integrator.borders_in_force
         grids = [(self._map_out, in_force.map_with_borders)]
         grids += [(out, self._integrator.map_with_borders_for(name)) for name, out in self._robot_maps.items()]
         self._had_speeds |= bool(in_force.slow_zones)
@@ -288,7 +289,7 @@ class MapIntegratorNode:
             worst = max(about_all, key=lambda notice: (notice.code in asks, notice.severity))
             array.code, array.message = worst.code, worst.sentence()
             array.values = messages.values_from_mapping(worst.values)
-        in_force = self._integrator.in_force
+        in_force = self._integrator.borders_in_force
         for key, status in in_force.statuses.items():
             values = status.area_m2, status.is_in_force, status.reason, in_force.outlines(key)
             array.borders.append(message_from_border(status.map_border, *values))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, Type
+from typing import Any, Dict, Tuple, Type
 
 from vb_core import names
 from vb_core.errors import CodedError
@@ -35,7 +35,6 @@ class BorderServices:
         """Fetches the border as drawn, ready to be added."""
         drawn = self._call(names.GET_DRAWN_BORDER, GetDrawnBorder, "$border_fusion", interaction_id=interaction_id)
         border = _checked(drawn).border
-        border.id = ""
         border.occupancy = self._occupancy
         border.enabled = True
         return border
@@ -53,9 +52,11 @@ class BorderServices:
         """Fetches all borders, by their ids."""
         return {border.id: border for border in self._call(names.LIST_BORDERS, ListBorders).borders.borders}
 
-    def preview(self, border: VirtualBorder) -> PreviewBorderArrayResponse:
-        """Asks what adding the border would do. A refusal is in the response, and is not raised."""
-        return self._call(names.PREVIEW_BORDER, PreviewBorderArray, border=border, frame_id=names.MAP_FRAME)
+    def preview(self, interaction_id: str) -> Tuple[VirtualBorder, PreviewBorderArrayResponse]:
+        """Fetches the border as drawn, and asks what adding it would do. A refusal to add it is in the response."""
+        border = self.fetch_drawn_border(interaction_id)
+        answer = self._call(names.PREVIEW_BORDER, PreviewBorderArray, border=border, frame_id=names.MAP_FRAME)
+        return border, answer
 
     @staticmethod
     def _call(name: str, service: Type, answering_node: str = "$map_integrator", **fields: Any) -> Any:

@@ -21,7 +21,9 @@ class ButtonMap:
     """
 
     def __init__(self, mapping: Mapping[str, object], by_state: Mapping[str, Mapping[str, object]]) -> None:
-        common = _read("mapping", mapping or {command: index for index, command in enumerate(COMMANDS)})
+        if not mapping:
+            mapping = {command: index for index, command in enumerate(COMMANDS)}
+        common = _read("mapping", mapping)
         self._commands: Dict[str, Dict[int, str]] = {state: dict(common) for state in STATES}
         for state, mapping_in_state in by_state.items():
             if state not in STATES:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import collections
 import threading
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeout
 from dataclasses import dataclass, field
-from typing import Callable, Mapping
+from typing import Callable, Dict, Mapping
 
 from vb_core import sentences
 from vb_core.errors import CodedError
@@ -49,7 +48,7 @@ class AnswerCache:
     def __init__(self, timeout: float) -> None:
         self._timeout = timeout
         self._lock = threading.Lock()
-        self._answers: "collections.OrderedDict[str, Future]" = collections.OrderedDict()
+        self._answers: Dict[str, Future] = {}  # the oldest first
 
     def answer_once(self, identity: str, carry_out: Callable[[], Answer]) -> Answer:
         """Carries out a command unless one with this id was, and returns its answer. Without an id ("") it always does."""
@@ -58,8 +57,8 @@ class AnswerCache:
         with self._lock:
             is_first = identity not in self._answers
             future = self._answers.setdefault(identity, Future())
-            while len(self._answers) > _MAX_ANSWERS:
-                self._answers.popitem(last=False)
+            if len(self._answers) > _MAX_ANSWERS:
+                self._answers.pop(next(iter(self._answers)))
         if is_first:
             try:
                 future.set_result(carry_out())

@@ -31,7 +31,7 @@ from vb_core.parameters import Parameters, param
 from vb_core.sentences import words_of_name
 from vb_core.stop_latch import StopLatch, new_id
 from vb_core.vocabulary import ALWAYS, NEVER, WHILE_DRAWN, WHILE_POINTING, WHILE_STOPPED
-from vb_core.vocabulary import COMMANDS, QUESTIONS, STATES, State
+from vb_core.vocabulary import COMMANDS, STATES, State
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, PAUSED, SEED
 from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, RESUME, SAVE, STOP
 from vb_core.vocabulary import REDO, UNDO
@@ -41,11 +41,6 @@ MISSING_SPOT_DELAY = 10.0  # [s] in Border or Seed after which a missing spot is
 _WARNED_BEFORE = 60.0  # [s] how long before an idle interaction ends people are warned, at most half of the timeout
 LASER_ON_TIMEOUT = 1.0  # [s] how long after its last spot a laser counts as on
 CONFIRM_TIMEOUT = 30.0  # [s] for the answer to a question: enough to look at the preview, too short to forget it
-
-SAVED = "saved"
-CANCELLED = "cancelled"
-ABANDONED = "abandoned"
-UNANSWERED = "unanswered"
 
 
 @dataclass(frozen=True)
@@ -116,10 +111,9 @@ class Interaction:
         self._sources: List[str] = []
         self._visited: List[State] = []  # states entered in this interaction, in the order of their last entry
         self._spots = {BORDER: 0, SEED: 0, GUIDE: 0}
-        self._laser_seen_at = -math.inf
         self._pending_source = ""
-        self._save_sent = False  # whether the pending border is on its way to the map
         self.latch = latch or StopLatch()
+        self.laser_seen_at = -math.inf  # [s] when a camera last saw a spot, in any state: somebody is pointing
         self.undo_redo: List[str] = []  # "undo" and "redo", each if there is a change to undo or redo
         self._record: Optional[InteractionRecord] = None
 
@@ -132,7 +126,6 @@ class Interaction:
         uncertain: bool = False,
         doubtful_border: bool = False,
         confirms: bool = False,
-        identity: str = "",
         seen_stop: str = "",
     ) -> Answer:
         """Carries out a command and returns the answer. Every command is answered, and nothing is raised.
@@ -144,73 +137,76 @@ class Interaction:
             uncertain: whether the command may have been misheard.
             doubtful_border: whether the preview of what would be saved has issues.
             confirms: whether the person confirmed this command, by one of ANSWERS.
-            identity: id of a stop, or "" for a new one.
             seen_stop: number of the newest stop that the sender knew of. A command that is older than a stop is void.
         """
-        self.advance(now)
         if name == STOP:
-            return self._stop(identity or new_id(), source)
-        void = bool(seen_stop) and seen_stop != self.latch.number
-        if self.pending and (void or name != RESUME):
-            # this is not kept as the last answer, which will be the pending command's
-            return self._stopped_since(name) if void else Answer(False, "busy")
-        answer = self._stopped_since(name) if void else self._refuse_unknown(name)
+            return self.stop(new_id(), source, now)
+        self.advance(now)
+        if seen_stop and seen_stop != self.latch.number:
+            answer = self._stopped_since(name)
+            # neither this nor "busy" is kept while a command is pending, whose answer will be the last one
+            return answer if self.pending else self._record_answer(name, source, answer)
+        if self.pending and name != RESUME:
+            return Answer(False, "busy")
+        answer = self._refuse_unknown(name)
         if answer is None:
             self._active_at = now
             if self.state != DEFAULT:
                 self._add_source(source)
+            asked = self.question
+            self.question = Question()
             # before any question: nobody should have to confirm a command that is refused anyway
             answer = self._refuse_now(name, seen_stop)
-            answer = answer or self._ask_if_meant(name, source, uncertain, doubtful_border, confirms)
-            if answer is None or answer.code not in QUESTIONS:
-                self.question = Question()
-        return self._record_answer(name, source, answer or self._apply(name, source, seen_stop))
+            answer = answer or self._ask_if_meant(name, source, uncertain, doubtful_border, confirms, asked)
+            answer = answer or self._apply(name, source, seen_stop)
+        return self._record_answer(name, source, answer)
 
-    def mark_save_sent(self) -> None:
-        """Records that the pending border is on its way to the map, so that it may arrive even without an answer."""
-        self._save_sent = True
-
-    def finish_pending(self, answer: Answer, now: float, border_id: str = "") -> Answer:
+    def finish_pending(self, answer: Answer, now: float, border_id: str = "", is_sent: bool = False) -> Answer:
         """Completes a pending command with the answer of the nodes that carried it out.
 
         A successful save, with the new border's id, ends the interaction and stops its timer. A failed one loses
-        nothing and leaves the state unchanged. One without an answer may have succeeded: see `unanswered_save`.
+        nothing and leaves the state unchanged. One that was sent but not answered may have succeeded: see
+        `unanswered_save`.
         """
         self.advance(now)
         command = self.pending
         self.pending = ""
         if command == SAVE and answer.success:
-            self._end(SAVED, border_id)
+            self._end("saved", border_id)
         elif command == SAVE:
             # an absent service may still have received an earlier save; only its own answer ends that doubt
-            if self._save_sent and answer.code != "no_service":
+            if is_sent and answer.code != "no_service":
                 self.unanswered_save = answer.code in ("no_response", "internal_error")
             if self.unanswered_save and answer.code in ("no_response", "no_service"):
                 answer = Answer(False, "save_unanswered", answer.values)
         return self._record_answer(command, self._pending_source, answer)
 
-    def _stop(self, identity: str, source: str) -> Answer:
+    def stop(self, identity: str, source: str, now: float) -> Answer:
+        """Stops all robots, by a stop of this id, and returns the answer."""
+        self.advance(now)
         self.question = Question()
         self._active_at = self._now
         was_stopped = self.latch.stopped
         is_new = self.latch.stop(identity, source)
+        code = "stopped" if self.latch.stopped else "stop_released"
         # a press that arrives both on the topic and as a command is one stop, and is reported once
-        answer = Answer(True, "stopped" if self.latch.stopped else "stop_released")
-        return self._record_answer(STOP, source, answer) if is_new and not was_stopped else answer
+        if is_new and not was_stopped:
+            return self._record_answer(STOP, source, Answer(True, code))
+        return Answer(True, code)
 
     @staticmethod
     def _stopped_since(name: str) -> Answer:
         return Answer(False, "stopped_since", {"command": words_of_name(name)})
 
     def _ask_if_meant(
-        self, name: str, source: str, uncertain: bool, doubtful_border: bool, confirms: bool
+        self, name: str, source: str, uncertain: bool, doubtful_border: bool, confirms: bool, asked: Question
     ) -> Optional[Answer]:
         """Asks whether a command is meant. Returns the question, or None if the command is confirmed or not in doubt."""
-        if self.question[:2] == (name, source) and (confirms or not uncertain):
+        if asked[:2] == (name, source) and (confirms or not uncertain):
             return None
         if confirms:
             return Answer(False, "nothing_asked", {"command": words_of_name(name)})
-        is_pointing = abs(self._now - self._laser_seen_at) <= LASER_ON_TIMEOUT
+        is_pointing = abs(self._now - self.laser_seen_at) <= LASER_ON_TIMEOUT
         has_consequences = {
             ALWAYS: True,
             NEVER: False,
@@ -222,27 +218,29 @@ class Interaction:
         if not may_be_misheard and not (name == SAVE and doubtful_border):
             return None
         self.question = Question(name, source, self._now)
-        phrase = words_of_name("yes_" + name if uncertain else name)
         code = "confirm_save" if name == SAVE else "confirm_command"
-        return Answer(False, code, {"command": words_of_name(name), "answer": phrase})
+        confirming = "yes_" + name if uncertain else name
+        return Answer(False, code, {"command": words_of_name(name), "answer": words_of_name(confirming)})
 
     def _apply(self, name: str, source: str, seen_stop: str) -> Answer:
         if COMMANDS[name].is_delegated:
             self.pending = name
             self._pending_source = source
-            self._save_sent = False
             return Answer(True, "saving" if name == SAVE else "changing")
         if name == CANCEL:
             return self._cancel()
         if name == RESUME:
             code = "resumed" if self.latch.stopped else "not_stopped"
-            # a stop may have arrived while this was decided
-            return Answer(True, code) if self.latch.resume(seen_stop) else self._stopped_since(RESUME)
+            if not self.latch.resume(seen_stop):
+                return self._stopped_since(RESUME)  # a stop has arrived while this was decided
+            return Answer(True, code)
         return self._enter(name, source)
 
     def _target(self, name: str) -> State:
         """Returns the state after a command. `continue` goes back to where the person was."""
-        return self._visited[-1] if name == CONTINUE else STATES.get(COMMANDS[name].enters, self.state)
+        if name == CONTINUE:
+            return self._visited[-1]
+        return STATES.get(COMMANDS[name].enters, self.state)
 
     def _enter(self, name: str, source: str) -> Answer:
         target = self._target(name)
@@ -256,22 +254,25 @@ class Interaction:
         if target.robots_act:
             self._visited = [state for state in self._visited if state != target] + [target]
         if target.guides:
-            return Answer(True, f"{target.prompt}_stopped" if self.latch.stopped else target.prompt)
-        return Answer(True, f"{target.prompt}_again" if is_known else target.prompt)
+            ending = "_stopped" if self.latch.stopped else ""
+        else:
+            ending = "_again" if is_known else ""
+        return Answer(True, target.prompt + ending)
 
     def _cancel(self) -> Answer:
         if self.state == DEFAULT:
             return Answer(True, "nothing_to_cancel")
-        # a border that was sent may be in the map: only the map integrator knows
-        unanswered = self.unanswered_save
-        self._end(UNANSWERED if unanswered else CANCELLED, "")
-        return Answer(True, "cancelled_unanswered" if unanswered else "cancelled")
+        code = "cancelled_unanswered" if self.unanswered_save else "cancelled"
+        self._end("cancelled")
+        return Answer(True, code)
 
     def _refuse_unknown(self, name: str) -> Optional[Answer]:
         """Returns the answer to a command that does not exist here, or None."""
         if name not in COMMANDS:
             return Answer(False, "unknown_command", {"commands": ", ".join(map(words_of_name, COMMANDS))})
-        return Answer(False, "no_robot_to_guide") if name == GUIDE_ROBOT and not self._params.robot else None
+        if name == GUIDE_ROBOT and not self._params.robot:
+            return Answer(False, "no_robot_to_guide")
+        return None
 
     def _refuse_now(self, name: str, seen_stop: str) -> Optional[Answer]:
         """Returns the answer that refuses a command now, or None."""
@@ -289,10 +290,12 @@ class Interaction:
         if self.state == DEFAULT:
             return Answer(False, "nothing_to_save")
         missing = self.missing()
+        if not missing:
+            return None
         if len(missing) == 1 and not any(self._spots.values()):
             # the person may have drawn nonetheless, unseen by any camera
             return Answer(False, "missing_spots")
-        return Answer(False, "missing_" + "_and_".join(missing)) if missing else None
+        return Answer(False, "missing_" + "_and_".join(missing))
 
     # ------------------------------------------------------------------ the clock and what is seen
     def durations(self, now: float) -> Dict[State, float]:
@@ -312,10 +315,6 @@ class Interaction:
         self._active_at = min(self._active_at, now)
         if not 0.0 <= now - self.question.asked_at <= CONFIRM_TIMEOUT:
             self.question = Question()
-
-    def record_laser(self, now: float) -> None:
-        """Records that a camera saw a spot at a time [s], in any state: somebody is pointing with the laser."""
-        self._laser_seen_at = now
 
     def set_spot_counts(self, border: int, seed: int, others: int, now: float) -> None:
         """Stores how many spots this interaction has had so far: for the border, for the seed, and for neither."""
@@ -344,7 +343,7 @@ class Interaction:
         self.advance(now)
         if not self.ends_at or now < self.ends_at:
             return False
-        self._end(UNANSWERED if self.unanswered_save else ABANDONED, "")
+        self._end("abandoned")
         minutes = f"{self._params.idle_timeout / 60.0:g}"
         self._record_answer(CANCEL, "timeout", Answer(False, "abandoned", {"minutes": minutes}))
         return True
@@ -370,9 +369,8 @@ class Interaction:
             steps = [DEFINE_BORDER, *guide, *self.undo_redo[:1]]
             steps = last + steps if self.latch.stopped else steps + last
             return [*steps, *self.undo_redo[1:]]
-        missing = self.missing()
         steps = [CONTINUE] if self.state == PAUSED else []
-        if not missing:
+        if not self.missing():
             steps.append(SAVE)
         # missing parts come before parts that could be drawn again
         parts = [step for step in (DEFINE_BORDER, DEFINE_SEED) if COMMANDS[step].enters != self.state.name]
@@ -391,8 +389,10 @@ class Interaction:
         self._sources = []
         self._spots = {state: 0 for state in self._spots}
 
-    def _end(self, outcome: str, border_id: str) -> None:
+    def _end(self, outcome: str, border_id: str = "") -> None:
         """Ends the interaction, and keeps its record for `take_record`."""
+        if self.unanswered_save and outcome != "saved":
+            outcome = "unanswered"  # the border may be in the map: only the map integrator knows
         durations = self._durations
         self._record = InteractionRecord(
             interaction_id=self.interaction_id,
@@ -414,7 +414,8 @@ class Interaction:
         self.started_at = 0.0
         self.state_entered_at = self._now
         self._visited = []
-        self.last_outcome, self.last_border_id = outcome, border_id
+        self.last_outcome = outcome
+        self.last_border_id = border_id
 
     def _add_source(self, source: str) -> None:
         if source and source not in self._sources:

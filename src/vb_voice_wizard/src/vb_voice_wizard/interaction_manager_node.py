@@ -25,10 +25,10 @@ from vb_msgs.msg import BorderProgress, DriverState, InteractionState, LaserSpot
 from vb_msgs.msg import VirtualBorderArray
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
-from vb_voice_wizard.command_answers import Answer, AnswerCache
-from vb_voice_wizard.preview.border_preview import PreviewPublisher
+from vb_voice_wizard.border_preview import PreviewPublisher
 from vb_voice_wizard.border_services import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, BorderServices
-from vb_voice_wizard.interaction import Interaction, InteractionParams
+from vb_voice_wizard.command_answers import Answer, AnswerCache
+from vb_voice_wizard.interaction import Interaction, InteractionParams, InteractionRecord
 
 _PUBLISH_PERIOD = 0.1  # [s] of wall time: robots stop half a second after the last state (vb_msgs/InteractionState)
 _STORE_PERIOD = 2.0  # [s] between attempts to store the stop: a full disk may have room again
@@ -134,7 +134,7 @@ class InteractionManagerNode:
 
     def _on_spot(self, message: LaserSpot) -> None:
         # a single assignment needs no lock, so that spots do not wait while a state is published
-        self._interaction.record_laser(message.header.stamp.to_sec())
+        self._interaction.laser_seen_at = message.header.stamp.to_sec()
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         with self._lock:
@@ -154,10 +154,8 @@ class InteractionManagerNode:
 
     def _publish_again(self) -> None:
         with self._lock:
-            if self._interaction.end_if_idle(rospy.get_time()):
-                self._publish_and_record()
-            else:
-                self._publish()
+            self._interaction.end_if_idle(rospy.get_time())
+            self._publish()
 
     # ------------------------------------------------------------------ commands
     def _on_command(self, request: CommandRequest) -> CommandResponse:
@@ -176,7 +174,7 @@ class InteractionManagerNode:
         # robots do not wait for locks, files or answers
         self._stop_publisher.publish(Stop(id=identity, source=source))
         with self._lock:
-            answer = self._interaction.command(STOP, source, rospy.get_time(), identity=identity)
+            answer = self._interaction.stop(identity, source, rospy.get_time())
             self._publish()
         # robots have stopped; the answer waits for the disk, so that no restart undoes what was answered
         return answer if self._latch.store() else Answer(True, "stop_not_stored")
@@ -193,22 +191,25 @@ class InteractionManagerNode:
                 is_doubtful = self._preview_publisher.is_doubtful(interaction.interaction_id)
                 doubts = {"uncertain": request.uncertain, "doubtful_border": is_doubtful, "confirms": phrase in ANSWERS}
                 answer = interaction.command(command, request.source, now, seen_stop=request.seen_stop, **doubts)
-            pending = interaction.pending if answer.success and COMMANDS[command].is_delegated else ""
+            is_delegated = answer.success and COMMANDS[command].is_delegated
             interaction_id = interaction.interaction_id
-            if pending == SAVE:
-                self._preview_publisher.on_interaction(interaction_id, saving=True)
-            else:
-                self._publish_and_record()
+            if not is_delegated or command != SAVE:  # a save usually has its final answer before the next state is due
+                self._publish()
         if command == RESUME:
             self._latch.store()
-        return self._complete(pending, interaction_id, request) if pending else answer
+        if is_delegated:
+            return self._complete(command, interaction_id, request)
+        return answer
 
     def _complete(self, pending: str, interaction_id: str, request: CommandRequest) -> Answer:
         """Has other nodes carry out a pending command, without the lock, and completes it with their answer."""
         border_id = ""
+        is_sent = False
         try:
             if pending == SAVE:
-                border_id = self._save(interaction_id, request.source)
+                border = self._preview_publisher.fetch_border_to_save(interaction_id)
+                is_sent = True
+                border_id = self._services.add(border, request.source, interaction_id)
                 answer = Answer(True, "saved")
             else:
                 answer = self._undo_or_redo(pending, request.id)
@@ -221,16 +222,9 @@ class InteractionManagerNode:
             rospy.logerr("interaction_manager: %s failed:\n%s", pending, traceback.format_exc())
             answer = Answer.from_error(CodedError("internal_error"))
         with self._lock:
-            answer = self._interaction.finish_pending(answer, rospy.get_time(), border_id)
-            self._publish_and_record()
+            answer = self._interaction.finish_pending(answer, rospy.get_time(), border_id, is_sent)
+            self._publish()
         return answer
-
-    def _save(self, interaction_id: str, source: str) -> str:
-        """Adds the drawn border to the map, and returns its id."""
-        border = self._preview_publisher.border_to_save(interaction_id)
-        with self._lock:
-            self._interaction.mark_save_sent()
-        return self._services.add(border, source, interaction_id)
 
     def _undo_or_redo(self, command: str, request_id: str) -> Answer:
         """Has the newest change of the borders undone or redone. The answer says how they have changed."""
@@ -242,20 +236,17 @@ class InteractionManagerNode:
             return Answer(True, "borders_changed")
 
     # ------------------------------------------------------------------ outputs; the lock is held
-    def _publish_and_record(self) -> None:
-        """Publishes the state, and appends the record of an interaction that has just ended."""
-        self._publish()
-        record = self._interaction.take_record()
-        if record is not None:
-            cameras = self._contributing_cameras.get(record.interaction_id, [])
-            rospy.loginfo("interaction %s %s after %.1f s", record.interaction_id, record.outcome, record.total_s)
-            try:
-                append_line(self._log_file, record.to_json(self._params.method, cameras), private=True)
-            except OSError as error:
-                rospy.logwarn("interaction_manager: cannot write %s: %s", self._log_file, error)
+    def _record(self, ended: InteractionRecord) -> None:
+        """Appends an interaction that has ended to the log."""
+        cameras = self._contributing_cameras.get(ended.interaction_id, [])
+        rospy.loginfo("interaction %s %s after %.1f s", ended.interaction_id, ended.outcome, ended.total_s)
+        try:
+            append_line(self._log_file, ended.to_json(self._params.method, cameras), private=True)
+        except OSError as error:
+            rospy.logwarn("interaction_manager: cannot write %s: %s", self._log_file, error)
 
     def _publish(self) -> None:
-        """Publishes the state and the notices, and tells the preview of the current interaction."""
+        """Publishes state and notices, tells the preview of the current interaction, and records one that has just ended."""
         interaction = self._interaction
         now = rospy.get_time()
         durations = interaction.durations(now)
@@ -277,7 +268,7 @@ class InteractionManagerNode:
         message.last_source = interaction.last_source
         message.last_success = interaction.last_answer.success
         message.last_code = interaction.last_answer.code
-        message.last_message = interaction.last_answer.message if interaction.last_answer.code else ""
+        message.last_message = interaction.last_answer.message
         message.last_values = values_from_mapping(interaction.last_answer.values)
         message.last_answered = rospy.Time.from_sec(interaction.last_answered)
         message.last_outcome = interaction.last_outcome
@@ -285,6 +276,9 @@ class InteractionManagerNode:
         self._state_publisher.publish(message)
         self._preview_publisher.on_interaction(interaction.interaction_id, interaction.pending == SAVE)
         self._notices.set(self._list_notices())
+        ended = interaction.take_record()
+        if ended is not None:
+            self._record(ended)
 
     def _list_notices(self) -> List[Notice]:
         notices = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Optional, Tuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from vb_msgs.msg import Audio, SpeechCommand, Sound
 from vb_msgs.srv import CommandRequest, CommandResponse
 
 from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE, Microphone, arecord_command, has_sound
-from vb_voice_wizard.voice.recognizer import CommandListener, CommandRecognizer, RecognizedUtterance
+from vb_voice_wizard.voice.recognizer import CommandListener, CommandRecognizer, RecognitionResult
 
 AUDIO = "/virtual_borders/voice/audio"
 
@@ -138,19 +138,18 @@ class VoiceCommandsNode:
         for heard in self._listener.push(*piece):
             self._handle(heard)
 
-    def _handle(self, heard: RecognizedUtterance) -> None:
-        result = heard.result
+    def _handle(self, heard: RecognitionResult) -> None:
         self._late = time.monotonic() - heard.end > _LATE
-        if not result.command:
-            if result.reason == "unlike_a_command" and result.confidence >= _NEAR_MISS:
+        if not heard.command:
+            if heard.reason == "unlike_a_command" and heard.confidence >= _NEAR_MISS:
                 self._beep("error")
             self._publish(heard)
             return
         self._beep("recognized")
-        uncertain = self._late or not result.certain
+        uncertain = self._late or not heard.certain
         seen_stop = self._command_sender.stop_number(heard.start)
-        if not self._command_sender.submit(result.command, heard, uncertain=uncertain, seen_stop=seen_stop):
-            self._publish(replace(heard, result=result.refused("busy")))
+        if not self._command_sender.submit(heard.command, heard, uncertain=uncertain, seen_stop=seen_stop):
+            self._publish(heard.refused("busy"))
 
     def _on_answer(
         self, request: CommandRequest, context: Any, answer: Optional[CommandResponse], error: Optional[CodedError]
@@ -161,22 +160,21 @@ class VoiceCommandsNode:
             self._beep("error")
         self._publish(context, answer)
 
-    def _publish(self, heard: RecognizedUtterance, answer: Optional[CommandResponse] = None) -> None:
+    def _publish(self, heard: RecognitionResult, answer: Optional[CommandResponse] = None) -> None:
         """Publishes and logs what was heard, with the answer if it was a command that was sent."""
-        result = heard.result
         answer = answer or CommandResponse()
         message = SpeechCommand(
-            command=result.best,
-            accepted=bool(result.command),
-            confidence=result.confidence,
-            reason=result.reason,
+            command=heard.best,
+            accepted=bool(heard.command),
+            confidence=heard.confidence,
+            reason=heard.reason,
             success=answer.success,
             code=answer.code,
         )
         message.header.stamp = rospy.Time.now()
         delay = time.monotonic() - heard.end
-        details = f"{result.reason}, confidence {result.confidence:.2f}, answered after {delay:.2f} s"
-        rospy.loginfo("heard %s (%s) %s", result.best or "something", details, answer.message)
+        details = f"{heard.reason}, confidence {heard.confidence:.2f}, answered after {delay:.2f} s"
+        rospy.loginfo("heard %s (%s) %s", heard.best or "something", details, answer.message)
         self._heard_publisher.publish(message)
 
 

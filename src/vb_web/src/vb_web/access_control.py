@@ -88,12 +88,7 @@ class Sessions:
     The file has digests of each session's cookie and of the code that opened it: changing a code ends its sessions.
     """
 
-    def __init__(
-        self,
-        codes: Dict[str, str],
-        path: Optional[Path] = None,
-        on_fault: Callable[[CodedError], None] = lambda _error: None,
-    ) -> None:
+    def __init__(self, codes: Dict[str, str], path: Optional[Path] = None, on_fault: Callable = print) -> None:
         self._path, self._on_fault = path, on_fault
         self._roles = {_digest(normalize_code(code)): Role[name.upper()] for name, code in codes.items()}
         self._lock = threading.Lock()
@@ -123,8 +118,10 @@ class Sessions:
         name = _digest(cookie or "")
         code, opened_at = self._open.get(name, ("", 0.0))
         role = self._roles.get(code, Role.NOBODY)
-        fresh = 0.0 <= time.time() - opened_at < COOKIE_DAYS * 86400
-        return (role, name) if role and fresh else (Role.NOBODY, "")
+        is_fresh = 0.0 <= time.time() - opened_at < COOKIE_DAYS * 86400
+        if role == Role.NOBODY or not is_fresh:
+            return Role.NOBODY, ""
+        return role, name
 
     def end(self, name: str) -> None:
         """Ends a session."""

@@ -99,7 +99,9 @@ def _check_point(value: Any, field: str, bounds: Optional[Bounds]) -> Tuple[floa
         raise CodedError("page_no_map")
     if not isinstance(value, list) or len(value) != 2:
         raise _bad_field(field)
-    x, y = (_number(low - MARGIN, high + MARGIN)(number, field, None) for number, low, high in zip(value, *bounds))
+    (low_x, low_y), (high_x, high_y) = bounds
+    x = _number(low_x - MARGIN, high_x + MARGIN)(value[0], field, None)
+    y = _number(low_y - MARGIN, high_y + MARGIN)(value[1], field, None)
     return x, y
 
 

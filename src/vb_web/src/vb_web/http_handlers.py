@@ -19,8 +19,7 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from vb_core.errors import CodedError
 from vb_core.rate_limiter import RateLimiter
-from vb_web import access_control
-from vb_web import action_parser
+from vb_web import access_control, action_parser
 from vb_web.access_control import Role
 from vb_web.page_view import answer_from_error, to_json
 
@@ -28,6 +27,7 @@ _SEND_PERIOD = 0.04  # [s] between two messages to a browser: 25 a second look f
 MAX_BODY = 2048  # [B] the only body is a code
 _MAX_UNANSWERED = 4  # requests of one browser
 _MAX_REFUSED = 20  # messages after which the browser is disconnected
+_PROXY_HEADERS = ("Forwarded", "X-Forwarded-For", "X-Real-Ip", "Via")
 
 
 def routes(page: Any) -> List[Tuple]:
@@ -78,10 +78,11 @@ class _GuardedHandler(web.RequestHandler):
         if self.page.sessions is not None:
             return self.page.sessions.find(self.get_cookie(access_control.COOKIE))
         # a request by another host's name that leads here, or through a proxy here, is not from this computer
-        headers = self.request.headers
-        direct = not any(name in headers for name in ("Forwarded", "X-Forwarded-For", "X-Real-Ip", "Via"))
+        is_direct = not any(name in self.request.headers for name in _PROXY_HEADERS)
         hosts = (access_control.parse_host(self.request.host), self.request.remote_ip or "")
-        return (Role.OPERATOR, "") if direct and all(map(access_control.is_loopback, hosts)) else (Role.NOBODY, "")
+        is_local = is_direct and all(map(access_control.is_loopback, hosts))
+        role = Role.OPERATOR if is_local else Role.NOBODY
+        return role, ""
 
     def write_error(self, status_code: int, **_kwargs: Any) -> None:
         self.set_header("Content-Type", "application/json")
@@ -194,7 +195,7 @@ class _LinkHandler(_GuardedHandler, WebSocketHandler):
         self._unanswered = 0  # requests that are being carried out
         self._message_limiter = RateLimiter(rate=10.0, burst=40.0)
         self.page.browsers.add(self)
-        self._write(self.page.hellos[self.role])
+        self._write_json({"hello": self.page.hello(self.role)})
         asyncio.ensure_future(self._send_view())
 
     def on_close(self) -> None:
@@ -219,11 +220,8 @@ class _LinkHandler(_GuardedHandler, WebSocketHandler):
                     await asyncio.sleep(delay)
 
     def _write_json(self, message: Dict[str, Any]) -> None:
-        self._write(to_json(message))
-
-    def _write(self, text: str) -> None:
         with contextlib.suppress(WebSocketClosedError):
-            self.write_message(text)
+            self.write_message(to_json(message))
 
     def on_message(self, message: Any) -> None:
         """Starts what a message asks for, or answers why not. A browser that is refused too often is disconnected."""

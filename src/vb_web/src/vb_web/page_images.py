@@ -61,12 +61,12 @@ class ImageCache:
 
 def _reduce(data: np.ndarray, side: int) -> Tuple[np.ndarray, int]:
     """Reduces (H, W) to maxima of blocks, the last padded by the edge. Also returns a block's side [cells]."""
-    cells = max(1, -(-max(data.shape) // side))
-    if cells == 1:
-        return data, 1
-    padded = np.pad(data, [(0, -size % cells) for size in data.shape], mode="edge")
-    rows, columns = (size // cells for size in padded.shape)
-    return padded.reshape(rows, cells, columns, cells).max(axis=(1, 3)), cells
+    cells = int(np.ceil(max(data.shape) / side))
+    missing = [(0, -size % cells) for size in data.shape]
+    padded = np.pad(data, missing, mode="edge")
+    rows, columns = padded.shape
+    blocks = padded.reshape(rows // cells, cells, columns // cells, cells)
+    return blocks.max(axis=(1, 3)), cells
 
 
 _PNG = (".png", [cv2.IMWRITE_PNG_COMPRESSION, 3])
@@ -107,12 +107,11 @@ def map_section(grid: GridMap, base: EncodedImage, restricted: Optional[EncodedI
 
 def draw_restricted(prior: GridMap, posterior: GridMap) -> EncodedImage:
     """Draws stripes where the map with borders is more occupied, fainter for lower occupancy."""
-    return draw_region(np.where(posterior.data > prior.data, posterior.data, np.int8(0)), posterior.resolution)
+    region = np.where(posterior.data > prior.data, posterior.data, np.int8(0))
+    return draw_region(region, posterior.resolution, RESTRICTED_COLOR, MAX_SIDE)
 
 
-def draw_region(
-    region: np.ndarray, resolution: float, tint: Tuple[int, int, int] = RESTRICTED_COLOR, side: int = MAX_SIDE
-) -> EncodedImage:
+def draw_region(region: np.ndarray, resolution: float, tint: Tuple[int, int, int], side: int) -> EncodedImage:
     """Draws stripes over a region.
 
     Args:

@@ -106,27 +106,24 @@ def preview_section(message: BorderPreview) -> Dict[str, Any]:
     }
 
 
-def border_section(border: VirtualBorder) -> Dict[str, Any]:
-    """Converts one border."""
+def border_section(border: VirtualBorder, capabilities: Optional[Capabilities] = None) -> Dict[str, Any]:
+    """Converts one border. `capabilities`, if they are known, tell which robots do not keep it: `unkept`."""
+    zone = zone_by_number(border.zone).name
+    unkept = None
+    if capabilities is not None and border.in_force:
+        unkept = describe_ignored_zone(capabilities, zone, border.robots)
     return {
         **copy_fields(border, "id name enabled in_force reason robots"),
         "points": centimeters(border.points),
         "kind": _KIND_NAMES.get(border.kind, "curve"),
         "seed": centimeters([border.seed]),
-        "zone": zone_by_number(border.zone).name,
+        "zone": zone,
         "max_speed": rounded(border.max_speed, 2),
         "area": rounded(border.area_m2, 2),
         "before": centimeters(border.before),
         "after": centimeters(border.after),
+        "unkept": {"code": unkept[0], "values": unkept[1]} if unkept else None,
     }
-
-
-def _with_unkept(section: Dict[str, Any], capabilities: Optional[Capabilities]) -> Dict[str, Any]:
-    """Adds to a border's section, in `unkept`, which robots do not keep it, if that is known."""
-    unkept = None
-    if capabilities is not None and section["in_force"]:
-        unkept = describe_ignored_zone(capabilities, section["zone"], section["robots"])
-    return {**section, "unkept": {"code": unkept[0], "values": unkept[1]} if unkept else None}
 
 
 def borders_section(message: VirtualBorderArray, capabilities: Optional[Capabilities] = None) -> Dict[str, Any]:
@@ -134,7 +131,7 @@ def borders_section(message: VirtualBorderArray, capabilities: Optional[Capabili
     return {
         **copy_fields(message, "revision map_id map_name available_commands"),
         "unconfirmed": message.needs_confirmation,
-        "list": [_with_unkept(border_section(border), capabilities) for border in message.borders],
+        "list": [border_section(border, capabilities) for border in message.borders],
         **coded_sentence(message),
     }
 

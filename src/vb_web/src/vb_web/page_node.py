@@ -20,7 +20,6 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.capabilities import Capabilities
 from vb_core.ros import messages, node, parameters
-from vb_core.ros.messages import NumpyBorderPreview, NumpyOccupancyGrid
 from vb_core.ros.notices import NoticeListener
 from vb_core.ros.robot_status import CapabilitiesListener
 from vb_core.ros.transforms import TransformLookup
@@ -71,10 +70,8 @@ class PageNode:
         /virtual_borders/command (vb_msgs/Command), /virtual_borders/confirm_map (vb_msgs/ConfirmMap)
         /virtual_borders/preview_border (vb_msgs/PreviewBorder), /virtual_borders/add_border (vb_msgs/AddBorder)
         /virtual_borders/update_border (vb_msgs/UpdateBorder), /virtual_borders/remove_border (vb_msgs/RemoveBorder)
-        /virtual_borders/rename_border (vb_msgs/RenameBorder)
-        /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled)
-        /virtual_borders/send_robot (vb_msgs/SendRobot)
-        /virtual_borders/undo_redo (vb_msgs/UndoRedo)
+        /virtual_borders/rename_border (vb_msgs/RenameBorder), /virtual_borders/send_robot (vb_msgs/SendRobot)
+        /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled), /virtual_borders/undo_redo (vb_msgs/UndoRedo)
     Parameters:
         config/page.yaml
     """
@@ -160,12 +157,12 @@ class PageNode:
         self._subscribers = {
             topic: rospy.Subscriber(topic, kind, callback, **options)
             for topic, kind, callback, options in (
-                (names.PHYSICAL_MAP, NumpyOccupancyGrid, self._on_grid, large),
-                (names.MAP_WITH_BORDERS, NumpyOccupancyGrid, self._on_grid, large),
+                (names.PHYSICAL_MAP, messages.NumpyOccupancyGrid, self._on_grid, large),
+                (names.MAP_WITH_BORDERS, messages.NumpyOccupancyGrid, self._on_grid, large),
                 (names.BORDERS, VirtualBorderArray, self._on_borders, {"queue_size": 2, **small}),
                 (names.STATE, InteractionState, self._on_state, {"queue_size": 10, **small}),
                 (names.PROGRESS, BorderProgress, self._on_progress, {"queue_size": 1, **small}),
-                (names.PREVIEW, NumpyBorderPreview, self._on_preview, large),
+                (names.PREVIEW, messages.NumpyBorderPreview, self._on_preview, large),
                 (names.SPOTS, LaserSpot, self._on_spot, {"queue_size": 20, **small}),
                 (names.DETECTORS, DetectorStatus, self._on_detector, {"queue_size": 20}),
                 (names.DRIVERS, DriverState, self._on_driver, {"queue_size": 20}),

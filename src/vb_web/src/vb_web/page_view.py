@@ -54,7 +54,6 @@ class PageView:
         self._lock = threading.Lock()
         self._sections: Dict[str, Tuple[int, str]] = {}  # each section's (revision, JSON)
         self._revision = 0
-        self._last_message: Tuple[int, int, str] = (-1, -1, "")  # and the revisions between which it lies
 
     def put(self, section: str, value: Any) -> None:
         """Replaces a section. Browsers get it if it has changed."""
@@ -69,12 +68,9 @@ class PageView:
     def changes_since(self, revision: int) -> Tuple[int, str]:
         """Returns the current revision, and a message with all sections newer than `revision`, "" if there are none."""
         with self._lock:
-            if revision >= self._revision:
-                return self._revision, ""
-            if self._last_message[:2] != (revision, self._revision):
-                newer = [f'"{name}":{text}' for name, (changed, text) in self._sections.items() if changed > revision]
-                self._last_message = (revision, self._revision, '{"view":{' + ",".join(newer) + "}}")
-            return self._revision, self._last_message[2]
+            newer = [f'"{name}":{text}' for name, (changed, text) in self._sections.items() if changed > revision]
+            message = '{"view":{' + ",".join(newer) + "}}" if newer else ""
+            return self._revision, message
 
 
 def mark_borders(previous_marks: Dict[str, str], ids: List[str]) -> Dict[str, str]:

@@ -13,7 +13,6 @@ import socket
 import ssl
 import threading
 import time
-from collections import OrderedDict
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,12 +27,10 @@ from vb_core import sentences, vocabulary, zones
 from vb_core.errors import CodedError, ParameterError
 from vb_core.rate_limiter import RateLimiter
 from vb_core.parameters import Parameters, param
-from vb_web import access_control
-from vb_web import action_parser
-from vb_web import http_handlers
+from vb_web import access_control, action_parser, http_handlers
 from vb_web.access_control import ConnectionSlots, Role, Sessions
 from vb_web.page_images import ImageCache
-from vb_web.page_view import PageView, answer_from_error, to_json
+from vb_web.page_view import PageView, answer_from_error
 
 STATIC = Path(__file__).resolve().parent / "static"
 _TYPES = {
@@ -113,10 +110,7 @@ class PageServer:
         self.pool = ThreadPoolExecutor(max_workers=16, thread_name_prefix="page")
         self.slow_pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="page_slow")
         self._turns: "WeakValueDictionary[str, asyncio.Lock]" = WeakValueDictionary()  # each person's
-        self._answers: "OrderedDict[Tuple[str, str], asyncio.Future]" = (
-            OrderedDict()
-        )  # answers by (person, request's id)
-        self.hellos = {role: self._hello(role) for role in Role}
+        self._answers: Dict[Tuple[str, str], asyncio.Future] = {}  # by (person, request's id), the oldest first
         self.files = {path.name: (path.read_bytes(), _TYPES[path.suffix]) for path in STATIC.iterdir()}
         for language in sentences.languages():
             words = json.dumps({**sentences.catalog(), **sentences.catalog(language)}, ensure_ascii=False)
@@ -126,16 +120,15 @@ class PageServer:
         self._started: "Future[int]" = Future()  # gets the port
         self._thread = threading.Thread(target=self._run, name="page_server", daemon=True)
 
-    def _hello(self, role: Role) -> str:
-        """Writes the first message to a browser: its role, and the tables of the vocabulary and the zones."""
-        hello = {
+    def hello(self, role: Role) -> Dict[str, Any]:
+        """Returns what a browser is told first: its role, and the tables of the vocabulary and the zones."""
+        return {
             "role": role.name.lower(),
             "languages": sentences.languages(),
             "login": self.sessions is not None,
             **vocabulary.tables(),
             "zones": zones.table(),
         }
-        return to_json({"hello": hello})
 
     def start(self) -> None:
         """Starts the thread and waits until it listens.
@@ -239,8 +232,8 @@ class PageServer:
                 self._answers[key] = self.actions.command(request, source)
             else:
                 self._answers[key] = asyncio.ensure_future(self._carry_out(request, person, source))
-            while len(self._answers) > 300:
-                self._answers.popitem(last=False)
+            if len(self._answers) > 300:
+                del self._answers[next(iter(self._answers))]
         return self._answers[key]
 
     async def _carry_out(self, request: action_parser.ActionRequest, person: str, source: str) -> Dict[str, Any]:

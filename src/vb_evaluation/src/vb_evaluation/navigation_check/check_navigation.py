@@ -163,8 +163,9 @@ class NavigationCheck:
         if not wait_until(condition, self._timeout, 0.02):
             return Check(name, False, f"not within {self._timeout:g} s")
         seconds = time.monotonic() - start
-        excess = f", {limit:g} s are allowed" if seconds > limit else ""
-        return Check(name, seconds <= limit, f"after {seconds:.2f} s{excess}")
+        is_in_time = seconds <= limit
+        excess = "" if is_in_time else f", {limit:g} s are allowed"
+        return Check(name, is_in_time, f"after {seconds:.2f} s{excess}")
 
 
 def find_robot(name: str) -> RobotStatus:

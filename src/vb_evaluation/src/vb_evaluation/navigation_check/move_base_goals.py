@@ -19,6 +19,7 @@ from vb_evaluation.navigation_check.plan_observer import wait_until
 from vb_msgs.msg import LabState
 
 GOAL_RADIUS = 0.5  # [m] above navigation's tolerance and localisation error (0.1 each), below a false report's (metres)
+WALL_TIMEOUT = 600.0  # [s] of wall time, however slow the simulation
 FALSE_REPORTS = 2  # a goal is sent again until navigation has reported falsely this often
 OUTCOMES = {
     GoalStatus.SUCCEEDED: "reached",
@@ -64,11 +65,11 @@ class GoalRunner:
             if not path or math.dist(path[-1], (pose.x, pose.y)) > 1e-3:
                 path.append((pose.x, pose.y))
 
-    def drive(self, goal: Pose, timeout: float, wall_timeout: float = 600.0) -> GoalOutcome:
+    def drive(self, goal: Pose, timeout: float) -> GoalOutcome:
         """Sends the robot to a goal (x, y, yaw) [m, m, rad] and waits for the outcome.
 
         Args:
-            timeout: [s] of simulated time after which the goal is cancelled; wall_timeout: the same in wall time.
+            timeout: [s] of simulated time after which the goal is cancelled.
         """
         if not wait_until(lambda: self._client.wait_for_server(rospy.Duration(0.2)), 30.0):
             return GoalOutcome("no_navigation")
@@ -81,7 +82,7 @@ class GoalRunner:
         false_reports = 0
         while True:
             self._client.send_goal(message)
-            wait_until(lambda: self._client.get_state() in OUTCOMES or rospy.get_time() - start > timeout, wall_timeout)
+            wait_until(lambda: self._client.get_state() in OUTCOMES or rospy.get_time() - start > timeout, WALL_TIMEOUT)
             state = self._client.get_state()
             is_false_report = state == GoalStatus.SUCCEEDED and not wait_until(lambda: self._is_near(goal), 1.0)
             if not is_false_report or false_reports == FALSE_REPORTS:

@@ -1,36 +1,49 @@
 """Writes the report: one page without external resources, and each of its tables as CSV.
 
-Sections come in order of importance: how far the border is from the intended one, then time, then the paper's
-Jaccard index. Every figure comes with its limits. For simulated people, effects have intervals but no p: as
-their number is arbitrary, any effect can be made significant. For real people, the paper's tests are reported too.
+What compares the methods comes first, then what each method reached. Every figure comes with its limits. For simulated
+people, effects have intervals but no p: as their number is arbitrary, any effect can be made significant. For real
+people, the paper's tests are reported too.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Callable, List, Tuple
+from typing import List
 
 import jinja2
-from markupsafe import Markup
+from markdown_it import MarkdownIt
 
 from vb_core.errors import CodedError
-from vb_evaluation.report import cross_checks, outcomes, questionnaire
-from vb_evaluation.report.blocks import Block, Table
-from vb_evaluation.report.study_files import StudyResults, read_study, write_table
+from vb_evaluation.report import cross_checks, map_figures, outcomes, questionnaire
+from vb_evaluation.report.study_files import StudyResults, read_study
+from vb_evaluation.report.table import Table
 
 PAGE, TABLES = "report.html", "tables"
-# (id, title, function that makes the blocks); a section without blocks is left out
-SECTIONS: Tuple[Tuple[str, str, Callable[[StudyResults], List[Block]]], ...] = (
-    ("summary", "Findings", outcomes.summary_section),
-    ("error", "Boundary error", outcomes.error_section),
-    ("time", "Interaction time", outcomes.time_section),
-    ("accuracy", "Jaccard index", outcomes.accuracy_section),
-    ("completeness", "Completeness", outcomes.completeness_section),
-    ("paper", "Beside the paper", cross_checks.paper_comparison_section),
-    ("worlds", "Plausible worlds", cross_checks.plausible_worlds_section),
-    ("experience", "People and their experience", questionnaire.participants_section),
-    ("runs", "The runs", questionnaire.runs_section),
+COMPARISONS = (
+    outcomes.summary_table,
+    outcomes.noninferiority_table,
+    outcomes.summary_without_help_table,
+    outcomes.tests_table,
+    cross_checks.paper_table,
+    cross_checks.worlds_table,
 )
+DESCRIPTIONS = (
+    outcomes.error_table,
+    outcomes.time_table,
+    outcomes.accuracy_table,
+    outcomes.completeness_table,
+    outcomes.not_completed_table,
+    questionnaire.demographics_table,
+    questionnaire.questionnaire_table,
+    questionnaire.warnings_table,
+)
+
+
+def report_tables(study: StudyResults) -> List[Table]:
+    """Makes the report's tables in their order, without those that have no rows."""
+    comparisons = COMPARISONS if len(study.methods) > 1 else ()
+    tables = [make_table(study) for make_table in (*comparisons, *DESCRIPTIONS)]
+    return [table for table in tables if table.rows]
 
 
 def write_report(folder: Path) -> Path:
@@ -43,27 +56,25 @@ def write_report(folder: Path) -> Path:
         CodedError: "bad_study" naming the file, and the line or column; "cannot_write_into".
     """
     study = read_study(folder)
-    template_folder = Path(__file__).parent
-    sections = [(name, title, make(study)) for name, title, make in SECTIONS]
-    sections = [section for section in sections if section[2]]
-    loader = jinja2.FileSystemLoader(str(template_folder))
+    tables = report_tables(study)
+    markdown = MarkdownIt("js-default")
+    # no note of an experimenter becomes a link, or an image from elsewhere
+    markdown.validateLink = lambda url: url.startswith("data:image/png;base64,")
+    loader = jinja2.FileSystemLoader(str(Path(__file__).parent))
     environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
+    environment.filters["markdown"] = markdown.render
     text = environment.get_template("report.html.j2").render(
         title=f"Drawing virtual borders: the study with {'people' if study.has_people else 'simulated people'}",
         notices=notices(study),
-        sections=sections,
-        css=Markup((template_folder / "report.css").read_text(encoding="utf-8")),
+        tables=[*tables, map_figures.maps_table(study)],
     )
     try:
         (study.folder / PAGE).write_text(text, encoding="utf-8")
         (study.folder / TABLES).mkdir(exist_ok=True)
         for old in (study.folder / TABLES).glob("*.csv"):
             old.unlink()
-        for table in (block for _, _, blocks in sections for block in blocks if isinstance(block, Table)):
-            rows = [table.csv_row(row) for row in table.rows]
-            if rows:
-                longest = max((list(row) for row in rows), key=len)
-                write_table(study.folder / TABLES / f"{table.name}.csv", longest, rows)
+        for table in tables:
+            table.write_csv(study.folder / TABLES / f"{table.name}.csv")
     except OSError as error:
         raise CodedError("cannot_write_into", folder=str(study.folder), reason=error.strerror) from None
     return study.folder / PAGE
@@ -82,9 +93,11 @@ def notices(study: StudyResults) -> List[str]:
     facts = [f"{name} {study.meta[name]}" for name in names if study.meta.get(name)]
     if facts:
         sentences.append("Made by: " + "; ".join(facts))
-    count = study.meta.get("deviating")
-    if count:
-        sentences.append(f"{count} runs were not done in the planned condition and are left out; runs.csv has them.")
+    deviating = study.meta["deviating"]
+    if deviating:
+        sentences.append(
+            f"{deviating} runs were not done in the planned condition and are left out; runs.csv has them."
+        )
     if study.missing:
         sentences.append(
             f"Missing runs ({len(study.missing)}): {'; '.join(study.missing[:12])}. Means take the runs that are there, "

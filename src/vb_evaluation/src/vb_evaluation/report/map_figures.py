@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from pathlib import Path
-from typing import List, Mapping, Optional, Sequence, Tuple
+from typing import Dict, Mapping, Optional, Sequence
 
 import cv2
 import numpy as np
@@ -16,6 +16,7 @@ from vb_core.map_files import read_map, write_map
 from vb_evaluation import metrics
 from vb_evaluation.report.paper_results import method_title
 from vb_evaluation.report.study_files import StudyResults, select
+from vb_evaluation.report.table import Table
 
 # RGB, the paper's colours
 TRUTH, AGREEMENT, EXCESS, UNION = (247, 214, 70), (64, 176, 88), (222, 60, 50), (25, 60, 220)
@@ -49,56 +50,64 @@ def draw_map(
     if drawn is None:
         colors[truth] = TRUTH
     else:
-        colors[truth & drawn], colors[drawn & ~truth] = AGREEMENT, EXCESS
+        colors[truth & drawn] = AGREEMENT
+        colors[drawn & ~truth] = EXCESS
     colors[prior.data >= OCCUPIED_THRESHOLD] = OCCUPIED
-    scale = max(1, -(-MIN_WIDTH_PX // prior.shape[1]))
-    size = (prior.shape[1] * scale, prior.shape[0] * scale)
+    height, width = prior.shape
+    scale = max(1, -(-MIN_WIDTH_PX // width))
+    size = (width * scale, height * scale)
     image = cv2.resize(colors, size, interpolation=cv2.INTER_NEAREST)
     if drawn is not None:
         closed = cv2.morphologyEx((truth | drawn).astype(np.uint8), cv2.MORPH_CLOSE, HOLE)
         union = cv2.resize(closed, size, interpolation=cv2.INTER_NEAREST)
         # outside the union: a wrongly restricted part is often one cell wide and must not be hidden
-        image[(cv2.dilate(union, np.ones((5, 5), np.uint8)) > 0) & (union == 0)] = UNION
+        outline = (cv2.dilate(union, np.ones((5, 5), np.uint8)) > 0) & (union == 0)
+        image[outline] = UNION
     if start is not None:
-        tip = (start[0] + 0.55 * np.cos(start[2]), start[1] + 0.55 * np.sin(start[2]))
-        ends = np.round((prior.world_to_grid(np.array([start[:2], tip])) + 0.5) * scale).astype(int)
+        x, y, theta = start
+        arrow = np.array([(x, y), (x + 0.55 * np.cos(theta), y + 0.55 * np.sin(theta))])
+        ends = np.round((prior.world_to_grid(arrow) + 0.5) * scale).astype(int)
         cv2.arrowedLine(image, *ends.tolist(), EXCESS, 2 * scale, cv2.LINE_AA, tipLength=0.4)
-    return cv2.imencode(".png", image[::-1, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()
+    bgr_from_top = image[::-1, :, ::-1]
+    return cv2.imencode(".png", bgr_from_top, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()
 
 
-def representatives(study: StudyResults) -> Tuple[List[Tuple[str, str]], List[str]]:
-    """Draws representative maps: per scenario the ground truth and, by method, the completed run nearest to the median.
-
-    An image is a data URI and its caption. Notes say why a map is missing.
-    """
-    images: List[Tuple[str, str]] = []
-    notes: List[str] = []
+def maps_table(study: StudyResults) -> Table:
+    """Draws representative maps: per scenario the ground truth and, by method, the completed run nearest to the median."""
+    text = (
+        "Representative maps: the ground truth (yellow), and by method the run nearest to the median: agreement "
+        "(green), restricted beyond the ground truth (red), union (blue outline)."
+    )
     try:
         prior = read_map(study.folder / "maps" / "physical.yaml")
+        rows = [_representatives(study, scenario, prior) for scenario in study.scenarios]
     except CodedError as error:
-        return [], [f"There are no maps: {error.message}"]
-    for scenario in study.scenarios:
-        title = study.scenario_title(scenario)
-        try:
-            truth = metrics.restricted_cells(prior, read_map(study.folder / "maps" / f"truth_{scenario}.yaml"))
-            truth_image = draw_map(prior, truth, start=study.meta.get("robot_start"))
-            images.append((_uri(truth_image), f"{title}: ground truth"))
-            for method in study.methods:
-                row = nearest_to_median(study, scenario, method)
-                if row is None:
-                    notes.append(f"{scenario}, {method}: no completed run has a map.")
-                    continue
-                drawn = metrics.restricted_cells(prior, read_map(study.folder / row["map"]))
-                score = metrics.jaccard(truth, drawn)
-                caption = f"{title}: {method_title(method).lower()}, Jaccard {score:.3f}, line {row.name}"
-                images.append((_uri(draw_map(prior, truth, drawn)), caption))
-        except CodedError as error:
-            notes.append(f"{scenario}: {error.message}.")
-    return images, notes
+        rows = [{"": f"There are no maps: {error.message}"}]
+    return Table("maps", "Maps", text, rows)
 
 
-def _uri(png: bytes) -> str:
-    return f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}"
+def _representatives(study: StudyResults, scenario: str, prior: GridMap) -> Dict[str, str]:
+    """Makes a scenario's row of images in Markdown. A cell says why a map is missing."""
+    row = {"Scenario": study.scenario_title(scenario)}
+    try:
+        truth = metrics.restricted_cells(prior, read_map(study.folder / "maps" / f"truth_{scenario}.yaml"))
+        row["Ground truth"] = _image(draw_map(prior, truth, start=study.meta.get("robot_start")), "as asked for")
+        for method in study.methods:
+            run = nearest_to_median(study, scenario, method)
+            if run is None:
+                row[method_title(method)] = "No completed run has a map."
+                continue
+            drawn = metrics.restricted_cells(prior, read_map(study.folder / run["map"]))
+            caption = f"Jaccard {metrics.jaccard(truth, drawn):.3f}, line {run.name}"
+            row[method_title(method)] = _image(draw_map(prior, truth, drawn), caption)
+    except CodedError as error:
+        row["Missing"] = error.message
+    return row
+
+
+def _image(png: bytes, caption: str) -> str:
+    data = base64.b64encode(png).decode("ascii")
+    return f"![{caption}](data:image/png;base64,{data}) {caption}"
 
 
 def nearest_to_median(study: StudyResults, scenario: str, method: str) -> Optional[pandas.Series]:

@@ -1,4 +1,4 @@
-"""Writes the sections on what was measured: effects, boundary error, time, Jaccard index, completeness."""
+"""Makes the tables of what was measured: effects, boundary error, time, Jaccard index, completeness."""
 
 from __future__ import annotations
 
@@ -8,230 +8,208 @@ from typing import Any, Dict, List, NamedTuple
 import pandas
 
 from vb_evaluation import statistics
-from vb_evaluation.report import effect_sizes, map_figures, paper_results
-from vb_evaluation.report.blocks import Block, Figure, Table, column_headings
-from vb_evaluation.report.study_files import ERRORS, STATES, StudyResults, known_values, pairs
-
-ERROR_TITLES = dict(zip(ERRORS, ("mean", "95 % of the boundary within", "largest")))
+from vb_evaluation.report import effect_sizes, paper_results
+from vb_evaluation.report.study_files import ERRORS, STATES, StudyResults, select
+from vb_evaluation.report.table import Table
 
 
-class NoninferiorityMargin(NamedTuple):
-    """How much worse than the baseline a method may be in a measure. `sign` is 1 if larger values are better, else -1."""
+class Measure(NamedTuple):
+    """A measure by which methods are compared.
+
+    Attributes:
+        sign: 1 if larger values are better, else -1.
+        margin: how much worse than the baseline a method may be; nan where no such question is asked.
+    """
 
     title: str
-    margin: float
-    sign: float
     digits: int
+    sign: float
+    margin: float
 
 
 # one cell of the map is 2.5 cm; .05 is about twice the .028 that the paper calls not notable in practice
-MARGINS = {
-    "jaccard": NoninferiorityMargin("Jaccard index", 0.05, sign=1.0, digits=3),
-    "error_mean_cm": NoninferiorityMargin("mean boundary error [cm]", 2.5, sign=-1.0, digits=1),
+COMPARED = {
+    "error_mean_cm": Measure("Mean boundary error [cm]", 1, sign=-1.0, margin=2.5),
+    "time_total_s": Measure("Time [s]", 1, sign=-1.0, margin=math.nan),
+    "jaccard": Measure("Jaccard index", 3, sign=1.0, margin=0.05),
 }
-COMPLETENESS_MARGIN = 10  # [percentage points]
-_EXPLANATIONS = ("outcome", "reason", "pointed_right", "seed_is_right", "note")
+COMPLETED = Measure("Completed [points]", 0, sign=1.0, margin=10.0)
+EFFECT_DIGITS = {measure.title: measure.digits for measure in (*COMPARED.values(), COMPLETED)}
 
 
-def summary_section(study: StudyResults) -> List[Block]:
-    """Reports the method's effects with their intervals. With people, also without runs that had help or a problem."""
-    if len(study.methods) < 2:
-        return []
-    names = [paper_results.method_title(method).lower() for method in study.comparison]
-    explanation = (
-        f"Differences are {names[0]} minus {names[1]}, paired by participant: Hodges-Lehmann estimate and 95 % interval "
-        "(accuracy: who completed both). Speed-up: ratio of the mean times, bootstrap interval. Completed: of all runs, "
-        "Newcombe's interval. [?]: too few pairs."
+def summary_table(study: StudyResults) -> Table:
+    """Reports the method's effects with their intervals."""
+    method, baseline = (paper_results.method_title(key) for key in study.comparison)
+    text = (
+        f"Differences are {method.lower()} minus {baseline.lower()}, paired by participant: Hodges-Lehmann estimate and 95 % "
+        "interval (accuracy: who completed both). Speed-up: ratio of the mean times, bootstrap interval. Completed: of all "
+        "runs, Newcombe's interval. [?]: too few pairs."
     )
-    blocks = [_summary("summary", study, study.runs, explanation), *noninferiority_blocks(study)]
-    unaided = study.runs[~((study.runs.helped > 0) | (study.runs.problems > 0))]
-    if len(unaided) < len(study.runs):
-        left_out = len(study.runs) - len(unaided)
-        explanation = f"The same without the {left_out} runs with help or a problem of the system."
-        blocks.append(_summary("summary_without_help", study, unaided, explanation))
-    return blocks
+    return Table("summary", f"{method} against {baseline.lower()}", text, _effects(study, study.runs), EFFECT_DIGITS)
 
 
-def _summary(name: str, study: StudyResults, runs: pandas.DataFrame, explanation: str) -> Table:
-    """Makes the table of the effects of a study's method on some of its runs, a row for each scenario."""
-    methods = study.comparison
-    rows = [
-        {
-            "scenario": title,
-            "pairs": len(pairs(table, "time_total_s", methods)[0]),
-            "accuracy_pairs": len(pairs(table, "error_mean_cm", methods, True)[0]),
-            "error": effect_sizes.paired_shift(table, "error_mean_cm", methods, True),
-            "time": effect_sizes.paired_shift(table, "time_total_s", methods),
-            "speedup": effect_sizes.ratio(table, methods),
-            "jaccard": effect_sizes.paired_shift(table, "jaccard", methods, True),
-            "completed": effect_sizes.completed_more(table, methods),
-        }
-        for title, table in study.by_scenario(runs)
-    ]
-    with_units = {"error": "Mean boundary error [cm]", "time": "Time [s]", "completed": "Completed [points]"}
-    heads = column_headings(*rows[0], accuracy_pairs="Pairs, accuracy", jaccard="Jaccard index", **with_units)
-    return Table(name, heads, rows, {"error": 1, "time": 1, "jaccard": 3, "completed": 0}, explanation=explanation)
+def summary_without_help_table(study: StudyResults) -> Table:
+    """Reports the effects without the runs that had help or a problem, if there are any."""
+    is_aided = (study.runs.helped > 0) | (study.runs.problems > 0)
+    text = f"The same without the {is_aided.sum()} runs with help or a problem of the system."
+    rows = _effects(study, study.runs[~is_aided]) if is_aided.any() else []
+    return Table("summary_without_help", "Without help", text, rows, EFFECT_DIGITS)
 
 
-def noninferiority_blocks(study: StudyResults) -> List[Block]:
+def _effects(study: StudyResults, runs: pandas.DataFrame) -> List[Dict[str, Any]]:
+    """Computes the effects of a study's method on some of its runs, a row for each scenario."""
+    differences = {column: study.differences(runs, column) for column in COMPARED}
+    rows = []
+    for scenario in study.scenarios:
+        scenario_runs = select(runs, scenario=scenario)
+        row: Dict[str, Any] = {"Scenario": study.scenario_title(scenario)}
+        row["Pairs"] = len(differences["time_total_s"][scenario])
+        row["Pairs, accuracy"] = len(differences["error_mean_cm"][scenario])
+        for column, measure in COMPARED.items():
+            row[measure.title] = effect_sizes.paired_shift(differences[column][scenario])
+        row["Speed-up"] = effect_sizes.speed_up(scenario_runs, study.comparison)
+        row[COMPLETED.title] = effect_sizes.completed_more(scenario_runs, study.comparison)
+        rows.append(row)
+    return rows
+
+
+def noninferiority_table(study: StudyResults) -> Table:
     """Reports whether the method is worse than the baseline by a margin or more (the paper's hypotheses 3 and 4)."""
     rows: List[Dict[str, Any]] = []
-    for title, runs in study.by_scenario():
-        for column, (measure, margin, sign, digits) in MARGINS.items():
-            first, second = pairs(runs, column, study.comparison, True)
-            gain = effect_sizes.paired_shift(runs, column, study.comparison, True, 0.9).scaled(sign)
-            reading = _compare_with_margin(gain, margin, digits)
-            p = statistics.noninferiority_p(sign * (first - second), margin)
-            rows.append({"scenario": title, "measure": measure, **reading, "n": len(first), "p_value": p})
+    for column in ("jaccard", "error_mean_cm"):
+        measure = COMPARED[column]
+        gains = {key: measure.sign * values for key, values in study.differences(study.runs, column).items()}
+        corrected = statistics.holm([statistics.noninferiority_p(gain, measure.margin) for gain in gains.values()])
+        for (scenario, gain), p in zip(gains.items(), corrected):
+            reading = _compare_with_margin(effect_sizes.paired_shift(gain, 0.9), measure)
+            test = {"p (Holm)": statistics.format_p(p)} if study.has_people else {}
+            rows.append({"Scenario": study.scenario_title(scenario), **reading, "Pairs": len(gain), **test})
     completed = effect_sizes.completed_more(study.runs, study.comparison, 0.9)
-    reading = _compare_with_margin(completed, COMPLETENESS_MARGIN, 0)
-    rows.append({"scenario": "all", "measure": "completed [points]", **reading, "n": ""})
-    keys = ["scenario", "measure", "gain", "margin", "reading", "equivalent", "n"]
-    explanation = (
+    rows.append({"Scenario": "all", **_compare_with_margin(completed, COMPLETED)})
+    text = (
         "Gains: positive is better. Not worse: the 90 % interval lies above minus the margin, which is a one-sided test at "
         "5 %; equivalent: within both margins (two one-sided tests). Accuracy: who completed both."
     )
     if study.has_people:
-        keys.append("holm")
-        explanation += " Completed: a person's runs count as independent."
-        for margin in MARGINS.values():
-            effect_sizes.add_holm([row for row in rows if row["measure"] == margin.title])
-    return [Table("not_worse", column_headings(*keys, gain="Gain [90 %]"), rows, explanation=explanation)]
+        text += " Completed: a person's runs count as independent."
+    return Table("not_worse", "Not worse by a margin", text, rows)
 
 
-def _compare_with_margin(gain: statistics.Interval, margin: float, digits: int) -> Dict[str, str]:
-    """Compares the 90 % interval of a gain with a margin."""
-    is_not_worse = gain.low > -margin
-    reading = "worse" if gain.high < -margin else "open"
+def _compare_with_margin(gain: statistics.Interval, measure: Measure) -> Dict[str, str]:
+    """Compares the 90 % interval of a gain with its measure's margin."""
+    is_not_worse = gain.low > -measure.margin
+    reading = "worse" if gain.high < -measure.margin else "open"
     return {
-        "gain": gain.text(digits),
-        "margin": f"{margin:g}",
-        "reading": "not worse" if is_not_worse else reading,
-        "equivalent": "yes" if is_not_worse and gain.high < margin else "no",
+        "Measure": measure.title,
+        "Gain [90 %]": gain.text(measure.digits),
+        "Margin": f"{measure.margin:g}",
+        "Reading": "not worse" if is_not_worse else reading,
+        "Equivalent": "yes" if is_not_worse and gain.high < measure.margin else "no",
     }
 
 
-def error_section(study: StudyResults) -> List[Block]:
+def tests_table(study: StudyResults) -> Table:
+    """Reports the paper's Wilcoxon tests, for studies with people only."""
+    rows: List[Dict[str, Any]] = []
+    measures = COMPARED if study.has_people else {}
+    for column, measure in measures.items():
+        tests = effect_sizes.wilcoxon_rows(study.differences(study.runs, column))
+        for scenario, test in tests.items():
+            rows.append({"Measure": measure.title, "Scenario": study.scenario_title(scenario), **test})
+    text = (
+        "Wilcoxon signed-rank test: Z as SPSS gives it (zero differences left out, ties corrected, no continuity "
+        "correction), exact p over all signs, r = |Z| / √(2 × pairs), Hodges-Lehmann difference. Accuracy: who completed "
+        "both. Holm: corrected over a measure's scenarios."
+    )
+    return Table("tests", "Tests", text, rows, {"Z": 3, "Difference": 3})
+
+
+def error_table(study: StudyResults) -> Table:
     """Reports the boundary error in centimetres."""
-
-    def measure(runs: pandas.DataFrame, *_: float) -> Dict[str, Any]:
-        worst = known_values(runs, "error_max_cm")
-        medians = {column: statistics.median(known_values(runs, column)) for column in ERRORS}
-        return {**medians, "worst": float(worst.max()) if len(worst) else math.nan, "runs": len(worst)}
-
-    rows = study.rows(measure, completed=1)
-    if not any(row["runs"] for row in rows):
-        return []
-    errors = {key: f"{ERROR_TITLES[key]} [cm]" for key in ERRORS}
-    heads = column_headings("scenario", "method", *ERRORS, "worst", "runs", **errors, worst="worst run's largest [cm]")
-    introduction = (
+    headings = dict(zip(ERRORS, ("mean [cm]", "95 % of the boundary within [cm]", "largest [cm]")))
+    rows = []
+    for scenario, method, runs in study.by_method(completed=1):
+        row = study.titles(scenario, method)
+        for column, heading in headings.items():
+            row[heading] = statistics.median(runs[column].dropna())
+        row["worst run's largest [cm]"] = runs.error_max_cm.max()
+        row["Runs"] = runs.error_max_cm.count()
+        rows.append(row)
+    text = (
         "How far the boundary that the robot respects lies from the one that was asked for, both ways, over completed runs. "
         "Of each run the mean, the 95th percentile and the largest distance along the boundary; in the table their medians "
         "over runs with bootstrap intervals."
     )
-    table = Table("error", heads, rows, {key: 1 for key in (*ERRORS, "worst")})
-    return [introduction, table, *effect_sizes.wilcoxon_blocks(study, "error_mean_cm", "cm", True)]
+    digits = dict.fromkeys(rows[0], 1)
+    return Table("error", "Boundary error", text, rows if any(row["Runs"] for row in rows) else [], digits)
 
 
-def time_section(study: StudyResults) -> List[Block]:
+def time_table(study: StudyResults) -> Table:
     """Reports interaction time by state."""
-
-    def measure(runs: pandas.DataFrame, *_: float) -> Dict[str, Any]:
-        states = {state: float(runs[f"time_{state}_s"].mean()) for state in STATES}
-        totals = known_values(runs, "time_total_s")
-        return {**states, "total": statistics.mean(totals), "runs": len(totals)}
-
-    states = {state: f"{state.capitalize()} [s]" for state in STATES}
-    heads = column_headings("scenario", "method", *STATES, "total", "runs", **states, total="Total, mean [s]")
-    introduction = (
+    rows = []
+    for scenario, method, runs in study.by_method():
+        row = study.titles(scenario, method)
+        for state in STATES:
+            row[f"{state.capitalize()} [s]"] = runs[f"time_{state}_s"].mean()
+        totals = runs.time_total_s.dropna()
+        row["Total, mean [s]"] = statistics.mean(totals)
+        row["Runs"] = len(totals)
+        rows.append(row)
+    text = (
         "From leaving the state Default to the border in the map, in the states Guide, Border and Seed, "
         "attempts that were cancelled included (paper, Sect. 5.5)."
     )
-    table = Table("time", heads, study.rows(measure), {key: 1 for key in (*STATES, "total")})
-    return [introduction, table, *effect_sizes.wilcoxon_blocks(study, "time_total_s", "s", False)]
+    return Table("time", "Interaction time", text, rows, dict.fromkeys(rows[0], 1))
 
 
-def accuracy_section(study: StudyResults) -> List[Block]:
-    """Reports the paper's Jaccard index, with representative maps."""
-
-    def measure(runs: pandas.DataFrame, published: float, _: float) -> Dict[str, Any]:
-        done = known_values(runs, "jaccard")
-        least = float(done.min()) if len(done) else math.nan
-        return {"median": statistics.median(done), "least": least, "paper": published, "runs": len(done)}
-
-    images, notes = map_figures.representatives(study)
-    heads = column_headings("scenario", "method", "median", "least", "paper", "runs", least="Smallest")
-    blocks: List[Block] = [
-        "Restricted cells against those that were asked for, over completed runs.",
-        Table("accuracy", heads, study.rows(measure, completed=1), {"median": 3, "least": 3, "paper": 3}),
-        *effect_sizes.wilcoxon_blocks(study, "jaccard", "", True),
-    ]
-    if images:
-        caption = (
-            "Representative maps: the ground truth (yellow), and by method the run nearest to the median: agreement "
-            "(green), restricted beyond the ground truth (red), union (blue outline)."
-        )
-        blocks += [caption, Figure(images)]
-    return [*blocks, *notes]
+def accuracy_table(study: StudyResults) -> Table:
+    """Reports the paper's Jaccard index."""
+    rows = []
+    for scenario, method, runs in study.by_method(completed=1):
+        indices = runs.jaccard.dropna()
+        row = study.titles(scenario, method)
+        row["Median"] = statistics.median(indices)
+        row["Smallest"] = indices.min()
+        row["Paper"], _ = paper_results.published(scenario, method)
+        row["Runs"] = len(indices)
+        rows.append(row)
+    text = "Restricted cells against those that were asked for, over completed runs."
+    return Table("accuracy", "Jaccard index", text, rows, dict.fromkeys(rows[0], 3))
 
 
-def completeness_section(study: StudyResults) -> List[Block]:
-    """Reports success rates."""
-
-    def measure(runs: pandas.DataFrame, _: float, published: float) -> Dict[str, Any]:
-        completed = known_values(runs, "completed")
-        share = statistics.proportion(int(completed.sum()), len(completed)).scaled(100.0)
-        return {"completed": f"{int(completed.sum())} of {len(completed)}", "share": share, "paper": 100 * published}
-
-    heads = column_headings("scenario", "method", "completed", "share", "paper", share="Share [%]", paper="Paper [%]")
-    introduction = "Runs that ended with a saved border and a seed on the side that was asked for"
+def completeness_table(study: StudyResults) -> Table:
+    """Reports success rates, and counts the outcomes, with the help and problems that the experimenter noted."""
+    outcomes = study.runs.outcome.unique() if "outcome" in study.runs else ()
+    rows = []
+    for scenario, method, runs in study.by_method():
+        flags = runs.completed.dropna()
+        _, published = paper_results.published(scenario, method)
+        row = study.titles(scenario, method)
+        row["Completed"] = f"{int(flags.sum())} of {len(flags)}"
+        row["Share [%]"] = statistics.percentage(flags)
+        row["Paper [%]"] = 100 * published
+        for outcome in outcomes:
+            row[f"Outcome {outcome}"] = (runs.outcome == outcome).sum()
+        if study.has_people:
+            row["With help"] = (runs.helped > 0).sum()
+            row["With a problem of the system"] = (runs.problems > 0).sum()
+        rows.append(row)
+    text = "Runs that ended with a saved border and a seed on the side that was asked for"
     if study.has_people:
-        introduction += ", and that nobody who judged them said otherwise of"
-    introduction += "; Wilson's 95 % intervals."
-    table = Table("completeness", heads, study.rows(measure), {"share": 0, "paper": 1})
-    return [introduction, table, *_count_who_completed(study), *_count_outcomes(study)]
+        text += ", and that nobody who judged them said otherwise of"
+    text += "; Wilson's 95 % intervals."
+    return Table("completeness", "Completed", text, rows, {"Share [%]": 0, "Paper [%]": 1})
 
 
-def _count_who_completed(study: StudyResults) -> List[Block]:
-    """Counts, for each scenario, who completed it with which method."""
-    if len(study.methods) < 2:
-        return []
-    rows: List[Dict[str, Any]] = []
-    for title, runs in study.by_scenario():
-        counts = statistics.compare_completed(*pairs(runs, "completed", study.comparison))
-        rows.append({"scenario": title, **counts, "p": statistics.format_p(counts["p"]), "p_value": counts["p"]})
-    first, second = (f"Only {paper_results.method_title(method).lower()}" for method in study.comparison)
-    keys = ["scenario", "both", "first", "second", "neither"]
-    if study.has_people:
-        effect_sizes.add_holm(rows)
-        keys += ["p", "holm"]
-    titles = {"first": first, "second": second, "both": "With both", "neither": "With neither"}
-    return [Table("who_completed", column_headings(*keys, **titles, p="p (McNemar, exact)"), rows)]
-
-
-def _count_outcomes(study: StudyResults) -> List[Block]:
-    """Counts the outcomes, and the help and problems that the experimenter noted. Lists the runs not completed."""
-    if "outcome" not in study.runs:
-        return []
-    outcomes = list(dict.fromkeys(study.runs.outcome))
-
-    def measure(runs: pandas.DataFrame, *_: float) -> Dict[str, Any]:
-        counts = {name: int((runs.outcome == name).sum()) for name in outcomes}
-        return {**counts, **{name: int((runs[name] > 0).sum()) for name in ("helped", "problems")}}
-
-    keys = ["scenario", "method", *outcomes]
-    if study.has_people:
-        keys += ["helped", "problems"]
-    heads = column_headings(*keys, helped="With help", problems="With a problem of the system")
-    failed = study.runs[study.runs.completed == 0]
-    explanations = [name for name in _EXPLANATIONS if name in failed and failed[name].notna().any()]
-    failures = [
-        {
-            "participant": row["participant"],
-            **study.titles(row["scenario"], row["method"]),
-            **{name: row[name] if isinstance(row[name], str) else f"{row[name]:g}" for name in explanations},
-        }
-        for row in failed.to_dict("records")
-    ]
-    heads_of_failures = column_headings("participant", "scenario", "method", *explanations, participant="Person")
-    return [Table("outcomes", heads, study.rows(measure)), Table("not_completed", heads_of_failures, failures)]
+def not_completed_table(study: StudyResults) -> Table:
+    """Lists the runs that were not completed, with what explains them."""
+    failed = study.runs[study.runs.completed == 0].dropna(axis="columns", how="all")
+    explanations = [name for name in ("outcome", "reason", "pointed_right", "seed_is_right", "note") if name in failed]
+    rows = []
+    for run in failed.to_dict("records"):
+        row = {"Person": run["participant"], **study.titles(run["scenario"], run["method"])}
+        for name in explanations:
+            text = run[name] if isinstance(run[name], str) else f"{run[name]:g}"
+            row[name.replace("_", " ").capitalize()] = text
+        rows.append(row)
+    return Table("not_completed", "Every run that was not completed", "", rows if "outcome" in study.runs else [])

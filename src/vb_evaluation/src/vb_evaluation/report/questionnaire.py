@@ -7,17 +7,24 @@ UEQ-S: Schrepp, Hinderks, Thomaschewski, "Design and Evaluation of a Short Versi
 from __future__ import annotations
 
 from pathlib import Path
-from typing import List, NamedTuple
+from typing import Any, Dict, List, Mapping
 
 import numpy as np
 import pandas
 
 from vb_core.errors import CodedError
-from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes
-from vb_evaluation.report.blocks import Block, Table, column_headings
-from vb_evaluation.report.paper_results import METHODS
-from vb_evaluation.report.study_files import QUESTIONNAIRE_FILES, WARNINGS, StudyResults, read_sheet, yes_or_no
+from vb_evaluation.report.paper_results import METHOD_TITLES, METHODS
+from vb_evaluation.report.study_files import (
+    QUESTIONNAIRE_FILES,
+    WARNINGS,
+    StudyResults,
+    read_sheet,
+    refuse_cells,
+    yes_or_no,
+)
+from vb_evaluation.report.table import Table
+from vb_evaluation.statistics import paired_differences
 
 # the paper's (Sect. 5.5 and 5.8.2)
 STATEMENTS = (
@@ -38,11 +45,11 @@ UEQ_S = (
     ("conventional", "inventive"),
     ("usual", "leading edge"),
 )
-UEQ_SCALES = (
-    ("UEQ-S, pragmatic quality", range(1, 5)),
-    ("UEQ-S, hedonic quality", range(5, 9)),
-    ("UEQ-S, overall", range(1, 9)),
-)
+UEQ_SCALES = {
+    "UEQ-S, pragmatic quality": range(1, 5),
+    "UEQ-S, hedonic quality": range(5, 9),
+    "UEQ-S, overall": range(1, 9),
+}
 QUESTION = "Did the smart environment support the interaction process?"
 # the columns that the CSV file must have, and those of the UEQ-S, which it may leave out
 COLUMNS = [
@@ -53,114 +60,97 @@ COLUMNS = [
 UEQ_COLUMNS = [f"u{number}_{method}" for number in range(1, len(UEQ_S) + 1) for method in METHODS]
 
 
-class Answers(NamedTuple):
-    """The answers to one statement or scale, by those who answered for both methods.
-
-    Attributes:
-        first, second: (N,) for METHODS[0] and METHODS[1]; the higher, the better.
-    """
-
-    statement: str
-    first: np.ndarray
-    second: np.ndarray
-
-
-class Questionnaire(NamedTuple):
-    """All answers; `helped` of `asked` said yes to the question."""
-
-    answers: List[Answers]
-    helped: int
-    asked: int
-
-
-def read_questionnaire(path: Path) -> Questionnaire:
+def read_questionnaire(path: Path) -> pandas.DataFrame:
     """Reads the answers from the CSV file of the paper's questionnaire, and the UEQ-S with it.
 
     One line per participant; the columns are `participant`, for each statement and method `s1_nrs` ... `s5_robot_only`
     with whole numbers from 1 to 5, `helped` with yes or no, and, if the UEQ-S was asked, `u1_nrs` ... `u8_robot_only`
     with the box that was ticked, 1 to 7 from left to right. An empty cell is a missing answer.
 
+    Returns:
+        The columns as numbers, nan for a missing answer; `helped` 1 or 0.
+
     Raises:
         CodedError: "bad_questionnaire" naming the column, or the line.
     """
     sheet = read_sheet(path, COLUMNS, "bad_questionnaire")
-    for line, name in sheet.participant[sheet.participant.duplicated() | (sheet.participant == "")].items():
-        reason = f"participant: expected a name that no other line has, got '{name}'"
-        raise CodedError("bad_questionnaire", f"{path}, line {line}: {reason}")
     if not len(sheet):
         raise CodedError("bad_questionnaire", f"{path}: nobody has answered yet")
-
-    def numbers(column: str, highest: int) -> List[float]:
-        """Returns a column's answers, nan for each missing one. Without such a column there are none."""
-        cells = sheet.get(column, pandas.Series(dtype=str))
-        return [_answer(text, f"{path}, line {line}: {column}", highest) for line, text in cells.items()]
-
-    def means(items: List[str], highest: int) -> np.ndarray:
-        """Returns the means over some items, (2, N) for METHODS, of the people who answered all of them."""
-        pairs = np.array([np.mean([numbers(f"{item}_{m}", highest) for item in items], axis=0) for m in METHODS])
-        return pairs[:, np.isfinite(pairs).all(axis=0)]
-
-    answers = [Answers(words, *means([f"s{number}"], 5)) for number, (words, _) in enumerate(STATEMENTS, 1)]
-    for words, items in UEQ_SCALES:
-        first, second = means([f"u{number}" for number in items], 7) - 4.0
-        answers += [Answers(words, first, second)] if len(first) else []
-    helped = []
-    for line, text in sheet.helped[sheet.helped != ""].items():
-        helped.append(yes_or_no(text, f"{path}, line {line}: helped", "bad_questionnaire"))
-    return Questionnaire(answers, sum(helped), len(helped))
+    names = sheet.participant
+    is_wrong = names.duplicated() | (names == "")
+    refuse_cells(names, is_wrong, path, "a name that no other line has", "bad_questionnaire")
+    answers = pandas.DataFrame(index=sheet.index)
+    for column in COLUMNS[1:-1] + UEQ_COLUMNS:
+        highest = 5 if column.startswith("s") else 7
+        cells = sheet.get(column, pandas.Series("", sheet.index, name=column))
+        is_wrong = ~cells.isin(["", *map(str, range(1, highest + 1))])
+        refuse_cells(cells, is_wrong, path, f"a whole number from 1 to {highest}", "bad_questionnaire")
+        answers[column] = pandas.to_numeric(cells)
+    flags = []
+    for line, text in sheet.helped.items():
+        flags.append(yes_or_no(text, f"{path}, line {line}: helped", "bad_questionnaire"))
+    answers["helped"] = np.array(flags, float)
+    return answers
 
 
-def _answer(text: str, place: str, highest: int) -> float:
-    if text and not (text.isdigit() and 1 <= int(text) <= highest):
-        raise CodedError("bad_questionnaire", f"{place}: expected a whole number from 1 to {highest}, got '{text}'")
-    return float(text or "nan")
-
-
-def participants_section(study: StudyResults) -> List[Block]:
-    """Reports who took part and what they answered, nothing for simulated people."""
-    questionnaire_file, demographics_file = (study.folder / name for name in QUESTIONNAIRE_FILES)
-    blocks: List[Block] = []
-    if study.has_people and demographics_file.is_file():
-        demographics = read_sheet(demographics_file, ("participant",)).drop(columns="participant")
-        heads = column_headings("question", "answers", answers=f"Answers of {len(demographics)} people")
-        rows = [{"question": key, "answers": _summary(column[column != ""])} for key, column in demographics.items()]
-        blocks.append(Table("demographics", heads, rows))
-    if study.has_people and questionnaire_file.is_file():
-        replies = read_questionnaire(questionnaire_file)
-        rows = [
-            {
-                "statement": answers.statement,
-                "nrs": float(answers.first.mean()),
-                "robot_only": float(answers.second.mean()),
-                **effect_sizes.wilcoxon_row(statistics.compare_paired(answers.first, answers.second)),
-            }
-            for answers in replies.answers
-        ]
-        effect_sizes.add_holm(rows[: len(STATEMENTS)])
-        effect_sizes.add_holm(rows[len(STATEMENTS) :])
-        heads = column_headings(
-            "statement", "nrs", "robot_only", "shift", "z", "p", "holm", "r", "n", shift="Difference", n="People"
-        )
-        introduction = (
-            "The paper's five statements (1 to 5, 5 is the good end) and the UEQ-S (−3 to 3): means, Hodges-Lehmann difference, "
-            "Wilcoxon signed-rank test; Holm over the statements and over the scales."
-        )
-        helped = f"{QUESTION} Yes: {replies.helped} of {replies.asked}."
-        blocks += [introduction, Table("questionnaire", heads, rows, {"z": 3}), helped]
-    return blocks
+def demographics_table(study: StudyResults) -> Table:
+    """Reports who took part, nothing for simulated people."""
+    path = study.folder / QUESTIONNAIRE_FILES[1]
+    rows = []
+    if study.has_people and path.is_file():
+        people = read_sheet(path, ("participant",)).drop(columns="participant")
+        heading = f"Answers of {len(people)} people"
+        rows = [{"Question": key, heading: _summary(answers[answers != ""])} for key, answers in people.items()]
+    return Table("demographics", "People", "", rows)
 
 
 def _summary(answers: pandas.Series) -> str:
     """Describes answers as the paper does: years and ratings by mean, standard deviation and range, others by counts."""
     numbers = pandas.to_numeric(answers, errors="coerce")
     if len(answers) > 1 and numbers.notna().all():
-        return f"M = {numbers.mean():.1f}, SD = {numbers.std():.1f}, {numbers.min():g} to {numbers.max():g}, n = {len(numbers)}"
-    return "; ".join(f"{value}: {count}" for value, count in answers.value_counts().sort_index().items())
+        mean = f"M = {numbers.mean():.1f}, SD = {numbers.std():.1f}"
+        extent = f"{numbers.min():g} to {numbers.max():g}"
+        return f"{mean}, {extent}, n = {len(numbers)}"
+    counts = answers.value_counts().sort_index()
+    return "; ".join(f"{value}: {count}" for value, count in counts.items())
 
 
-def runs_section(study: StudyResults) -> List[Block]:
+def questionnaire_table(study: StudyResults) -> Table:
+    """Reports what people answered, nothing for simulated people."""
+    path = study.folder / QUESTIONNAIRE_FILES[0]
+    rows: List[Dict[str, Any]] = []
+    helped = ""
+    if study.has_people and path.is_file():
+        answers = read_questionnaire(path)
+        statements = {words: [f"s{number}"] for number, (words, _) in enumerate(STATEMENTS, 1)}
+        scales = {words: [f"u{number}" for number in items] for words, items in UEQ_SCALES.items()}
+        rows = [*_compare_answers(answers, statements), *_compare_answers(answers - 4.0, scales)]
+        helped = f"{QUESTION} Yes: {answers.helped.sum():.0f} of {answers.helped.count()}."
+    text = (
+        "The paper's five statements (1 to 5, 5 is the good end) and the UEQ-S (−3 to 3): means, Hodges-Lehmann difference, "
+        f"Wilcoxon signed-rank test; Holm over the statements and over the scales.\n\n{helped}"
+    )
+    return Table("questionnaire", "Experience", text, rows, {"Z": 3})
+
+
+def _compare_answers(answers: pandas.DataFrame, families: Mapping[str, List[str]]) -> List[Dict[str, Any]]:
+    """Compares the means over some items, of the people who answered all of them for both methods: a row for each name."""
+    means = {}
+    differences = {}
+    for name, items in families.items():
+        scores = pandas.DataFrame()
+        for method in METHODS:
+            columns = [f"{item}_{method}" for item in items]
+            scores[METHOD_TITLES[method]] = answers[columns].mean(axis=1, skipna=False)
+        scores = scores.dropna()
+        means[name] = scores.mean().to_dict()
+        differences[name] = paired_differences(*scores.to_numpy().T)
+    tests = effect_sizes.wilcoxon_rows(differences)
+    return [{"Statement": name, **means[name], **test} for name, test in tests.items()]
+
+
+def warnings_table(study: StudyResults) -> Table:
     """Lists the warnings from measuring the recordings."""
-    if not (study.folder / WARNINGS).is_file():
-        return []
-    rows = read_sheet(study.folder / WARNINGS, ("warning",)).to_dict("records")
-    return [Table("warnings", {"warning": f"What measuring the recordings warned of: {len(rows)}"}, rows)]
+    path = study.folder / WARNINGS
+    warnings = read_sheet(path, ("warning",)).warning if path.is_file() else []
+    return Table("warnings", "Warnings", "From measuring the recordings.", [{"Warning": text} for text in warnings])

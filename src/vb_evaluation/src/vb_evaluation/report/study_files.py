@@ -10,7 +10,7 @@ import json
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 import pandas
@@ -18,6 +18,7 @@ import pandas
 from vb_core.errors import CodedError
 from vb_evaluation.metrics import ERRORS
 from vb_evaluation.report import paper_results
+from vb_evaluation.statistics import paired_differences
 
 RUNS, WORLDS = "runs.csv", "worlds.csv"
 DRAWS, META, WARNINGS = "draws.csv", "study.json", "warnings.csv"
@@ -27,7 +28,8 @@ TIMES = tuple(f"time_{state}_s" for state in STATES) + ("time_total_s",)
 KEY = ("participant", "scenario", "method", "seed")
 # the paper's measures come first and in this order: other programs read them
 REQUIRED = (*KEY, "completed", *TIMES, "jaccard")
-MEASURES = ("completed", *TIMES, "jaccard", *ERRORS)
+ACCURACY = ("jaccard", *ERRORS)
+MEASURES = ("completed", *TIMES, *ACCURACY)
 # by file, the columns that identify a row besides KEY
 CONDITIONS: Dict[str, Tuple[str, ...]] = {RUNS: (), WORLDS: ("draw",)}
 BASELINE = "robot_only"
@@ -37,27 +39,21 @@ _FLAGS = {
     **dict.fromkeys(("no", "n", "0", "false", "nein"), False),
 }
 
-# measures the runs of one scenario with one method; also gets the paper's Jaccard index and completeness, or nan
-Measure = Callable[[pandas.DataFrame, float, float], Mapping[str, Any]]
-
 
 @dataclass(frozen=True)
 class StudyResults:
     """A study's folder, read and checked.
 
     Attributes:
-        tables: by file name; runs.csv is always among them.
+        runs: runs.csv, one row per run.
+        worlds: worlds.csv, empty if there is none.
         meta: study.json, empty if there is none.
     """
 
     folder: Path
-    tables: Mapping[str, pandas.DataFrame]
+    runs: pandas.DataFrame
+    worlds: pandas.DataFrame
     meta: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def runs(self) -> pandas.DataFrame:
-        """One row per run."""
-        return self.tables[RUNS]
 
     @property
     def has_people(self) -> bool:
@@ -68,9 +64,9 @@ class StudyResults:
         """Returns a scenario's name for people, as study.json or else the paper has it."""
         return str((self.meta.get("scenarios") or {}).get(key) or paper_results.scenario_title(key))
 
-    def titles(self, scenario: str, method: str) -> Dict[str, str]:
-        """Returns the cells of a row that name a scenario and a method for people."""
-        return {"scenario": self.scenario_title(scenario), "method": paper_results.method_title(method)}
+    def titles(self, scenario: str, method: str) -> Dict[str, Any]:
+        """Makes a row with the cells that name a scenario and a method for people."""
+        return {"Scenario": self.scenario_title(scenario), "Method": paper_results.method_title(method)}
 
     @property
     def scenarios(self) -> List[str]:
@@ -89,23 +85,15 @@ class StudyResults:
         """The (method, baseline) to compare; the same one twice if there is no other."""
         return self.methods[0], self.methods[-1]
 
-    def by_scenario(self, runs: Optional[pandas.DataFrame] = None) -> Iterator[Tuple[str, pandas.DataFrame]]:
-        """Yields each scenario's title and its runs among `runs`, by default all."""
-        for scenario in self.scenarios:
-            yield self.scenario_title(scenario), select(self.runs if runs is None else runs, scenario=scenario)
-
-    def rows(self, measure: Measure, **where: object) -> List[Dict[str, Any]]:
-        """Makes a table's rows, one for each scenario and method: both titles, and the measures of its runs.
-
-        Args:
-            where: only the runs with these values are measured.
-        """
-        rows = []
+    def by_method(self, **where: object) -> Iterator[Tuple[str, str, pandas.DataFrame]]:
+        """Yields each scenario, method, and the runs with them. `where` leaves only those with these values."""
         for scenario, method in product(self.scenarios, self.methods):
-            runs = select(self.runs, scenario=scenario, method=method, **where)
-            measures = measure(runs, *paper_results.published(scenario, method))
-            rows.append({**self.titles(scenario, method), **measures})
-        return rows
+            yield scenario, method, select(self.runs, scenario=scenario, method=method, **where)
+
+    def differences(self, runs: pandas.DataFrame, column: str) -> Dict[str, np.ndarray]:
+        """Returns a column's paired differences (N,), method minus baseline, in each scenario."""
+        samples = {key: pairs(select(runs, scenario=key), column, self.comparison) for key in self.scenarios}
+        return {key: paired_differences(*pair) for key, pair in samples.items()}
 
     @property
     def missing(self) -> List[str]:
@@ -120,30 +108,28 @@ class StudyResults:
 
 def select(table: pandas.DataFrame, **where: object) -> pandas.DataFrame:
     """Returns the rows whose columns have these values."""
-    return table[np.logical_and.reduce([table[column] == value for column, value in where.items()])] if where else table
+    for column, value in where.items():
+        table = table[table[column] == value]
+    return table
 
 
-def known_values(table: pandas.DataFrame, column: str) -> np.ndarray:
-    """Returns the known numbers of a column, (N,)."""
-    return table[column].dropna().to_numpy()
-
-
-def pairs(
-    table: pandas.DataFrame, column: str, methods: Tuple[str, str], completed: bool = False
-) -> Tuple[np.ndarray, np.ndarray]:
+def pairs(table: pandas.DataFrame, column: str, methods: Tuple[str, str]) -> Tuple[np.ndarray, np.ndarray]:
     """Returns two (N,) samples of a column, one for each method, paired by participant: means over each one's rows.
 
-    Args:
-        completed: uses only completed runs.
+    Only completed runs have an accuracy.
     """
-    rows = table[table[column].notna() & ((table.completed == 1) | (not completed))]
-    wide = rows.pivot_table(index="participant", columns="method", values=column, aggfunc="mean")
-    wide = wide.reindex(index=rows.participant.unique(), columns=list(methods)).dropna()
-    return wide[methods[0]].to_numpy(float), wide[methods[1]].to_numpy(float)
+    rows = table[table[column].notna()]
+    if column in ACCURACY:
+        rows = select(rows, completed=1)
+    means = rows.pivot_table(index="participant", columns="method", values=column, aggfunc="mean")
+    people = rows.participant.unique()
+    paired = means.reindex(index=people, columns=list(methods)).dropna()
+    first, second = paired.to_numpy(float).T
+    return first, second
 
 
 def read_study(folder: Path) -> StudyResults:
-    """Reads a study.
+    """Reads a study. Runs that were not done in the planned condition are left out and counted.
 
     Raises:
         CodedError: "bad_study" naming the file, and the line or column.
@@ -151,15 +137,13 @@ def read_study(folder: Path) -> StudyResults:
     folder = Path(folder)
     if not (folder / RUNS).is_file():
         raise CodedError("bad_study", f"{folder / RUNS} is missing: run 'make study' first, or name the study's folder")
-    files = [name for name in CONDITIONS if (folder / name).is_file()]
-    tables = {name: read_table(folder / name, CONDITIONS[name]) for name in files}
-    tables = {name: table for name, table in tables.items() if len(table) or name == RUNS}
-    runs = tables[RUNS]
-    if "as_planned" in runs:
-        tables[RUNS] = runs[runs["as_planned"] != "0"]
-    if not len(tables[RUNS]):
+    runs = read_table(folder / RUNS)
+    worlds = read_table(folder / WORLDS) if (folder / WORLDS).is_file() else pandas.DataFrame()
+    is_deviating = runs.get("as_planned", pandas.Series("", runs.index)) == "0"
+    if is_deviating.all():
         raise CodedError("bad_study", f"{folder / RUNS} has no rows: no run has ended yet")
-    return StudyResults(folder, tables, {**read_meta(folder / META), "deviating": len(runs) - len(tables[RUNS])})
+    meta = {**read_meta(folder / META), "deviating": is_deviating.sum()}
+    return StudyResults(folder, runs[~is_deviating], worlds, meta)
 
 
 def read_sheet(path: Path, required: Iterable[str], code: str = "bad_study") -> pandas.DataFrame:
@@ -184,27 +168,30 @@ def read_sheet(path: Path, required: Iterable[str], code: str = "bad_study") -> 
     return sheet[(sheet != "").any(axis=1)]
 
 
-def read_table(path: Path, conditions: Sequence[str]) -> pandas.DataFrame:
-    """Reads a study's CSV file. Measures that it lacks are unknown.
-
-    Args:
-        conditions: columns that it must have too, a number in every row.
+def read_table(path: Path) -> pandas.DataFrame:
+    """Reads runs.csv or worlds.csv. Measures that it lacks are unknown.
 
     Raises:
         CodedError: "bad_study" if a column is missing or a measure is neither a number nor empty.
     """
+    conditions = CONDITIONS[path.name]
     table = read_sheet(path, (*REQUIRED, *conditions))
     for column in (*MEASURES, *_EXTRA_MEASURES, *conditions):
         text = table.get(column, pandas.Series("", table.index))
         digits = text.str.lower().replace({"true": "1", "false": "0"})
         numbers = pandas.to_numeric(digits, errors="coerce").astype(float)
-        wrong = ~np.isfinite(numbers) & ((text != "") | (column in conditions)) & (column not in _EXTRA_MEASURES)
-        if wrong.any():
-            reason = f"expected a number, got {text[wrong].iloc[0]!r}"
-            raise CodedError("bad_study", f"{path}, line {wrong.idxmax()}: {column}: {reason}")
+        is_wrong = ~np.isfinite(numbers) & ((text != "") | (column in conditions)) & (column not in _EXTRA_MEASURES)
+        refuse_cells(text, is_wrong, path, "a number", "bad_study")
         table[column] = numbers
     table["completed"] = table.completed.where(table.completed.isna() | (table.completed == 0), 1.0)
     return table
+
+
+def refuse_cells(cells: pandas.Series, is_wrong: pandas.Series, path: Path, expected: str, code: str) -> None:
+    """Raises a CodedError that names the first wrong cell of a sheet's column, if there is one."""
+    if is_wrong.any():
+        line = is_wrong.idxmax()
+        raise CodedError(code, f"{path}, line {line}: {cells.name}: expected {expected}, got {cells[line]!r}")
 
 
 def yes_or_no(text: str, place: str, code: str) -> Optional[bool]:

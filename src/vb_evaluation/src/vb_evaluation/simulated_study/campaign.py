@@ -100,11 +100,11 @@ def run_jobs(study: Study, jobs: Sequence[Job], folder: Path, console: Console, 
 def _write_inputs(study: Study, jobs: Sequence[Job], folder: Path) -> None:
     """Writes what the runs are measured against, and the factors of the plausible worlds if there are any."""
     world = study.world
-    truths = {key: floor_plan.ground_truth(world, world.scenario(key)) for key in study.design.scenarios}
+    scenarios = [world.scenario(key) for key in study.design.scenarios]
+    truths = {scenario.key: floor_plan.ground_truth(world, scenario) for scenario in scenarios}
     write_truths(folder, floor_plan.physical_map(world), truths)
     if any(job.file == WORLDS for job in jobs):
-        worlds = draw_worlds(study, study.design.worlds, study.design.seed)
-        rows = [{"draw": draw, **factors} for draw, factors in enumerate(worlds, 1)]
+        rows = [{"draw": draw, **factors} for draw, factors in enumerate(draw_worlds(study), 1)]
         write_table(folder / DRAWS, list(rows[0]), rows)
 
 
@@ -180,12 +180,14 @@ def open_folder(folder: Path, configuration: str, metadata: Mapping[str, Any]) -
         CodedError: "other_study".
     """
     present = read_meta(folder / META).get("configuration", "unknown")
-    if present != configuration and ((folder / META).exists() or (folder / RUNS).exists()):
+    is_used = (folder / META).exists() or (folder / RUNS).exists()
+    if is_used and present != configuration:
         reason = f"{folder} holds runs of another configuration or program ({present}, this is {configuration})"
         hint = "they cannot be mixed. Delete it, or let OUT=folder put the new ones elsewhere"
         raise CodedError("other_study", f"{reason}: {hint}")
     document = {**metadata, "configuration": configuration}
-    write_atomically(folder / META, (json.dumps(document, indent=2, sort_keys=True, default=str) + "\n").encode())
+    text = json.dumps(document, indent=2, sort_keys=True, default=str)
+    write_atomically(folder / META, f"{text}\n".encode())
 
 
 def configuration_hash(study: Study) -> str:

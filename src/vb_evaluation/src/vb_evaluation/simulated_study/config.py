@@ -105,8 +105,10 @@ def draw_traits(settings: Mapping[str, Any], model: ParticipantModel, streams: S
         if key not in ("traits", "body", "stand_offset", "margin"):
             raise ParameterError(f"participants/{key}", "unknown key; known are traits, body, stand_offset, margin")
     traits: Dict[str, Any] = dict(_draw_section(ParticipantModel, "traits", settings, streams))
-    # models.yaml gives these as ranges; a person has one speed
-    traits.update({key: (traits[key],) * 2 for key in ("drawing_speed", "tremor_band") if key in traits})
+    for key in ("drawing_speed", "tremor_band"):
+        if key in traits:
+            # models.yaml gives these as ranges; a person has one speed
+            traits[key] = (traits[key], traits[key])
     body = _draw_section(BodyProportions, "body", settings, lambda key: streams(f"body {key}"))
 
     def length(key: str, rng: np.random.Generator) -> float:
@@ -114,7 +116,8 @@ def draw_traits(settings: Mapping[str, Any], model: ParticipantModel, streams: S
 
     stand = streams("stand")
     stand_offset = (length("stand_offset", stand), length("stand_offset", stand))
-    return Traits(replace(model, **traits), BodyProportions(**body), stand_offset, length("margin", streams("margin")))
+    margin = length("margin", streams("margin"))
+    return Traits(replace(model, **traits), BodyProportions(**body), stand_offset, margin)
 
 
 def _draw_section(
@@ -128,7 +131,11 @@ def _draw_section(
             raise ParameterError(f"participants/{section}/{key}", f"unknown trait of {cls.__name__}")
         value = draw(f"participants/{section}/{key}", spec, streams(key))
         low, high = limits[key].get("low"), limits[key].get("high")
-        values[key] = min(max(value, -math.inf if low is None else low), math.inf if high is None else high)
+        if low is not None:
+            value = max(value, low)
+        if high is not None:
+            value = min(value, high)
+        values[key] = value
     return values
 
 
@@ -184,7 +191,10 @@ class Study:
         """
         settings = self.document.get("marks") or {}
         rng = self.streams(participant)(f"marks {scenario}")
-        dx, dy, turn = (draw(f"marks/{key}", settings.get(key, 0.0), rng) for key in ("offset", "offset", "turn"))
+        offset = settings.get("offset", 0.0)
+        dx = draw("marks/offset", offset, rng)
+        dy = draw("marks/offset", offset, rng)
+        turn = draw("marks/turn", settings.get("turn", 0.0), rng)
         return dx, dy, math.radians(turn)
 
     def streams(self, participant: int) -> Streams:
@@ -282,8 +292,11 @@ def _merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> Dict[str, Any
     """Merges sections key by key. Replaces a distribution, a list or a number as a whole."""
     merged = dict(base)
     for key, value in changes.items():
-        nested = isinstance(value, Mapping) and isinstance(base.get(key), Mapping) and not DISTRIBUTIONS & set(value)
-        merged[key] = _merge(base[key], value) if nested else value
+        are_sections = isinstance(value, Mapping) and isinstance(base.get(key), Mapping)
+        if are_sections and not DISTRIBUTIONS & set(value):
+            merged[key] = _merge(base[key], value)
+        else:
+            merged[key] = value
     return merged
 
 

@@ -60,23 +60,24 @@ def varied_assumptions(study: Study) -> Dict[str, Assumption]:
     return {key: entry for key, entry in load_assumptions().items() if entry.range and _get(study, key) is not None}
 
 
-def draw_worlds(study: Study, count: int, seed: int) -> List[Dict[str, float]]:
-    """Draws a Latin hypercube: for each of `count` worlds a factor for each assumption, even on a logarithmic scale.
+def draw_worlds(study: Study) -> List[Dict[str, float]]:
+    """Draws a Latin hypercube: for each world of a study a factor for each assumption, even on a logarithmic scale.
 
-    Another count gives different worlds.
+    Another number of worlds gives different ones.
     """
     # this import takes as long as all others of a worker, which never draws worlds
     from scipy.stats import qmc
 
     varied = varied_assumptions(study)
-    samples = qmc.LatinHypercube(len(varied), seed=seed).random(count)
-    return [
-        {
-            key: round(math.exp(math.log(entry.range[0]) + share * math.log(entry.range[1] / entry.range[0])), 6)
-            for share, (key, entry) in zip(row, varied.items())
-        }
-        for row in samples
-    ]
+    samples = qmc.LatinHypercube(len(varied), seed=study.design.seed).random(study.design.worlds)
+    worlds = []
+    for shares in samples:
+        factors = {}
+        for share, (key, entry) in zip(shares, varied.items()):
+            low, high = entry.range
+            factors[key] = round(math.exp(math.log(low) + share * math.log(high / low)), 6)
+        worlds.append(factors)
+    return worlds
 
 
 def world_changes(study: Study, factors: Mapping[str, float]) -> Dict[str, Any]:
@@ -166,7 +167,7 @@ def world_jobs(study: Study) -> List[Job]:
     scenarios = study.design.scenarios
     return [
         Job(draw, scenarios[draw % len(scenarios)], method, draw, world_changes(study, factors))
-        for draw, factors in enumerate(draw_worlds(study, study.design.worlds, study.design.seed), 1)
+        for draw, factors in enumerate(draw_worlds(study), 1)
         for method in study.design.methods
     ]
 

@@ -123,7 +123,8 @@ class StudyCeilingCameras(StudyCameras):
         bodies = [(pose, 0.45, 2.1) for pose in [snapshot.person] if pose is not None]
         bodies += [(pose, 0.25, 0.5) for pose in snapshot.robots.values()]
         # by the bounding box of a body's corners: the body may be larger than the image
-        return any(_shows(camera, snapshot, _hull(*body), 0.0) for body in bodies) and self._is_due(camera)
+        shows_body = any(_shows(camera, snapshot, _hull(*body), 0.0) for body in bodies)
+        return shows_body and self._is_due(camera)
 
 
 class StudyRobotCamera(StudyCameras):
@@ -150,13 +151,16 @@ def _shows(camera: SimulatedCamera, snapshot: Snapshot, points: np.ndarray, marg
         margin: [px] around the image that counts too.
         behind: the answer if some of the points are behind the camera.
     """
-    in_camera = geometry.transform_points(geometry.invert_transform(camera.view.camera_pose(snapshot)), points)
+    T_camera_map = geometry.invert_transform(camera.view.camera_pose(snapshot))
+    in_camera = geometry.transform_points(T_camera_map, points)
     if (in_camera[:, 2] < 0.05).any():
         return behind
     model = camera.view.model
     pixels = model.project(in_camera)
-    low, high = pixels.min(axis=0), pixels.max(axis=0)
-    return bool((high >= -margin).all() and low[0] <= model.width + margin and low[1] <= model.height + margin)
+    # in both coordinates, what is shown neither ends before the image begins nor begins after it ends
+    ends_after = pixels.max(axis=0) >= -margin
+    begins_before = pixels.min(axis=0) <= np.array([model.width, model.height]) + margin
+    return bool(ends_after.all() and begins_before.all())
 
 
 def _hull(pose: Tuple[float, float, float], radius: float, height: float) -> np.ndarray:

@@ -90,13 +90,16 @@ def _write(table: pandas.DataFrame, path: Path) -> None:
 
 
 def _delete_pictures(study: Path, recordings: List[str]) -> None:
-    if not (study / blind_judging.KEY).is_file():
+    folder = study / blind_judging.FOLDER
+    sheet_file = folder / blind_judging.SHEET
+    key_file = study / blind_judging.KEY
+    if not key_file.is_file():
         return
-    key: pandas.DataFrame = read_sheet(study / blind_judging.KEY, ("code", "recording"))
+    key = read_sheet(key_file, ("code", "recording"))
     codes = set(key.code[key.recording.isin(recordings)])
     for code in codes:
-        (study / blind_judging.FOLDER / f"{code}.png").unlink(missing_ok=True)
-    if (study / blind_judging.FOLDER / blind_judging.SHEET).is_file():  # the judge may have taken the sheet away
-        judgements = read_sheet(study / blind_judging.FOLDER / blind_judging.SHEET, ("code",))
-        _write(judgements[~judgements.code.isin(codes)], study / blind_judging.FOLDER / blind_judging.SHEET)
-    _write(key[~key.code.isin(codes)], study / blind_judging.KEY)
+        (folder / f"{code}.png").unlink(missing_ok=True)
+    if sheet_file.is_file():  # the judge may have taken the sheet away
+        judgements = read_sheet(sheet_file, ("code",))
+        _write(judgements[~judgements.code.isin(codes)], sheet_file)
+    _write(key[~key.code.isin(codes)], key_file)

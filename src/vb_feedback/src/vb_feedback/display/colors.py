@@ -26,9 +26,7 @@ WHITE = rgb(255, 255, 255)
 GRAY = rgb(150, 150, 150)
 PALE = rgb(200, 205, 212)
 CRIMSON = rgb(150, 10, 20)
-
-# for the LED only; it means the same everywhere
-STOPPED = rgb(255, 0, 0)
+STOPPED = rgb(255, 0, 0)  # for the LED only; it means the same everywhere
 
 # the lab's cameras are named after colours: each gets the colour of the set that is closest to its name
 _NAMED: Dict[str, Color] = {"red": VERMILION, "green": GREEN, "blue": BLUE, "robot": PURPLE}

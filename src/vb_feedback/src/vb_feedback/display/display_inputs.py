@@ -48,8 +48,8 @@ class InputListener:
         self._lock = threading.Lock()
         self._newest = DisplayInputs()
         self._spots: Deque[TrailPoint] = collections.deque(maxlen=_MAX_SPOTS)
-        rospy.Subscriber(names.STATE, InteractionState, self._store, "state", queue_size=5)
-        rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, "progress", queue_size=1)
+        rospy.Subscriber(names.STATE, InteractionState, lambda state: self._change(state=state), queue_size=5)
+        rospy.Subscriber(names.PROGRESS, BorderProgress, lambda drawn: self._change(progress=drawn), queue_size=1)
         rospy.Subscriber(names.PREVIEW, NumpyBorderPreview, self._on_preview, queue_size=1)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50, tcp_nodelay=True)
@@ -57,24 +57,19 @@ class InputListener:
     def current(self) -> DisplayInputs:
         """Returns the current inputs, without those of an interaction that has ended."""
         with self._lock:
-            newest = self._newest
-            spots = tuple(self._spots)
+            newest = replace(self._newest, spots=tuple(self._spots))
         interaction = newest.state.interaction_id if newest.state is not None else ""
         progress, preview = newest.progress, newest.preview
         if progress is not None and (not interaction or progress.interaction_id != interaction):
-            progress = None
+            newest = replace(newest, progress=None)
         if preview is not None and (not interaction or preview.interaction_id != interaction or not preview.available):
-            preview = None
-        region = newest.region if preview is not None else None
-        return replace(newest, progress=progress, preview=preview, region=region, spots=spots)
+            newest = replace(newest, preview=None, region=None)
+        return newest
 
     def _change(self, **newest: Any) -> None:
         with self._lock:
             self._newest = replace(self._newest, **newest)
         self._on_change()
-
-    def _store(self, message: Any, field: str) -> None:
-        self._change(**{field: message})
 
     def _on_preview(self, message: BorderPreview) -> None:
         region = None

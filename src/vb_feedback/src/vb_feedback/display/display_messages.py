@@ -30,11 +30,9 @@ _KINDS = {
 
 def marker_from_shape(shape: scene.Shape) -> Marker:
     """Converts a shape to a marker. Its stamp stays zero, so that RViz uses the latest transform of the frame."""
-    marker = Marker()
+    marker = Marker(ns=shape.namespace, id=shape.number, type=_KINDS[shape.kind], action=Marker.ADD, text=shape.text)
     marker.header.frame_id = shape.frame or names.MAP_FRAME
     marker.frame_locked = bool(shape.frame)
-    marker.ns, marker.id = shape.namespace, shape.number
-    marker.type, marker.action = _KINDS[shape.kind], Marker.ADD
     marker.pose.orientation.w = 1.0
     marker.lifetime = rospy.Duration.from_sec(shape.lifetime)
     tints = [ColorRGBA(*color, shape.alpha) for color in shape.colors]
@@ -49,7 +47,7 @@ def marker_from_shape(shape: scene.Shape) -> Marker:
         return marker
     marker.pose.position = Point(*shape.points[0], shape.z)
     if shape.kind == scene.TEXT:
-        marker.text, scale.z = shape.text, shape.size[0]
+        scale.z = shape.size[0]
     else:
         scale.x, scale.y, scale.z = shape.size[0], shape.size[-1], 0.01
     return marker
@@ -113,12 +111,8 @@ def border_from_message(border: VirtualBorder, language: str = sentences.ENGLISH
 
 def select_notices(notices: Sequence[Notice], language: str) -> List[PanelNotice]:
     """Selects the first, most severe notices of other nodes: each sentence once, and no more than people can read."""
-    selected: List[PanelNotice] = []
-    for notice in notices:
-        panel_notice = PanelNotice(notice.sentence(language), notice.severity >= Severity.WARNING)
-        if panel_notice not in selected:
-            selected.append(panel_notice)
-    return selected[:_MAX_NOTICES]
+    all_notices = [PanelNotice(notice.sentence(language), notice.severity >= Severity.WARNING) for notice in notices]
+    return list(dict.fromkeys(all_notices))[:_MAX_NOTICES]
 
 
 def preview_notices(preview: Optional[BorderPreview], language: str) -> List[PanelNotice]:

@@ -232,17 +232,25 @@ def place_labels(desired: Sequence[Box], within: Box) -> List[Box]:
     """Moves labels up or down, as little as needed to be inside a box and, if there is room, not to overlap."""
     placed: List[Box] = []
     for box in desired:
-        desired_x, desired_y = box.center
-        half_width, half_height = box.width / 2.0, box.height / 2.0
-        x = min(max(desired_x, within.x0 + half_width), max(within.x0 + half_width, within.x1 - half_width))
-        low, high = within.y0 + half_height, max(within.y0 + half_height, within.y1 - half_height)
-        fallback = Box.centered(x, min(max(desired_y, low), high), box.width, box.height)
-        free: List[Box] = []
+        desired_y = box.center[1]
         for gap in (_USUAL_GAP, _MIN_GAP):
             # if there is room, there is some at an edge or next to a label, so no other heights need to be tried
-            neighbors = [(other.center[1], (other.height + box.height) / 2.0 + gap * box.height) for other in placed]
-            heights = [desired_y, low, high] + [y + side * step for y, step in neighbors for side in (1, -1)]
-            options = [Box.centered(x, min(max(y, low), high), box.width, box.height) for y in heights]
-            free = free or [option for option in options if not any(option.overlaps(other) for other in placed)]
-        placed.append(min(free, key=lambda option: abs(option.center[1] - desired_y)) if free else fallback)
+            heights = [desired_y, within.y0, within.y1]
+            for other in placed:
+                step = (other.height + box.height) / 2.0 + gap * box.height
+                heights += [other.center[1] + step, other.center[1] - step]
+            options = [_move_inside(box, y, within) for y in heights]
+            free = [option for option in options if not any(map(option.overlaps, placed))]
+            if free:
+                break
+        # the first option is the desired place
+        placed.append(min(free or options[:1], key=lambda option: abs(option.center[1] - desired_y)))
     return placed
+
+
+def _move_inside(box: Box, y: float, within: Box) -> Box:
+    """Moves a box to a centre's height y [m], and from there as little as needed to be inside another box."""
+    # a box that is too large stands at the lower edges
+    x = max(min(box.center[0], within.x1 - box.width / 2.0), within.x0 + box.width / 2.0)
+    y = max(min(y, within.y1 - box.height / 2.0), within.y0 + box.height / 2.0)
+    return Box.centered(x, y, box.width, box.height)

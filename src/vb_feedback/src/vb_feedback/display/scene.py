@@ -11,6 +11,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
+from vb_core.geometry import chain_length, resample_chain
 from vb_feedback.display import colors
 from vb_feedback.display.colors import Color
 from vb_feedback.display.layout import Box, Layout, fit_texts, place_labels, place_words, transliterate, text_box
@@ -87,18 +88,19 @@ def line_segments(points: Sequence[Sequence[float]], closed: bool, width: float)
     directions = np.diff(chain, axis=0)
     lengths = np.hypot(*directions.T)[:, None]
     extensions = directions / np.maximum(lengths, 1e-6) * width / 2.0
-    return as_pairs(np.hstack([chain[:-1] - extensions, chain[1:] + extensions])[lengths[:, 0] > 1e-6])
+    starts = chain[:-1] - extensions
+    ends = chain[1:] + extensions
+    segments = np.hstack([starts, ends])
+    return as_pairs(segments[lengths[:, 0] > 1e-6])
 
 
 def dash_outline(outline: Sequence[Sequence[float]], width: float) -> Tuple[Tuple[float, float], ...]:
     """Splits a closed outline into dashes, pairs of points. Dashes and gaps are about four line widths long."""
-    points = np.asarray(outline, dtype=float).reshape(-1, 2)
-    if len(points) < 2:
+    length = chain_length(outline, closed=True)
+    if length == 0.0:
         return ()
-    points = np.vstack([points, points[:1]])
-    arc_lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    positions = np.linspace(0.0, arc_lengths[-1], 2 * max(2, int(arc_lengths[-1] / (8.0 * width))) + 1)[:-1]
-    return as_pairs(np.column_stack([np.interp(positions, arc_lengths, points[:, axis]) for axis in (0, 1)]))
+    dash_count = max(2, int(length / (8.0 * width)))
+    return as_pairs(resample_chain(outline, length / (2 * dash_count), closed=True))
 
 
 def text_shapes(
@@ -132,10 +134,13 @@ def border_shapes(layout: Layout, borders: Sequence[DisplayedBorder], disabled_w
     """Draws each border's outline and a label with name and area, or with `disabled_word` if it is disabled."""
     size = 0.055 * layout.unit
     texts = [_label(border, layout, size, disabled_word) for border in borders]
-    text_boxes = [text_box(text, *border.seed, size) for border, text in zip(borders, texts)]
-    plates = [Box.centered(*box.center, box.width + 0.5 * size, box.height + 0.3 * size) for box in text_boxes]
+    desired_plates = []
+    for border, text in zip(borders, texts):
+        box = text_box(text, *border.seed, size)
+        desired_plates.append(Box.centered(*box.center, box.width + 0.5 * size, box.height + 0.3 * size))
+    plates = place_labels(desired_plates, layout.map)
     shapes: List[Shape] = []
-    for number, (border, text, plate) in enumerate(zip(borders, texts, place_labels(plates, layout.map))):
+    for number, (border, text, plate) in enumerate(zip(borders, texts, plates)):
         shapes += _outline_shapes(border, number, 0.009 * layout.unit)
         plate_size = (plate.width, plate.height)
         shapes.append(Shape("borders/plate", number, PLATE, (plate.center,), Z_LABEL, plate_size, (colors.WHITE,), 0.9))

@@ -20,8 +20,7 @@ from vb_feedback.display.colors import Color
 from vb_feedback.projector.projector_calibration import ProjectorCalibration, markers
 from vb_feedback.display.scene import DisplayedBorder, Drawing
 
-# [m] edge of a canvas pixel; the canvas is then warped into the projector's image
-_RESOLUTION = 0.005
+_RESOLUTION = 0.005  # [m] edge of a canvas pixel; the canvas is then warped into the projector's image
 _LINE, _SEED_RADIUS, _STRIPE = 0.03, 0.15, 0.10  # [m]
 # [m] around the spot, where the drawing is left out, because light that grows beside the spot would disturb detectors
 _DARK_RADIUS = 0.35
@@ -58,34 +57,40 @@ class FloorImage:
         self._brightness = brightness
         footprint = calibration.footprint()
         self._low = footprint.min(axis=0)
-        columns, rows = np.maximum(2, np.ceil((footprint.max(axis=0) - self._low) / _RESOLUTION)).astype(int)
+        size = footprint.max(axis=0) - self._low
+        columns, rows = np.maximum(2, np.ceil(size / _RESOLUTION)).astype(int)
         # an image that spans a hall is drawn more coarsely, no finer than the projector can show it
-        self._scale = 1.0 / _RESOLUTION * min(1.0, 4096.0 / max(columns, rows))
+        self._scale = 1.0 / _RESOLUTION * min(1.0, 4096.0 / max(columns, rows))  # [px/m] of the canvas
         self._thickness = max(1, int(round(_LINE * self._scale)))
-        self._shape = (int(rows * self._scale * _RESOLUTION) + 1, int(columns * self._scale * _RESOLUTION) + 1)
-        to_floor = np.array([[1 / self._scale, 0, self._low[0]], [0, 1 / self._scale, self._low[1]], [0, 0, 1.0]])
-        self._to_image = calibration.matrix @ to_floor
+        height, width = [int(count * self._scale * _RESOLUTION) + 1 for count in (rows, columns)]
+        self._shape = (height, width, 3)
+        pixel = 1.0 / self._scale  # [m]
+        x, y = self._low
+        canvas_to_floor = np.array([[pixel, 0, x], [0, pixel, y], [0, 0, 1.0]])
+        self._canvas_to_image = calibration.matrix @ canvas_to_floor
 
     def render(self, content: FloorContent) -> np.ndarray:
         """Renders the image: (height, width, 3) uint8 rgb."""
-        canvas = np.zeros((*self._shape, 3), np.uint8)
+        canvas = np.zeros(self._shape, np.uint8)
         if content.region is not None:
-            self._draw_stripes(canvas, content.region, colors.ORANGE, 0.45)
+            self._draw_stripes(canvas, content.region)
         for border in content.borders:
             if border.enabled:
                 self._draw_line(canvas, border.points, border.closed, colors.VERMILION, 0.45 + 0.35 * border.occupancy)
         cv2.max(canvas, self._render_drawing(content), dst=canvas)
         size = (self.calibration.width, self.calibration.height)
-        image = cv2.warpPerspective(canvas, self._to_image, size, flags=cv2.INTER_LINEAR)
+        image = cv2.warpPerspective(canvas, self._canvas_to_image, size, flags=cv2.INTER_LINEAR)
         if content.state != DEFAULT.name:
-            tint, thickness = self._shade(colors.state_color(content.state), 0.6), max(2, int(0.012 * min(size)))
+            tint = self._shade(colors.state_color(content.state), 0.6)
+            thickness = max(2, int(0.012 * min(size)))
             cv2.rectangle(image, (0, 0), (size[0] - 1, size[1] - 1), tint, 2 * thickness - 2)
         return image
 
     # ------------------------------------------------------------- parts
     def _render_drawing(self, content: FloorContent) -> np.ndarray:
         """Draws chain and seed, which are left out around the spot, unlike borders."""
-        canvas, drawn = np.zeros((*self._shape, 3), np.uint8), content.drawing
+        canvas = np.zeros(self._shape, np.uint8)
+        drawn = content.drawing
         if len(drawn.chain) > 1:
             self._draw_line(canvas, drawn.chain, drawn.closed, colors.ORANGE, 0.8)
         if drawn.seed is not None:
@@ -111,25 +116,32 @@ class FloorImage:
         pixel = tuple(map(int, self._fixed_point([center])[0]))
         cv2.circle(canvas, pixel, int(radius * self._scale * (1 << _BITS)), tint, thickness, line, _BITS)
 
-    def _draw_stripes(self, canvas: np.ndarray, region: GridMap, color: Color, level: float) -> None:
-        rows, columns = np.indices(canvas.shape[:2], sparse=True)
-        is_stripe = ((rows - columns) // max(1, int(_STRIPE * self._scale))) % 2 == 0
-        corners = region.world_to_grid(self._low + np.array([[0, 0], [1, 0], [0, 1]]) / self._scale)
-        canvas_to_cells = np.column_stack([corners[1] - corners[0], corners[2] - corners[0], corners[0]])
-        flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+    def _draw_stripes(self, canvas: np.ndarray, region: GridMap) -> None:
+        height, width = canvas.shape[:2]
+        rows, columns = np.indices((height, width), sparse=True)
+        stripe_width = max(1, int(_STRIPE * self._scale))
+        is_stripe = (rows - columns) // stripe_width % 2 == 0
+        # the affine map from canvas to cells, from the cells of three neighbouring pixels
+        pixels = np.array([[0, 0], [1, 0], [0, 1]])
+        first, right, below = region.world_to_grid(self._low + pixels / self._scale)
+        canvas_to_cells = np.column_stack([right - first, below - first, first])
         cells = (region.data > 0).astype(np.uint8)
-        inside = cv2.warpAffine(cells, canvas_to_cells, (canvas.shape[1], canvas.shape[0]), flags=flags) > 0
-        canvas[inside & is_stripe] = self._shade(color, level)
+        flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+        is_inside = cv2.warpAffine(cells, canvas_to_cells, (width, height), flags=flags) > 0
+        canvas[is_inside & is_stripe] = self._shade(colors.ORANGE, 0.45)
 
 
 def draw_calibration_image(width: int, height: int, number: int) -> np.ndarray:
     """Draws marker `number` (0 .. 3), to be clicked next, bright and the others dim: (height, width, 3) uint8 rgb."""
     image = np.zeros((height, width, 3), np.uint8)
-    arm, thickness = int(0.06 * height), max(2, int(0.006 * height))
-    for index, (x, y) in enumerate(np.rint(markers(width, height)).astype(int).tolist()):
-        level = 255 if index == number else 50
-        cv2.line(image, (x - arm, y), (x + arm, y), (level, level, level), thickness)
-        cv2.line(image, (x, y - arm), (x, y + arm), (level, level, level), thickness)
-        if index == number:
-            cv2.circle(image, (x, y), arm, (level, level, level), thickness)
+    arm = int(0.06 * height)
+    thickness = max(2, int(0.006 * height))
+    centers = np.rint(markers(width, height)).astype(int).tolist()
+    for index, (x, y) in enumerate(centers):
+        is_next = index == number
+        tint = (255, 255, 255) if is_next else (50, 50, 50)
+        cv2.line(image, (x - arm, y), (x + arm, y), tint, thickness)
+        cv2.line(image, (x, y - arm), (x, y + arm), tint, thickness)
+        if is_next:
+            cv2.circle(image, (x, y), arm, tint, thickness)
     return image

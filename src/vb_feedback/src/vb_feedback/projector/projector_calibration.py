@@ -44,7 +44,7 @@ class ProjectorCalibration:
         if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-12:
             raise CodedError("bad_calibration", "the homography must be an invertible matrix of 3 x 3 numbers")
         inverse = np.linalg.inv(matrix)
-        scales = _corners(self.width, self.height) @ inverse[2, :2] + inverse[2, 2]
+        scales = self._corners() @ inverse[2, :2] + inverse[2, 2]
         if scales.min() * scales.max() <= 0:
             reason = "a part of the picture would lie beyond the horizon: was a point mistaken?"
             raise CodedError("bad_calibration", reason)
@@ -52,12 +52,18 @@ class ProjectorCalibration:
 
     def footprint(self) -> np.ndarray:
         """Returns the image's corners on the floor, (4, 2) [m]: upper left, upper right, lower right, lower left."""
-        return cv2.perspectiveTransform(_corners(self.width, self.height)[:, None], np.linalg.inv(self.matrix))[:, 0]
+        return cv2.perspectiveTransform(self._corners()[:, None], np.linalg.inv(self.matrix))[:, 0]
+
+    def _corners(self) -> np.ndarray:
+        return markers(self.width, self.height, inset=0.0)
 
 
-def markers(width: int, height: int) -> np.ndarray:
-    """Returns the positions of a calibration's markers, (4, 2) [px], in the corners' order of `footprint`."""
-    x, y = _INSET * (width - 1), _INSET * (height - 1)
+def markers(width: int, height: int, inset: float = _INSET) -> np.ndarray:
+    """Returns the positions of a calibration's markers, (4, 2) [px], in the corners' order of `footprint`.
+
+    With inset 0, these are the image's corners.
+    """
+    x, y = inset * (width - 1), inset * (height - 1)
     return np.array([[x, y], [width - 1 - x, y], [width - 1 - x, height - 1 - y], [x, height - 1 - y]])
 
 
@@ -73,17 +79,21 @@ def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> 
     points = np.asarray(floor, dtype=float).reshape(-1, 2)
     # twice the area [m^2] of the triangle at each corner, above 0 if it turns counter-clockwise
     sides = np.roll(points, -1, axis=0) - points
-    next_sides = np.roll(sides, -1, axis=0)
-    double_areas = sides[:, 0] * next_sides[:, 1] - sides[:, 1] * next_sides[:, 0]
+    side_x, side_y = sides.T
+    next_x, next_y = np.roll(sides, -1, axis=0).T
+    double_areas = side_x * next_y - side_y * next_x
     # each corner must stand out from the line through its neighbours: no two clicks coincide, no three are collinear
     longest = max(float(np.linalg.norm(first - second)) for first, second in combinations(points, 2))
-    if np.abs(double_areas).min() < _MIN_DISTANCE * longest or double_areas.min() < 0 < double_areas.max():
+    is_flat = np.abs(double_areas).min() < _MIN_DISTANCE * longest
+    turns_both_ways = double_areas.min() < 0 < double_areas.max()
+    if is_flat or turns_both_ways:
         raise CodedError("bad_click", reason="$clicks_out_of_order")
     # the homography is relative to the points' centroid, because large coordinates would reduce its precision
     centroid = points.mean(axis=0)
     relative_points = (points - centroid).astype(np.float32)
-    matrix = cv2.getPerspectiveTransform(relative_points, markers(width, height).astype(np.float32))
-    matrix = matrix @ np.array([[1, 0, -centroid[0]], [0, 1, -centroid[1]], [0, 0, 1.0]])
+    pixels = markers(width, height).astype(np.float32)
+    to_centroid = np.array([[1, 0, -centroid[0]], [0, 1, -centroid[1]], [0, 0, 1.0]])
+    matrix = cv2.getPerspectiveTransform(relative_points, pixels) @ to_centroid
     return ProjectorCalibration(width, height, matrix / np.abs(matrix).max())
 
 
@@ -116,7 +126,3 @@ def read_calibration(path: Path) -> ProjectorCalibration:
         raise CodedError("bad_calibration", f"'{path}' is not valid YAML") from None
     except (TypeError, ValueError) as error:
         raise CodedError("bad_calibration", f"'{path}' is not a projector's calibration: {error}") from None
-
-
-def _corners(width: int, height: int) -> np.ndarray:
-    return np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=float)

@@ -70,7 +70,8 @@ class ProjectorWindow:
         displayed = None  # Tk shows an image only while it is referenced
         while not self._closing:
             with self._lock:
-                data, self._next_image = self._next_image, None
+                data = self._next_image
+                self._next_image = None
             if data is not None:
                 displayed = tkinter.PhotoImage(data=data)
                 label.configure(image=displayed)

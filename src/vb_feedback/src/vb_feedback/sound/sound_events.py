@@ -27,7 +27,8 @@ class SoundEvents:
 
         The first message, which reports the current state, and repeated messages cause no sound.
         """
-        previous, self._state = self._state, state
+        previous = self._state
+        self._state = state
         if previous is None:
             return []
         sounds: List[str] = []

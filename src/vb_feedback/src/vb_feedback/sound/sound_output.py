@@ -9,13 +9,10 @@ import numpy as np
 from vb_core.errors import CodedError
 from vb_core.sounds import PITCHES, SOUNDS, Note
 
-# [s] beyond a sound's length, after which the device counts as stuck
-_TIMEOUT = 3.0
+_TIMEOUT = 3.0  # [s] beyond a sound's length, after which the device counts as stuck
 SAMPLE_RATE = 48000  # [1/s] sampling rate; native to sound cards
-# peak of the loudest note, as a share of full scale, which leaves headroom for other programs' sounds
-_PEAK = 0.6
-# [s] fade-in and fade-out of a note; with shorter ones, it clicks
-_FADE = 0.005
+_PEAK = 0.6  # of the loudest note, as a share of full scale, which leaves headroom for other programs' sounds
+_FADE = 0.005  # [s] fade-in and fade-out of a note; with shorter ones, it clicks
 # partials, as shares of the fundamental, because small speakers do not reproduce the fundamental of low notes
 _PARTIALS = (1.0, 0.3, 0.12)
 
@@ -36,10 +33,14 @@ def _synthesize_note(note: Note) -> np.ndarray:
     if not note.pitch:
         return np.zeros(len(time))
     phase = PITCHES[note.pitch] * time
-    wave = sum(share * np.sin(2.0 * np.pi * (order + 1) * phase) for order, share in enumerate(_PARTIALS))
+    wave = np.zeros(len(time))
+    for order, share in enumerate(_PARTIALS, start=1):
+        wave += share * np.sin(2.0 * np.pi * order * phase)
     # a sharp attack, then a decay like a struck bar's
-    envelope = np.minimum(1.0, time / _FADE) * np.minimum(1.0, (note.seconds - time) / _FADE)
-    envelope = envelope * np.exp(-2.0 * time / note.seconds)
+    attack = np.minimum(1.0, time / _FADE)
+    release = np.minimum(1.0, (note.seconds - time) / _FADE)
+    decay = np.exp(-2.0 * time / note.seconds)
+    envelope = attack * release * decay
     return note.loudness * envelope * wave / sum(_PARTIALS)
 
 

@@ -35,7 +35,6 @@ _MAX_GAP = 0.5  # [s]
 # [s] a detector looks up a fixed camera's pose twice a second: until then, spots may be located with the former one
 _POSE_LATENCY = 5.0
 
-Sighting = Tuple[float, float, float]  # stamp [s], x, y [m]
 PoseFile = Union[CameraPose, CodedError]  # a calibration, or why it cannot be read
 
 
@@ -67,7 +66,7 @@ class CameraFaultFinder:
     def __init__(self, cameras: Sequence[str], now: float) -> None:
         self._reports = {name: DetectorReport(now + _START_TIMEOUT - _SILENCE_TIMEOUT) for name in cameras}
         self._ages: Dict[str, Deque[float]] = {name: deque(maxlen=_CLOCK_REPORTS) for name in cameras}
-        self._sightings: Dict[str, Deque[Sighting]] = {}
+        self._sightings: Dict[str, Deque[Tuple[float, float, float]]] = {}  # stamp [s], x, y [m]
         self._pose_changes: Dict[str, float] = {}  # [s] when a camera got its present pose
 
     def report(self, camera: str, report: DetectorReport) -> None:
@@ -155,18 +154,16 @@ def distance_between(a: np.ndarray, b: np.ndarray) -> float:
     if min(len(a), len(b)) < _MIN_COMMON:
         return math.nan
     intervals = np.diff(b[:, 0])
-    previous = np.searchsorted(b[:, 0], a[:, 0], side="right") - 1  # row of b before each row of a
-    is_between = (previous >= 0) & (previous < len(intervals))
-    a = a[is_between]
-    previous = previous[is_between]
-    is_short = intervals[previous] <= min(_MAX_GAP_PERIODS * float(np.median(intervals)), _MAX_GAP)
-    a = a[is_short]
-    previous = previous[is_short]
+    max_gap = min(_MAX_GAP_PERIODS * float(np.median(intervals)), _MAX_GAP)
+    # the interval of b in which each row of a lies; before and after all of b it never ends
+    row_after = np.searchsorted(b[:, 0], a[:, 0], side="right")
+    gaps = np.array([np.inf, *intervals, np.inf])[row_after]
+    a = a[gaps <= max_gap]
     if len(a) < _MIN_COMMON:
         return math.nan
-    share = ((a[:, 0] - b[previous, 0]) / intervals[previous])[:, None]
-    interpolated = b[previous, 1:] + share * (b[previous + 1, 1:] - b[previous, 1:])
-    return float(np.median(np.linalg.norm(interpolated - a[:, 1:], axis=1)))
+    x = np.interp(a[:, 0], b[:, 0], b[:, 1])
+    y = np.interp(a[:, 0], b[:, 0], b[:, 2])
+    return float(np.median(np.hypot(x - a[:, 1], y - a[:, 2])))
 
 
 def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, PoseFile]:

@@ -179,7 +179,9 @@ def floor_uncertainty(camera: CameraModel, T_map_camera: np.ndarray, covariance:
     Returns:
         (middle, worst) [m] standard deviation of a floor point in its worst direction.
     """
-    columns, rows = (np.array([0.05, 0.5, 0.95]) * (size - 1) for size in (camera.width, camera.height))
+    shares = np.array([0.05, 0.5, 0.95])
+    columns = shares * (camera.width - 1)
+    rows = shares * (camera.height - 1)
     pixels = np.array([(u, v) for v in rows for u in columns])
     step = 1e-5
     deltas = step * np.vstack([np.eye(6), -np.eye(6)])
@@ -188,10 +190,12 @@ def floor_uncertainty(camera: CameraModel, T_map_camera: np.ndarray, covariance:
     on_floor = np.isfinite(derivatives).all(axis=(1, 2))
     if not on_floor.any():
         return math.inf, math.inf
-    covariances = derivatives[on_floor] @ covariance @ derivatives[on_floor].transpose(0, 2, 1)
+    derivatives = derivatives[on_floor]
+    covariances = derivatives @ covariance @ derivatives.transpose(0, 2, 1)
     sigma = np.full(len(pixels), np.nan)
     sigma[on_floor] = np.sqrt(np.maximum(0.0, np.linalg.eigvalsh(covariances)[:, -1]))
-    return float(sigma[4] if on_floor[4] else np.nanmin(sigma)), float(np.nanmax(sigma))
+    middle = sigma[4] if on_floor[4] else np.nanmin(sigma)
+    return float(middle), float(np.nanmax(sigma))
 
 
 def _move(T_map_camera: np.ndarray, delta: np.ndarray) -> np.ndarray:
@@ -272,19 +276,22 @@ def _fit(camera: CameraModel, observed: Correspondences, point_sigma: float, sta
     pixels = project(camera, start, observed.points)
     shifts = [project(camera, start, observed.points + move) - pixels for move in point_sigma * np.eye(2)]
     spread = np.nan_to_num(np.stack(shifts, axis=2))
-    whitening = np.linalg.inv(np.linalg.cholesky(_PIXEL_SIGMA**2 * np.eye(2) + spread @ spread.transpose(0, 2, 1)))
+    covariances = _PIXEL_SIGMA**2 * np.eye(2) + spread @ spread.transpose(0, 2, 1)
+    whitening = np.linalg.inv(np.linalg.cholesky(covariances))
 
     def residuals(delta: np.ndarray) -> np.ndarray:
         errors = project(camera, _move(start, delta), observed.points) - observed.pixels
         # a pose with a point behind the camera must be worse than any other
-        return np.einsum("nij,nj->ni", whitening, np.where(np.isfinite(errors), errors, 1e4)).ravel()
+        errors = np.where(np.isfinite(errors), errors, 1e4)
+        return np.einsum("nij,nj->ni", whitening, errors).ravel()
 
     # points that agree with the pose can still be off: soft_l1 gives those beyond 2 sigma less weight
     solution = least_squares(residuals, np.zeros(6), loss="soft_l1", f_scale=2.0, x_scale="jac")
     chi_square = float(2.0 * solution.cost)
     # measurements worse than stated make the pose less certain; better ones prove nothing
     factor = max(1.0, chi_square / (2 * len(observed) - 6))
-    return _Fit(_move(start, solution.x), factor * np.linalg.pinv(solution.jac.T @ solution.jac), chi_square)
+    covariance = factor * np.linalg.pinv(solution.jac.T @ solution.jac)
+    return _Fit(_move(start, solution.x), covariance, chi_square)
 
 
 def _refuse_if_ambiguous(camera: CameraModel, observed: Correspondences, point_sigma: float, fit: _Fit) -> None:

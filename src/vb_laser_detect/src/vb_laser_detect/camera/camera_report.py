@@ -44,36 +44,36 @@ def describe_camera(source: str, params: CaptureParams) -> List[str]:
 
 def _watch(source: str, params: CaptureParams) -> List[str]:
     """Reads a camera for some seconds, and describes its images and faults in lines."""
-    shots: List[CapturedImage] = []
+    images: List[CapturedImage] = []
     arrival_times: List[float] = []
     faults: List[str] = []
 
-    def add_shot(shot: CapturedImage) -> None:
+    def add_image(image: CapturedImage) -> None:
         arrival_times.append(time.time())
-        shots.append(shot._replace(jpeg=None, frame=None) if len(shots) > 1 else shot)
+        images.append(image._replace(jpeg=None, frame=None) if len(images) > 1 else image)
 
     def add_fault(error: object) -> None:
         if isinstance(error, CodedError):
             faults.append(f"{error.code}: {error.values}")
 
-    reader = CameraSource(source, params, add_shot, add_fault)
+    reader = CameraSource(source, params, add_image, add_fault)
     reader.start()
     time.sleep(_WATCH_TIME)
     reader.close()
     lines = [f"told: {fault}" for fault in dict.fromkeys(faults)]
-    if len(shots) < 2:
-        return [*lines, f"{len(shots)} images in {_WATCH_TIME:g} s"]
-    first = shots[0]
+    if len(images) < 2:
+        return [*lines, f"{len(images)} images in {_WATCH_TIME:g} s"]
+    first = images[0]
     try:
         size: object = first.picture().pixels.shape[1::-1]
     except CodedError as error:
         size = error
-    stamps = np.array([shot.stamp for shot in shots])
+    stamps = np.array([image.stamp for image in images])
     intervals = np.diff(stamps)
     ages = np.array(arrival_times) - stamps
     return [
         *lines,
-        f"{len(shots)} images in {_WATCH_TIME:g} s, as {'JPEG' if first.jpeg else 'video'}, {size} px",
+        f"{len(images)} images in {_WATCH_TIME:g} s, as {'JPEG' if first.jpeg else 'video'}, {size} px",
         f"stamps: {1e3 * np.median(intervals):.1f} ms apart ({1e3 * intervals.min():.1f} to {1e3 * intervals.max():.1f})",
         f"arrival after the stamp: {1e3 * np.median(ages):.1f} ms ({1e3 * ages.min():.1f} to {1e3 * ages.max():.1f})",
     ]

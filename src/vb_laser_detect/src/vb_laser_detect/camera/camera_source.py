@@ -15,9 +15,8 @@ import threading
 import time
 import traceback
 from collections import deque
-from functools import partial
 from pathlib import Path
-from typing import Any, Callable, Deque, Dict, Iterator, List, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Deque, Iterator, List, NamedTuple, Optional, Tuple
 
 import av
 import numpy as np
@@ -77,22 +76,21 @@ class CapturedImage(NamedTuple):
         else:
             with _readable():
                 height, width = simplejpeg.decode_jpeg_header(self.jpeg)[:2]
-        decode = partial(self._decode, width)
         if height < _HALVED_ROWS or width % 2 or height % 2:
-            return Picture(decode(width, height), "bgr")
-        return HalvedPicture((width, height), decode)
+            return Picture(self._decode(width, height), "bgr")
+        return HalvedPicture((width, height), self._decode)
 
-    def _decode(self, whole: int, width: int, height: int) -> np.ndarray:
-        """Returns the pixels (H, W, 3) bgr at the image's size or half of it, of an image that is `whole` pixels wide.
+    def _decode(self, width: int, height: int) -> np.ndarray:
+        """Returns the pixels (H, W, 3) bgr at the image's size or half of it.
 
         Colours of a JPEG are not smoothed between pixels, which would take a third longer.
         """
         if self.jpeg is None:
             sized = self.frame.reformat(width, height, "bgr24", interpolation="AREA")
             return np.ascontiguousarray(sized.to_ndarray())
-        how = dict(min_height=height, min_width=width, min_factor=whole / width)
+        size = dict(min_height=height, min_width=width)
         with _readable():
-            return simplejpeg.decode_jpeg(self.jpeg, "BGR", fastupsample=True, fastdct=True, **how)
+            return simplejpeg.decode_jpeg(self.jpeg, "BGR", fastupsample=True, fastdct=True, **size)
 
 
 @contextlib.contextmanager
@@ -121,23 +119,6 @@ def is_file(address: str) -> bool:
 def without_password(address: str) -> str:
     """Returns an address without its password, which is before the host or in the query."""
     return re.sub(r"(password|pwd)=[^&]*", r"\1=***", re.sub(r"://[^/]*@", "://", address), flags=re.IGNORECASE)
-
-
-class _Clock:
-    """Relates a camera's time stamps to this computer's clock, by the packets' arrival times.
-
-    The network delays some packets more than others: the quickest of the last ones gives the offset between the clocks.
-    """
-
-    def __init__(self) -> None:
-        self._offsets: Deque[float] = deque(maxlen=_OFFSET_WINDOW)
-
-    def offset(self, stamp: float, arrived: float) -> float:
-        """Returns the offset [s] to add to the camera's time."""
-        if self._offsets and abs(arrived - stamp - self._offsets[-1]) > _CLOCK_LIMIT:
-            self._offsets.clear()  # the camera's clock was set
-        self._offsets.append(arrived - stamp)
-        return min(self._offsets)
 
 
 class CameraSource:
@@ -189,19 +170,23 @@ class CameraSource:
         """Reads until the stream ends. A CodedError then says why."""
         try:
             with self._open() as container:
-                for number, shot in enumerate(self._shots(container)):
+                for number, image in enumerate(self._images(container)):
                     if number == 0:
                         self._report(None)
                     if self._closed.is_set():
                         return
-                    self._handle(shot)
+                    self._handle(image)
         except (av.error.FFmpegError, OSError) as error:
             raise self._fault(error) from None
         raise CodedError("camera_ended", source=self._shown_address)
 
     def _open(self) -> Any:
         if is_device(self.address):
-            options = self._device_options()
+            options = {"ts": "abs", "fflags": _NONBLOCK}
+            if self.params.width and self.params.height:
+                options["video_size"] = f"{self.params.width}x{self.params.height}"
+            if self.params.rate:
+                options["framerate"] = f"{self.params.rate:g}"
             # EINVAL: the device lacks this format, and FFmpeg is to choose one that it has
             with contextlib.suppress(ValueError):
                 wanted = {**options, "input_format": self.params.pixel_format}
@@ -212,15 +197,7 @@ class CameraSource:
             return av.open(self.address, options=options, timeout=(_OPEN_TIMEOUT, _STALL_TIMEOUT))
         return av.open(str(Path(self.address).expanduser()))
 
-    def _device_options(self) -> Dict[str, str]:
-        options = {"ts": "abs", "fflags": _NONBLOCK}
-        if self.params.width and self.params.height:
-            options["video_size"] = f"{self.params.width}x{self.params.height}"
-        if self.params.rate:
-            options["framerate"] = f"{self.params.rate:g}"
-        return options
-
-    def _shots(self, container: Any) -> Iterator[CapturedImage]:
+    def _images(self, container: Any) -> Iterator[CapturedImage]:
         if not container.streams.video:
             raise CodedError("camera_no_stream", source=self._shown_address)
         stream = container.streams.video[0]
@@ -294,13 +271,20 @@ class CameraSource:
     def _from_network(self, container: Any, stream: Any) -> Iterator[Tuple[Any, Optional[float]]]:
         # motion JPEG over HTTP has no time stamps: FFmpeg counts images
         is_stamped = self.address.startswith("rtsp")
-        clock = _Clock()
+        offsets: Deque[float] = deque(maxlen=_OFFSET_WINDOW)
         for packet in container.demux(stream):
             now = time.time()
-            if packet.size:
-                is_known = is_stamped and packet.dts is not None
-                offset = clock.offset(float(packet.dts * packet.time_base), now) if is_known else None
-                yield packet, offset
+            if not packet.size:
+                continue
+            if not is_stamped or packet.dts is None:
+                yield packet, None
+                continue
+            offset = now - float(packet.dts * packet.time_base)
+            if offsets and abs(offset - offsets[-1]) > _CLOCK_LIMIT:
+                offsets.clear()  # the camera's clock was set
+            offsets.append(offset)
+            # the network delays some packets more than others: the quickest one shows how far the clocks differ
+            yield packet, min(offsets)
 
     def _from_file(self, container: Any, stream: Any) -> Iterator[Tuple[Any, Optional[float]]]:
         """Yields packets when they are due, again and again; a file that is far behind continues from where it is."""

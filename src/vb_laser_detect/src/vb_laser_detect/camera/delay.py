@@ -14,7 +14,6 @@ _DELAYS = np.arange(-0.1, 3.0, 0.004)  # [s] that are tried
 _MIN_CORRELATION = 0.75
 _MIN_IMAGES = 50
 _MIN_SWITCHES = 8
-_EDGE = 1e-3  # [s] half the time in which the light changes
 
 
 def brightness(gray: np.ndarray) -> np.ndarray:
@@ -40,12 +39,11 @@ def measure_delay(switch_times: Sequence[float], images: Sequence[Tuple[float, n
     norms = np.linalg.norm(levels, axis=0) + 1e-6
     # a camera is exposed for part of the time between two images, usually about half of it
     exposure_time = 0.5 * float(np.median(np.diff(stamps)))
-    edge_times = np.repeat(np.array(switch_times, float), 2) + np.tile([-_EDGE, _EDGE], len(switch_times))
-    states = np.tile([0.0, 1.0, 1.0, 0.0], len(switch_times) // 2 + 1)[: len(edge_times)]
+    offsets = np.linspace(-0.5, 0.5, 5) * exposure_time
     correlations = np.zeros(len(_DELAYS))
     for number, delay in enumerate(_DELAYS):
-        offsets = np.linspace(-0.5, 0.5, 5) * exposure_time
-        light = np.mean([np.interp(stamps - delay + offset, edge_times, states) for offset in offsets], axis=0)
+        # it is lit after an odd number of switches
+        light = np.mean([np.searchsorted(switch_times, stamps - delay + offset) % 2 for offset in offsets], axis=0)
         light -= light.mean()
         correlations[number] = (light @ levels / (norms * (np.linalg.norm(light) + 1e-6))).max()
     best = int(np.argmax(correlations))
@@ -54,4 +52,6 @@ def measure_delay(switch_times: Sequence[float], images: Sequence[Tuple[float, n
     nearly_best = np.flatnonzero(correlations > correlations[best] - 0.01)
     delays = _DELAYS[nearly_best]
     weights = correlations[nearly_best] - correlations[best] + 0.011
-    return float(np.sum(delays * weights) / np.sum(weights)), float(np.ptp(delays) / 2.0 + 0.002)
+    delay = np.sum(delays * weights) / np.sum(weights)
+    uncertainty = np.ptp(delays) / 2.0 + 0.002
+    return float(delay), float(uncertainty)

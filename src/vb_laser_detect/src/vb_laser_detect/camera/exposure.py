@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Callable, List, NamedTuple
+from typing import Callable, List
 
 import numpy as np
 
@@ -26,23 +26,11 @@ def saturated_share(image: np.ndarray) -> float:
     return float((sample >= _SATURATED).mean()) if sample.size else 0.0
 
 
-class Brightness(NamedTuple):
-    """The median grey level of an image, and the share of it that is white."""
-
-    median: float
-    white_share: float
-
-
-def measure_brightness(image: np.ndarray) -> Brightness:
-    """Measures the brightness of an image (H, W, 3) or (H, W) uint8."""
-    return Brightness(float(np.median(image[::_SPACING, ::_SPACING])), saturated_share(image))
-
-
-def find_exposure(try_exposure: Callable[[int], Brightness], report: Callable[[str], None] = lambda text: None) -> int:
+def find_exposure(take_image: Callable[[int], np.ndarray], report: Callable[[str], None]) -> int:
     """Finds the exposure time [0.1 ms] by bisection, as a longer one always makes the image brighter.
 
     Args:
-        try_exposure: sets an exposure time [0.1 ms], and measures an image taken with it.
+        take_image: sets an exposure time [0.1 ms], and returns an image (H, W, 3) taken with it.
         report: receives a sentence for each trial.
 
     Raises:
@@ -52,7 +40,9 @@ def find_exposure(try_exposure: Callable[[int], Brightness], report: Callable[[s
     medians: List[float] = []
     for _ in range(_MAX_TRIALS):
         exposure = max(1, round(math.exp((low + high) / 2.0)))
-        median, white_share = try_exposure(exposure)
+        image = take_image(exposure)
+        median = float(np.median(image[::_SPACING, ::_SPACING]))
+        white_share = saturated_share(image)
         medians.append(median)
         white = f"{100 * white_share:.1f} % of the image is white"
         report(f"{exposure / 10.0:g} ms: the floor is at {median:.0f} of 255, {white}")

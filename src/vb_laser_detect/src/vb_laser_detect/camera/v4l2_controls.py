@@ -69,10 +69,13 @@ def list_control_values(listing: str, params: CaptureParams) -> List[str]:
         name = next((name for name in names if name in controls), "")
         if not name and wanted is not None:
             raise CodedError("no_control", control=names[0], known=", ".join(controls) or "-")
-        limits = {key: int(number) for key, number in re.findall(r"(min|max|default)=(-?\d+)", controls.get(name, ""))}
+        found = re.findall(r"(min|max|default)=(-?\d+)", controls.get(name, ""))
+        limits = {key: int(number) for key, number in found}
         value = limits.get("default") if wanted is None else wanted
         if value is not None:
-            steps.append(f"{name}={min(max(value, limits.get('min', value)), limits.get('max', value))}")
+            value = max(value, limits.get("min", value))
+            value = min(value, limits.get("max", value))
+            steps.append(f"{name}={value}")
 
     add(_AUTO_EXPOSURE, _MANUAL if params.exposure else None)
     if params.exposure:

@@ -1,20 +1,22 @@
 """Models a camera's scene without a spot, and finds what an image changes in it, by blocks of pixels.
 
-Whole images are compared only by blocks, which must stay cheap.
+Each image is compared with a keyframe, which never includes a spot. A stationary camera's averages one image a second,
+except where something has just changed; a moving camera's is replaced every few images. Whole images are compared only by
+blocks, which must stay cheap.
 """
 
 from __future__ import annotations
 
 import math
 from functools import reduce
-from typing import NamedTuple, Optional, Tuple
+from typing import NamedTuple, Optional, Sequence
 
 import cv2
 import numpy as np
 
-from vb_laser_detect.detection.stage_results import Box
+from vb_core.image_format import AnyPicture
+from vb_laser_detect.detection.stage_results import BLOCK, ExpectedSpot, Part, Spot, blocks_around, match_lighting
 
-BLOCK = 8  # [px] edge of a block
 _BAND_BYTES = 240_000  # [bytes] of one pixel row of all blocks in a band: small enough for a core's cache
 # half of a block's rows are read, in half the time, as a spot covers several rows
 _COLOR_ROWS = (1, 3, 5, 7)
@@ -26,7 +28,8 @@ _NOISE_DEVIATIONS = 6.0  # how far a rise must exceed a block's own noise
 _PERIOD = 1.0  # [s] between two keyframes of a stationary camera; a block's noise is averaged over it
 _WEIGHT = 0.25  # share of a new image in a stationary camera's keyframe: averaging reduces noise
 _ABSORPTION_TIME = 1.5  # [s] a change that lasts longer becomes background
-GHOST_TIME = _ABSORPTION_TIME + _PERIOD  # [s] after this time a removed object has left the background
+_GHOST_TIME = _ABSORPTION_TIME + _PERIOD  # [s] after this time a removed object has left the background
+_UNSEEN = 1.0  # [s] time between two images in which a hand could take something away
 _KEYFRAME = 6  # [images] for which a moving camera's background is kept: people walk on
 _KEYFRAME_PART = 0.1  # share of its width by which the image may have moved: floor new in view is not in the keyframe
 _MIN_FLICKER = 0.1  # under flickering lamps, the light of an image's rows differs by at least this share
@@ -60,32 +63,28 @@ class Changes(NamedTuple):
 class Background:
     """The background of one camera at full resolution, and each block's noise.
 
-    Blocks that changed are left out of a stationary camera's keyframe until the change has lasted 1.5 s. Blocks that
-    show a spot are left out of every keyframe.
-
-    Args:
-        image: (H, W) or (H, W, 3) uint8, the first image as it is searched.
+    Blocks that changed are left out of a stationary camera's keyframe until the change has lasted 1.5 s.
+    The first image of a scene is its background. A light in it may be a lamp; only if it moves is it a spot.
 
     Attributes:
-        image: the background itself, at the size searched.
-        blocks: number of their rows and columns.
         bright_level: [grey levels] of the brightest surfaces in it, see `SearchedImage`.
         motion: (3, 3) maps the background's pixels to those of the last image; None if the camera was stationary.
         reference: what the last image was compared with: the background as moved and lit in it.
+        ghost_s: see `SearchedImage`.
+        is_keyframe: whether the last image became the keyframe.
     """
 
-    def __init__(self, image: np.ndarray) -> None:
-        self.blocks = blocks = (image.shape[0] // BLOCK, image.shape[1] // BLOCK)
-        self._noise, self._deviation, self._changed_s = np.zeros((3,) + blocks, np.float32)
-        self._noise_s, self._noise_known = 0.0, False
-        self._adopt(image)
-        self.reference = self.image
+    def __init__(self) -> None:
+        self._image: Optional[np.ndarray] = None
+        self.motion: Optional[np.ndarray] = None
+        self.is_keyframe = False
 
     def _adopt(self, image: np.ndarray) -> None:
         """Makes an image the background."""
-        self.image = image
+        self._image = image
+        self.is_keyframe = True
         self._sample = sample_blocks(image)
-        self.motion: Optional[np.ndarray] = None
+        self.motion = None
         self._brightest: Optional[np.ndarray] = None  # maxima of 3 x 3 pixels
         self._limit: Optional[np.ndarray] = None  # smallest rise that is clear, and exceeds the noise
         self._age, self._images = 0.0, 0
@@ -96,23 +95,48 @@ class Background:
         self.bright_level = min(max(bright, _DARKEST), _BRIGHTEST)
         self._min_change = _MIN_CHANGE * self.bright_level
 
-    def compare(self, image: np.ndarray, motion: Optional[np.ndarray]) -> Changes:
+    def compare(self, picture: AnyPicture, motion: Optional[np.ndarray], expected: Sequence[ExpectedSpot]) -> Changes:
+        """Compares a picture with the background. If it is the first one, or the light was switched, a new scene begins.
+
+        Args:
+            motion: (3, 3) maps the background's pixels to the searched ones; None: the camera is stationary.
+            expected: the spots that a new background should not include.
+        """
+        self.is_keyframe = False
+        changes = None if self._image is None else self._compare(picture.search_pixels, motion)
+        if changes is None or changes.is_global_change:
+            self._begin_scene(picture, expected)
+            changes = self._compare(picture.search_pixels, None)
+        return changes
+
+    def _begin_scene(self, picture: AnyPicture, expected: Sequence[ExpectedSpot]) -> None:
+        """Makes a picture the background and forgets the noise. Under an expected spot, the old background stays, relit."""
+        keyframe = picture.search_pixels.copy()
+        blocks = keyframe.shape[0] // BLOCK, keyframe.shape[1] // BLOCK
+        for spot in expected:
+            rows, columns = blocks_around(blocks, *spot.position, spot.reach + spot.max_width, picture.scale)
+            part = _pixels_of(rows, columns)
+            if keyframe[part].size:
+                floor = self._moved_part(part, keyframe)
+                keyframe[part] = match_lighting(floor, keyframe[part], spot.max_width / picture.scale)
+        self._noise, self._deviation, self._changed_s, self.ghost_s = np.zeros((4,) + blocks, np.float32)
+        self._noise_s, self._noise_known = 0.0, False
+        self._adopt(keyframe)
+
+    def _compare(self, image: np.ndarray, motion: Optional[np.ndarray]) -> Changes:
         """Compares an image with the background, which flickering lamps may light row by row.
 
         While the camera moves, no block counts as darker, as a new keyframe soon includes the change.
-
-        Args:
-            motion: (3, 3) maps the background's pixels to the image's; None: the camera is stationary.
         """
         self.motion = motion
         if motion is not None:
             if self._brightest is None:
-                self._brightest = cv2.dilate(self.image, _SQUARE)
+                self._brightest = cv2.dilate(self._image, _SQUARE)
             # a fraction of a pixel does not matter to the maximum of nine
             self.reference = _warp(self._brightest, motion, image.copy(), cv2.INTER_NEAREST)
             self._rise = block_maxima(image, self.reference)
-            return Changes(self._rise, self._exceeds_noise(self._rise), np.zeros(self.blocks, bool))
-        self.reference = self.image
+            return Changes(self._rise, self._exceeds_noise(self._rise), np.zeros(self._rise.shape, bool))
+        self.reference = self._image
         now = sample_blocks(image)
         changes = self._changes(image, now, self._sample)
         if changes.is_global_change and self._relight_rows(now):
@@ -134,15 +158,15 @@ class Background:
         gains = np.median(light / light_before, axis=1)
         if np.ptp(gains) < _MIN_FLICKER * gains.mean():
             return False
-        self.reference = _apply_row_gains(self.image, gains)
+        self.reference = _apply_row_gains(self._image, gains)
         return True
 
-    def moved_part(self, part: Tuple[slice, slice], image: np.ndarray) -> np.ndarray:
+    def _moved_part(self, part: Part, image: np.ndarray) -> np.ndarray:
         """Returns a part of the background as the camera sees it now; where it does not reach, the image."""
         if self.motion is None:
-            return self.image[part]
+            return self._image[part]
         to_part = np.array([[1.0, 0.0, -part[1].start], [0.0, 1.0, -part[0].start], [0.0, 0.0, 1.0]]) @ self.motion
-        return _warp(self.image, to_part, image[part].copy(), cv2.INTER_CUBIC)
+        return _warp(self._image, to_part, image[part].copy(), cv2.INTER_CUBIC)
 
     def _exceeds_noise(self, rise: np.ndarray) -> np.ndarray:
         """Finds the blocks (rows, columns) bool whose rise is no small change, and exceeds the block's own noise."""
@@ -163,53 +187,61 @@ class Background:
             self._limit = cv2.max(noise, math.ceil(self._min_change))
         return cv2.compare(rise, self._limit, cv2.CMP_GE) > 0
 
-    def update(self, image: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float) -> bool:
-        """Adds the image that was compared last, and returns whether it became the keyframe.
+    def update(self, picture: AnyPicture, changed: np.ndarray, spots: Sequence[Spot], dt: float) -> None:
+        """Adds the picture that was compared last, except where it shows these spots.
 
         Args:
-            changed, spots: (rows, columns) bool; blocks that changed, and blocks that show a spot.
+            changed: (rows, columns) bool, blocks that changed.
             dt: [s] since the last image.
         """
+        shows_spot = np.zeros_like(changed)
+        for spot in spots:
+            reach = 1.25 * spot.diameter + BLOCK * picture.scale
+            shows_spot[blocks_around(changed.shape, spot.u, spot.v, reach, picture.scale)] = True
+        moved = changed & ~shows_spot
+        # nothing is known of what happened between images far apart
+        self.ghost_s = np.where(moved | (dt >= _UNSEEN), _GHOST_TIME, self.ghost_s - dt)
         self._age += dt
         self._images += 1
         if self.motion is not None:
-            return self._update_moving(image, spots)
-        self._changed_s = cv2.copyTo(cv2.add(self._changed_s, dt), (changed & ~spots).view(np.uint8))
-        self._learn_noise(~(changed | spots), dt)
-        return self._update_stationary(image, changed | spots)
+            self._update_moving(picture.search_pixels, shows_spot)
+            return
+        self._changed_s = cv2.copyTo(cv2.add(self._changed_s, dt), moved.view(np.uint8))
+        unsteady = changed | shows_spot
+        self._learn_noise(~unsteady, dt)
+        self._update_stationary(picture.search_pixels, unsteady)
 
-    def _update_stationary(self, image: np.ndarray, unsteady: np.ndarray) -> bool:
+    def _update_stationary(self, image: np.ndarray, unsteady: np.ndarray) -> None:
         """Averages the image into the keyframe once a period, except blocks that show a spot or changed only just now."""
         if self._age < _PERIOD:
-            return False
+            return
         lasting = self._changed_s > _ABSORPTION_TIME
         kept = unsteady & ~lasting
         self._changed_s[lasting] = 0.0
-        keyframe = cv2.addWeighted(image, _WEIGHT, self.image, 1.0 - _WEIGHT, 0.0)
-        for blocks, source in ((lasting, image), (kept, self.image)):
+        keyframe = cv2.addWeighted(image, _WEIGHT, self._image, 1.0 - _WEIGHT, 0.0)
+        for blocks, source in ((lasting, image), (kept, self._image)):
             if blocks.any():
                 cv2.copyTo(source, mask_of_blocks(blocks, *image.shape[:2]), keyframe)
         self._adopt(keyframe)
-        return True
 
-    def _update_moving(self, image: np.ndarray, spots: np.ndarray) -> bool:
+    def _update_moving(self, image: np.ndarray, shows_spot: np.ndarray) -> None:
         """Makes the image the keyframe after some images or much motion; where it shows a spot, the background stays."""
-        middle = np.array([[[0.5 * image.shape[1], 0.5 * image.shape[0]]]])
-        moved = np.abs(cv2.perspectiveTransform(middle, self.motion) - middle).max() > _KEYFRAME_PART * image.shape[1]
-        if not moved and self._images < _KEYFRAME:
-            return False
+        height, width = image.shape[:2]
+        middle = np.array([[[0.5 * width, 0.5 * height]]])
+        distance = np.abs(cv2.perspectiveTransform(middle, self.motion) - middle).max()
+        if distance <= _KEYFRAME_PART * width and self._images < _KEYFRAME:
+            return
         keyframe = image.copy()
         self._changed_s[:] = 0.0
         self._noise[:] = self._noise.mean()
         self._deviation[:] = self._deviation.mean()
-        left, top, wide, high = cv2.boundingRect(spots.view(np.uint8))
+        left, top, wide, high = cv2.boundingRect(shows_spot.view(np.uint8))
         if wide:
-            part = slice(BLOCK * top, BLOCK * (top + high)), slice(BLOCK * left, BLOCK * (left + wide))
-            blocks = np.ascontiguousarray(spots[top : top + high, left : left + wide])
-            mask = mask_of_blocks(blocks, *keyframe[part].shape[:2])
-            cv2.copyTo(self.moved_part(part, image), mask, keyframe[part])
+            rows, columns = slice(top, top + high), slice(left, left + wide)
+            part = _pixels_of(rows, columns)
+            mask = mask_of_blocks(np.ascontiguousarray(shows_spot[rows, columns]), *keyframe[part].shape[:2])
+            cv2.copyTo(self._moved_part(part, image), mask, keyframe[part])
         self._adopt(keyframe)
-        return True
 
     def _learn_noise(self, steady: np.ndarray, dt: float) -> None:
         """Averages the rise of steady blocks, and its deviation; both change slowly, so not every image is used."""
@@ -223,18 +255,6 @@ class Background:
         cv2.accumulateWeighted(cv2.absdiff(values, self._noise), self._deviation, weight, mask)
         self._noise_s = 0.0
         self._limit = None
-
-
-def match_lighting(background: np.ndarray, image: np.ndarray, max_width: float) -> np.ndarray:
-    """Returns a background relit as in an image, whose light narrower than `max_width` [px] does not count."""
-    half = 2 * math.ceil(max_width / 4)
-    kernel = np.zeros((2 * half + 1,) * 2, np.uint8)
-    # the colours of a Bayer image are not mixed
-    step = 2 if image.ndim == 2 else 1
-    kernel[::step, ::step] = 1
-    gain = (image + np.float32(1.0)) / (background + np.float32(1.0))
-    gain = cv2.morphologyEx(gain, cv2.MORPH_OPEN, kernel)
-    return cv2.multiply(background, gain, dtype=cv2.CV_8U)
 
 
 def _warp(image: np.ndarray, motion: np.ndarray, target: np.ndarray, interpolation: int) -> np.ndarray:
@@ -260,37 +280,41 @@ def block_maxima(image: np.ndarray, background: np.ndarray) -> np.ndarray:
     Returns:
         (H // BLOCK, W // BLOCK) uint8.
     """
-    high = BLOCK * max(1, _BAND_BYTES // image[0].nbytes)
-    tops = range(0, image.shape[0] - BLOCK + 1, high)
-    bands = [_band_maxima(image[top : top + high], background[top : top + high]) for top in tops]
+    height = BLOCK * max(1, _BAND_BYTES // image[0].nbytes)  # of a band
+    bands = []
+    for top in range(0, image.shape[0] - BLOCK + 1, height):
+        rows = slice(top, top + height)
+        bands.append(_band_maxima(image[rows], background[rows]))
     if image.shape[0] % BLOCK:  # half of 1080 rows, for example: the rows left over belong to the last blocks
         last = bands[-1][-1:]
         cv2.max(last, _band_maxima(image[-BLOCK:], background[-BLOCK:]), last)
     maxima = cv2.vconcat(bands)
     if image.shape[1] % BLOCK:  # half of 2028 columns, for example
-        strips = (np.ascontiguousarray(picture[:, -BLOCK:]) for picture in (image, background))
-        maxima[:, -1:] = cv2.max(maxima[:, -1:], block_maxima(*strips))
+        strip = np.ascontiguousarray(image[:, -BLOCK:])
+        background_strip = np.ascontiguousarray(background[:, -BLOCK:])
+        maxima[:, -1:] = cv2.max(maxima[:, -1:], block_maxima(strip, background_strip))
     return maxima
 
 
 def _band_maxima(image: np.ndarray, background: np.ndarray) -> np.ndarray:
     """Computes `block_maxima` of a band whose height is a multiple of BLOCK; columns left over are ignored."""
-    high, columns = image.shape[0] // BLOCK, image.shape[1] // BLOCK
+    rows, columns = image.shape[0] // BLOCK, image.shape[1] // BLOCK
     # rows are reduced first, where memory is contiguous; the small rest is then transposed and reduced the same way
-    now, before = (picture[: high * BLOCK].reshape(high, -1) for picture in (image, background))
+    now = image[: rows * BLOCK].reshape(rows, -1)
+    before = background[: rows * BLOCK].reshape(rows, -1)
     length = now.shape[1] // BLOCK
-    rows = _MOSAIC_ROWS if image.ndim == 2 else _COLOR_ROWS
-    first, *parts = [slice(row * length, (row + 1) * length) for row in rows]
+    read_rows = _MOSAIC_ROWS if image.ndim == 2 else _COLOR_ROWS
+    first, *parts = [slice(row * length, (row + 1) * length) for row in read_rows]
     best = cv2.subtract(now[:, first], before[:, first])
     rise = np.empty_like(best)
     for part in parts:
         cv2.subtract(now[:, part], before[:, part], rise)
         cv2.max(best, rise, best)
-    best = max_channel(best.reshape((high,) + image.shape[1:]))
+    best = max_channel(best.reshape((rows,) + image.shape[1:]))
     turned = cv2.transpose(best[:, : columns * BLOCK]).reshape(columns, -1)
-    best = np.ascontiguousarray(turned[:, :high])
+    best = np.ascontiguousarray(turned[:, :rows])
     for column in range(1, BLOCK):
-        cv2.max(best, turned[:, column * high : (column + 1) * high], best)
+        cv2.max(best, turned[:, column * rows : (column + 1) * rows], best)
     return cv2.transpose(best)
 
 
@@ -301,18 +325,9 @@ def sample_blocks(image: np.ndarray) -> np.ndarray:
     return cv2.resize(image[: rows * BLOCK, : columns * BLOCK], (columns, rows), interpolation=cv2.INTER_NEAREST)
 
 
-def max_in_box(image: np.ndarray, box: Box) -> float:
-    """Returns the brightest sample [grey levels] of a box."""
-    left, top, right, bottom = box
-    # columns and channels side by side
-    return cv2.minMaxLoc(image[top:bottom, left:right].reshape(bottom - top, -1))[1]
-
-
-def blocks_around(shape: Tuple[int, ...], u: float, v: float, reach: float, block: int = BLOCK) -> Tuple[slice, slice]:
-    """Returns the rows and columns of a grid (rows, columns) of blocks, `block` wide, within `reach` of a place [px]."""
-    top, bottom = int(max(0.0, v - reach)) // block, int(max(-1.0, v + reach)) // block + 1
-    left, right = int(max(0.0, u - reach)) // block, int(max(-1.0, u + reach)) // block + 1
-    return slice(top, min(shape[0], bottom)), slice(left, min(shape[1], right))
+def _pixels_of(rows: slice, columns: slice) -> Part:
+    """Returns the pixels of these rows and columns of blocks."""
+    return slice(BLOCK * rows.start, BLOCK * rows.stop), slice(BLOCK * columns.start, BLOCK * columns.stop)
 
 
 def max_channel(image: np.ndarray) -> np.ndarray:

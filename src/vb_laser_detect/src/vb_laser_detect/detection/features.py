@@ -14,13 +14,12 @@ from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, reduce
 from itertools import compress
 from pathlib import Path
-from typing import Callable, Dict, List, NamedTuple, Optional, Tuple
+from typing import Dict, List, NamedTuple, Optional, Tuple
 
 import cv2
 import numpy as np
 
-from vb_laser_detect.detection.background import BLOCK, blocks_around, max_in_box, max_channel, match_lighting
-from vb_laser_detect.detection.stage_results import Box, Part, SearchedImage, Spot, shrink_box
+from vb_laser_detect.detection.stage_results import BLOCK, Box, Part, SearchedImage, Spot, blocks_around, match_lighting
 
 _EDGE = 0.35  # a blob consists of the pixels whose rise exceeds this share of the peak
 _MAX_ELONGATION = 2.0  # largest length of a spot in largest diameters, as a fast one is elongated
@@ -29,7 +28,6 @@ _ONE_MOSAIC = 0.75
 _WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above this says nothing about colour
 _GRAY = 0.85  # a floor is grey if its weakest channel has at least this share of the strongest
 _MIN_BUSY = 0.02  # ghosts may be left from this value of `busy` on
-FEATURES = ("elongation", "peak", "level", "edge", "fall", "diameter", "chroma_mosaic", "busy")
 # features that do not count against a spot seen where it was expected: they describe its surroundings, or its colour, which
 # it has shown before and which other light or a mosaic may hide now
 _WAIVED_IF_EXPECTED = ("fall", "busy", "chroma_mosaic")
@@ -45,7 +43,7 @@ class Blob:
         u, v: [px] centroid, sub-pixel; the centre of the first pixel is 0.
         diameter: [px] of a disc of the same area.
         problem: code of the reason for a rejection by position or size alone, or "".
-        features: values by their names in FEATURES, NaN for a feature that says nothing; empty if there is a problem.
+        features: values by name, NaN for a feature that says nothing; empty if there is a problem.
         light: the blob's light; None if there is a problem.
     """
 
@@ -70,7 +68,7 @@ def examine_regions(
     for region in searched.regions:
         blob = _unmeasured(region.box, "too_dark")
         # if a region is too large, other light may have come to where a spot is expected
-        for box in region.boxes():
+        for box in region.boxes:
             max_width = math.inf if box is region.box else region.expected.max_width
             blob = measure_blob(searched, box, max_diameters[box], max_width)
             if blob.problem != "too_large":
@@ -78,7 +76,8 @@ def examine_regions(
         probability = 0.0
         rejection = blob.problem
         if not rejection:
-            is_expected = region.expected is not None and region.expected.contains(blob.u, blob.v)
+            expected = region.expected
+            is_expected = expected is not None and math.dist((blob.u, blob.v), expected.position) <= expected.reach
             probability, reason = classifier.classify(blob, is_expected)
             rejection = reason if probability < min_probability else ""
         tint = None if rejection else blob.light.tint
@@ -103,15 +102,17 @@ def measure_blob(searched: SearchedImage, box: Box, max_diameter: float, max_wid
     if math.isnan(max_diameter):
         return _unmeasured(box, "off_floor")
     picture = searched.picture
-    if picture.scale > 1:
-        small_box = shrink_box(box, picture.scale)
-        limits = max_diameter / picture.scale, max_width / picture.scale
-        cutout = _cut_out(picture.search_pixels, lambda part: searched.reference[part], small_box, *limits)
+    scale = picture.scale
+    left, top, right, bottom = box
+    if scale > 1:
+        small_box = left // scale, top // scale, -(-right // scale), -(-bottom // scale)
+        small = picture.search_pixels
+        cutout = _cut_out(small, searched.reference, 1, small_box, max_diameter / scale, max_width / scale)
         if cutout.problem == "too_large":
             return _unmeasured(box, "too_large")
-    if max_in_box(picture.pixels, box) < searched.min_level:  # the whole picture is decoded only now
+    if picture.pixels[top:bottom, left:right].max() < searched.min_level:  # the whole picture is decoded only now
         return _unmeasured(box, "too_dark")
-    cutout = _cut_out(picture.pixels, searched.reference_part, box, max_diameter, max_width)
+    cutout = _cut_out(picture.pixels, searched.reference, scale, box, max_diameter, max_width)
     if cutout.problem:
         return _unmeasured(box, cutout.problem)
     light = BlobLight(*cutout.images, picture.is_bayer)
@@ -140,35 +141,41 @@ class _Cutout(NamedTuple):
 
 
 def _cut_out(
-    image: np.ndarray, floor_of: Callable[[Part], np.ndarray], box: Box, max_diameter: float, max_width: float
+    image: np.ndarray, reference: np.ndarray, scale: int, box: Box, max_diameter: float, max_width: float
 ) -> _Cutout:
-    """Cuts the brightest blob whose peak is in a box out of an image; `floor_of` returns the floor in a part of it."""
+    """Cuts the brightest blob whose peak is in a box out of an image, which is larger than the reference by `scale`."""
     left, top, right, bottom = box
-    margin, missing = 20, 1
+    height, width = image.shape[:2]
+    margin = 20
+    missing = 1
     while missing > 0:
         # even bounds keep each pixel's position in the Bayer pattern
-        x0, y0 = max(0, left - margin) & ~1, max(0, top - margin) & ~1
-        window = slice(y0, min(bottom + margin, image.shape[0])), slice(x0, min(right + margin, image.shape[1]))
+        x0 = max(0, left - margin) & ~1
+        y0 = max(0, top - margin) & ~1
+        window = slice(y0, min(bottom + margin, height)), slice(x0, min(right + margin, width))
         now = image[window]
-        floor = floor_of(window)
+        floor = _enlarged_part(reference, window, scale)
         if max_width < math.inf:
             floor = cv2.max(floor, match_lighting(floor, now, max_width))
         # the kernel [1 2 1] averages out noise and a Bayer image's mosaic
-        smooth = cv2.GaussianBlur(max_channel(cv2.subtract(now, floor)), (3, 3), 0, borderType=cv2.BORDER_REFLECT_101)
+        rise = reduce(cv2.max, cv2.split(cv2.subtract(now, floor)))
+        smooth = cv2.GaussianBlur(rise, (3, 3), 0, borderType=cv2.BORDER_REFLECT_101)
         _, peak, _, peak_pixel = cv2.minMaxLoc(smooth[top - y0 : bottom - y0, left - x0 : right - x0])
-        _, labels, stats, _ = cv2.connectedComponentsWithStats((smooth > _EDGE * peak).astype(np.uint8), connectivity=8)
+        is_blob = (smooth > _EDGE * peak).astype(np.uint8)
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(is_blob, connectivity=8)
         label = labels[peak_pixel[1] + top - y0, peak_pixel[0] + left - x0]
         bx, by, bw, bh, _ = stats[label].tolist()
         if peak < 4 or max(bw, bh) > _MAX_ELONGATION * max_diameter:
             return _Cutout("too_faint" if peak < 4 else "too_large")
         # the window must include the blob's surroundings
         pad = int(math.ceil(0.6 * max(bw, bh))) + 4
-        (window_height, window_width), (height, width) = now.shape[:2], image.shape[:2]
+        window_height, window_width = now.shape[:2]
         spaces = bx, by, window_width - bx - bw, window_height - by - bh
         can_grow = x0 > 0, y0 > 0, x0 + window_width < width, y0 + window_height < height
         missing = pad - min(compress(spaces, can_grow), default=pad)
         margin += missing
-    sx, sy = max(0, bx - pad) & ~1, max(0, by - pad) & ~1
+    sx = max(0, bx - pad) & ~1
+    sy = max(0, by - pad) & ~1
     part = slice(sy, by + bh + pad), slice(sx, bx + bw + pad)
     mask = (labels[part] == label).view(np.uint8)
     area, elongation = _shape_of(mask)
@@ -179,12 +186,23 @@ def _cut_out(
     return _Cutout("", x0 + sx, y0 + sy, images, diameter, elongation)
 
 
+def _enlarged_part(image: np.ndarray, part: Part, scale: int) -> np.ndarray:
+    """Returns a part of an image enlarged by `scale`; the part begins at even pixels."""
+    if scale == 1:
+        return image[part]
+    rows, columns = part
+    small_rows = slice(rows.start // scale, -(-rows.stop // scale))
+    small_columns = slice(columns.start // scale, -(-columns.stop // scale))
+    enlarged = cv2.resize(image[small_rows, small_columns], None, fx=scale, fy=scale, interpolation=cv2.INTER_LINEAR)
+    return enlarged[: rows.stop - rows.start, : columns.stop - columns.start]
+
+
 def _features_of(light: BlobLight, u: float, v: float, diameter: float, searched: SearchedImage) -> Dict[str, float]:
     """Computes the features that say how a blob's light differs from the floor and from other changes."""
     busy, may_be_ghost = _surroundings_of(u, v, diameter, searched)
     return {
         "peak": math.log(max(cv2.minMaxLoc(light.rise, light.mask)[1], 1.0) / searched.bright_level),
-        "level": math.log(max(cv2.minMaxLoc(max_channel(light.now), light.mask)[1], 1.0) / searched.bright_level),
+        "level": math.log(max(float(light.now[light.mask > 0].max()), 1.0) / searched.bright_level),
         # a real spot on the edge of a white sheet could look like a ghost
         "edge": light.edge() if may_be_ghost else math.nan,
         # a light darkens no channel, paint does
@@ -204,10 +222,12 @@ def _surroundings_of(u: float, v: float, diameter: float, searched: SearchedImag
     """
     changed = searched.changed
     ghosts = searched.ghost_s > 0.0
-    block = BLOCK * searched.picture.scale
-    reach = 1.25 * diameter + block
-    own_blocks, blocks_nearby = (blocks_around(changed.shape, u, v, size, block) for size in (reach, 2.0 * reach))
-    busy = math.sqrt((np.count_nonzero(changed) - np.count_nonzero(changed[own_blocks])) / changed.size)
+    scale = searched.picture.scale
+    reach = 1.25 * diameter + BLOCK * scale
+    own_blocks = blocks_around(changed.shape, u, v, reach, scale)
+    blocks_nearby = blocks_around(changed.shape, u, v, 2.0 * reach, scale)
+    changed_elsewhere = np.count_nonzero(changed) - np.count_nonzero(changed[own_blocks])
+    busy = math.sqrt(changed_elsewhere / changed.size)
     passed = np.count_nonzero(ghosts[blocks_nearby]) > np.count_nonzero(ghosts[own_blocks])
     return busy, busy >= _MIN_BUSY or passed or searched.shifted
 
@@ -342,9 +362,10 @@ class SpotClassifier:
         A feature that says nothing (NaN) adds nothing. `expected`: whether a tracked spot should be there.
         """
         logit, smallest_part, reason = self.intercept, math.inf, ""
-        for name, value in blob.features.items():
-            if name in self.curves and not math.isnan(value):
-                part = float(np.interp(value, *self.curves[name]))
+        for name, curve in self.curves.items():
+            value = blob.features[name]
+            if not math.isnan(value):
+                part = float(np.interp(value, *curve))
                 if expected and name in _WAIVED_IF_EXPECTED:
                     part = max(0.0, part)
                 logit += part

@@ -106,7 +106,7 @@ class FloorProjection:
             pixel = model.project(camera.pixels_to_rays(np.array([[u, v]])))[0]
             ratio = depth_over_plane(readings, pixel, model, T_map_camera, self.params.floor_height)
         if ratio is None:
-            return FloorPoint(plane.position, plane.meters_per_pixel, GROUND_PLANE_FALLBACK, plane.range)
+            return replace(plane, source=GROUND_PLANE_FALLBACK)
         origin = T_map_camera[:3, 3]
         point = origin + ratio * (plane.position - origin)
         distance = ratio * plane.range
@@ -134,15 +134,19 @@ def depth_over_plane(
     """
     if not camera.contains(pixel[None])[0]:
         return None
-    left, top = np.maximum(np.round(pixel).astype(int) - _DEPTH_RADIUS, 0)
-    right, bottom = np.round(pixel).astype(int) + _DEPTH_RADIUS + 1
+    middle = np.round(pixel).astype(int)
+    left, top = np.maximum(middle - _DEPTH_RADIUS, 0)
+    right, bottom = middle + _DEPTH_RADIUS + 1
     units_per_meter = 1000.0 if depth.dtype.kind in "ui" else 1.0
     part = np.nan_to_num(depth[top:bottom, left:right].astype(float)) / units_per_meter
     rows, columns = np.nonzero((part >= _MIN_DEPTH) & (part <= _MAX_DEPTH))
     floor = project_to_floor(camera, T_map_camera, np.column_stack([columns + left, rows + top]), height)
-    ratios = part[rows, columns] / ((floor - T_map_camera[:3, 3]) @ T_map_camera[:3, 2])
+    plane_depths = (floor - T_map_camera[:3, 3]) @ T_map_camera[:3, 2]
+    ratios = part[rows, columns] / plane_depths
     ratios = ratios[np.isfinite(ratios)]
-    return float(np.median(ratios)) if len(ratios) >= max(1.0, _DEPTH_SHARE * part.size) else None
+    if len(ratios) < max(1.0, _DEPTH_SHARE * part.size):
+        return None
+    return float(np.median(ratios))
 
 
 # ------------------------------------------------------------------ one image
@@ -161,8 +165,10 @@ class RobotCylinder:
         share = min(1.0, self.height / (origin[2] - floor[2]))
         ray = share * (origin - floor)[:2]
         axis = np.array([self.x, self.y]) - floor[:2]
-        nearest = min(1.0, max(0.0, float(axis @ ray) / max(float(ray @ ray), 1e-12)))
-        return float(np.hypot(*(axis - nearest * ray))) <= self.radius
+        squared_length = max(float(ray @ ray), 1e-12)
+        nearest = min(1.0, max(0.0, float(axis @ ray) / squared_length))  # as a share of the ray
+        offset = axis - nearest * ray
+        return float(np.hypot(*offset)) <= self.radius
 
 
 class ImageGeometry:

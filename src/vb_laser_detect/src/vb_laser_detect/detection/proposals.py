@@ -1,12 +1,7 @@
 """Finds image regions that are brighter than the background; they are the candidates for a spot.
 
-Each image is compared with a keyframe, which never includes a spot. A stationary camera's keyframe
-averages one image a second, except where something has just changed. A moving camera's keyframe is replaced every few
-images. `ImageRegistration` estimates a single motion from it to each image, so that nothing is resampled twice and no
-error accumulates. As that motion may be off by a pixel, light within a pixel of light in the keyframe counts as old.
-
-The first image of a scene is its background. A light in it may be a lamp; only if it moves is it a spot. When a lamp is
-switched, the old background is relit to show the floor under a tracked spot.
+`ImageRegistration` estimates a single motion from a moving camera's keyframe to each image, so that nothing is resampled
+twice and no error accumulates. As it may be off by a pixel, light within a pixel of light in the keyframe counts as old.
 """
 
 from __future__ import annotations
@@ -18,14 +13,12 @@ import cv2
 import numpy as np
 
 from vb_core.image_format import AnyPicture
-from vb_laser_detect.detection.background import BLOCK, GHOST_TIME, Background
-from vb_laser_detect.detection.background import blocks_around, match_lighting, max_in_box
-from vb_laser_detect.detection.stage_results import Box, ExpectedSpot, ChangedRegion, SearchedImage, Spot, shrink_box
+from vb_laser_detect.detection.background import Background
+from vb_laser_detect.detection.stage_results import BLOCK, Box, ChangedRegion, ExpectedSpot, SearchedImage
 
 # lowest level of a spot, as a share of `bright_level`: only 3 of 464 known spots are darker, all in darkened clips
 _MIN_LEVEL = 0.86
 _HALF_LEVEL = 0.8  # a spot of few pixels keeps at least this share of its level in the halved image
-_UNSEEN = 1.0  # [s] time between two images in which a hand could take something away
 _MAX_REGIONS = 24  # walking people cause fewer, and examining more would take longer than an image period
 _LARGE = 14  # [blocks] larger regions are cut down to their brightest parts
 _WIDTH = 240  # [px] least width of the images in which corners are tracked
@@ -108,29 +101,28 @@ class ImageRegistration:
 
 
 class RegionProposer:
-    """Finds regions in one camera's images. Keeps its background, and estimates its motion if it may move."""
+    """Finds regions in one camera's images that are new in its background. Estimates its motion if it may move."""
 
-    def __init__(self, moving_camera: bool) -> None:
+    def __init__(self, background: Background, moving_camera: bool) -> None:
+        self._background = background
         self._registration = ImageRegistration() if moving_camera else None
-        self._background: Optional[Background] = None
 
     def propose(self, picture: AnyPicture, expected: Sequence[ExpectedSpot]) -> SearchedImage:
         """Compares a picture with the background. The spots are `expected` there if the camera has not moved."""
         image = picture.search_pixels
+        background = self._background
         motion = shift = None
         if self._registration is not None:
+            if background.is_keyframe:
+                self._registration.set_keyframe()
             motion = self._registration.follow(image)
             shift = self._registration.motion
         if motion is not None:
-            expected = [spot.moved(motion) for spot in expected]
-        changes = None if self._background is None else self._background.compare(image, shift)
-        if changes is None or changes.is_global_change:
-            self._start(picture, expected)
-            changes = self._background.compare(image, None)
-        background = self._background
+            expected = [move_spot(spot, motion) for spot in expected]
+        changes = background.compare(picture, shift, expected)
         min_level = _MIN_LEVEL * background.bright_level
         # the brightest first: a spot is white on any floor, but on a bright floor a person next to it rises more
-        boxes = sorted(find_regions(changes.rise, changes.brighter), key=lambda box: -max_in_box(image, box))
+        boxes = sorted(find_regions(changes.rise, changes.brighter), key=lambda box: -_max_in_box(image, box))
         regions = [_region(picture, box, min_level, expected) for box in boxes[:_MAX_REGIONS]]
         return SearchedImage(
             picture,
@@ -142,54 +134,50 @@ class RegionProposer:
             motion=motion,
             shifted=background.motion is not None,
             changed=changes.brighter | changes.darker,
-            ghost_s=self._ghost_s,
+            ghost_s=background.ghost_s,
         )
 
-    def _start(self, picture: AnyPicture, expected: Sequence[ExpectedSpot]) -> None:
-        """Begins a new background. Where a spot is expected, the old background is used, relit."""
-        keyframe = picture.search_pixels.copy()
-        scene = self._background
-        for spot in expected:
-            reach = spot.reach + spot.max_width
-            sides = blocks_around(scene.blocks, *spot.position, reach, BLOCK * picture.scale)
-            part = tuple(slice(BLOCK * side.start, BLOCK * side.stop) for side in sides)
-            if keyframe[part].size:
-                floor = scene.moved_part(part, keyframe)
-                keyframe[part] = match_lighting(floor, keyframe[part], spot.max_width / picture.scale)
-        self._background = Background(keyframe)
-        self._ghost_s = np.zeros(self._background.blocks, np.float32)  # [s] time for which each block may show a ghost
-        if self._registration is not None:
-            self._registration.set_keyframe()
 
-    def update_background(self, searched: SearchedImage, spots: Sequence[Spot], elapsed: float) -> None:
-        """Adds an image to the background, `elapsed` [s] after the last one, except where it shows these spots."""
-        spot_blocks = np.zeros_like(searched.changed)
-        block = BLOCK * searched.picture.scale
-        for spot in spots:
-            spot_blocks[blocks_around(spot_blocks.shape, spot.u, spot.v, 1.25 * spot.diameter + block, block)] = True
-        # nothing is known of what happened between images far apart
-        moved = (searched.changed & ~spot_blocks) | (elapsed >= _UNSEEN)
-        self._ghost_s = np.where(moved, GHOST_TIME, self._ghost_s - elapsed)
-        is_keyframe = self._background.update(searched.picture.search_pixels, searched.changed, spot_blocks, elapsed)
-        if is_keyframe and self._registration is not None:
-            self._registration.set_keyframe()
+def move_spot(spot: ExpectedSpot, motion: np.ndarray) -> ExpectedSpot:
+    """Returns the spot expected after the camera's motion (3, 3) has moved the image."""
+    return spot._replace(last=cv2.perspectiveTransform(np.array([[spot.last]]), motion)[0, 0].tolist())
 
 
 def _region(picture: AnyPicture, box: Box, min_level: float, expected: Sequence[ExpectedSpot]) -> ChangedRegion:
     """Makes a region from a box of the searched pixels. The last blocks include the pixels left over at the edges."""
-    left, top, right, bottom = (picture.scale * side for side in box)
-    width, height = picture.size
-    block = BLOCK * picture.scale
-    if width - right < block:
+    left, top, right, bottom = box
+    height, width = picture.search_pixels.shape[:2]
+    if width - right < BLOCK:
         right = width
-    if height - bottom < block:
+    if height - bottom < BLOCK:
         bottom = height
-    box = left, top, right, bottom
+    box = picture.scale * left, picture.scale * top, picture.scale * right, picture.scale * bottom
     if picture.is_fully_decoded:
-        level = max_in_box(picture.pixels, box)
+        level = _max_in_box(picture.pixels, box)
     else:  # the highest level that is possible
-        level = max_in_box(picture.search_pixels, shrink_box(box, picture.scale)) / _HALF_LEVEL
-    return ChangedRegion(box, level >= min_level, next((spot for spot in expected if spot.overlaps(box)), None))
+        level = _max_in_box(picture.search_pixels, (left, top, right, bottom)) / _HALF_LEVEL
+    for spot in expected:
+        part = part_within_reach(spot, box)
+        if part is not None:
+            return ChangedRegion(box, [box, part] if level >= min_level else [], spot)
+    return ChangedRegion(box, [box] if level >= min_level else [], None)
+
+
+def part_within_reach(spot: ExpectedSpot, box: Box) -> Optional[Box]:
+    """Returns the part of a box that is within an expected spot's reach, or None if no part is."""
+    left, top, right, bottom = box
+    u, v = spot.position
+    left = max(left, int(u - spot.reach))
+    top = max(top, int(v - spot.reach))
+    right = min(right, int(u + spot.reach) + 1)
+    bottom = min(bottom, int(v + spot.reach) + 1)
+    return (left, top, right, bottom) if left < right and top < bottom else None
+
+
+def _max_in_box(image: np.ndarray, box: Box) -> int:
+    """Returns the brightest sample [grey levels] of a box."""
+    left, top, right, bottom = box
+    return int(image[top:bottom, left:right].max())
 
 
 def find_regions(maxima: np.ndarray, hot: np.ndarray) -> List[Box]:
@@ -201,14 +189,18 @@ def find_regions(maxima: np.ndarray, hot: np.ndarray) -> List[Box]:
     x, y, wide, high = cv2.boundingRect(hot.view(np.uint8))
     if not wide:
         return []
-    hot, maxima = (np.ascontiguousarray(blocks[y : y + high, x : x + wide]) for blocks in (hot, maxima))
+    around = slice(y, y + high), slice(x, x + wide)
+    hot = np.ascontiguousarray(hot[around])
+    maxima = np.ascontiguousarray(maxima[around])
     labels, stats, peaks = _components(hot, maxima)
-    large = stats[:, 2:4].max(axis=1) > _LARGE
-    large[0] = False
-    if large.any():
-        labels, stats, peaks = _components(hot & ~(large[labels] & (maxima <= 0.6 * peaks[labels])), maxima)
-    boxes = BLOCK * (stats[1:, :4] + (x, y, 0, 0))[np.argsort(-peaks[1:], kind="stable")]
-    boxes[:, 2:] += boxes[:, :2]
+    is_large = stats[:, 2:4].max(axis=1) > _LARGE
+    is_large[0] = False
+    if is_large.any():
+        is_dim_part = is_large[labels] & (maxima <= 0.6 * peaks[labels])
+        labels, stats, peaks = _components(hot & ~is_dim_part, maxima)
+    order = np.argsort(-peaks[1:], kind="stable")
+    left, top, width, height = stats[1:][order, :4].T
+    boxes = BLOCK * np.column_stack([x + left, y + top, x + left + width, y + top + height])
     return list(map(tuple, boxes.tolist()))
 
 

@@ -33,12 +33,12 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.image_format import AnyPicture, HalvedPicture, Picture
 from vb_core.parameters import Parameters, param
 from vb_laser_detect.detection import features
-from vb_laser_detect.detection.background import BLOCK
+from vb_laser_detect.detection.background import Background
 from vb_laser_detect.detection.features import SpotClassifier
 from vb_laser_detect.detection.projection import ImageGeometry
 from vb_laser_detect.detection.proposals import RegionProposer
 from vb_laser_detect.detection.spot_tracker import SpotTracker
-from vb_laser_detect.detection.stage_results import Box, DetectionResult, SearchedImage, Spot
+from vb_laser_detect.detection.stage_results import BLOCK, Box, DetectionResult, SearchedImage, Spot
 
 __all__ = ["DetectionResult", "DetectorParams", "Spot", "SpotDetector"]
 
@@ -96,7 +96,8 @@ class SpotDetector:
         self._stamp: Optional[float] = None
         self._measured = False  # whether anything in the last image had to be measured at full size
         self._shape: Optional[Tuple[int, ...]] = None
-        self._proposer = RegionProposer(self.params.moving_camera)
+        self._background = Background()
+        self._proposer = RegionProposer(self._background, self.params.moving_camera)
         self._tracker = SpotTracker(self.params.confirm_frames, self.params.max_dwell_time)
 
     def detect(
@@ -130,7 +131,7 @@ class SpotDetector:
         max_diameters = self._max_diameters(searched, geometry)
         candidates = features.examine_regions(searched, max_diameters, self._classifier, self.params.min_probability)
         self._measured = any(
-            region.may_contain_spot and candidate.rejection not in ("off_floor", "too_large")
+            region.boxes and candidate.rejection not in ("off_floor", "too_large")
             for region, candidate in zip(searched.regions, candidates)
         )
         if geometry is not None:
@@ -139,7 +140,7 @@ class SpotDetector:
         certain = max(_MIN_CERTAIN_PROBABILITY, self.params.min_probability)
         kept_out = [spot for spot in detection.candidates if spot.track and spot.confidence >= certain]
         # a pause must not make one frame outweigh all earlier ones
-        self._proposer.update_background(searched, kept_out, min(elapsed, 1.0))
+        self._background.update(picture, searched.changed, kept_out, min(elapsed, 1.0))
         return detection
 
     def _prepare(self, picture: AnyPicture) -> AnyPicture:
@@ -156,11 +157,12 @@ class SpotDetector:
 
         Only if there is such a box does the geometry look up a moving camera's pose.
         """
-        boxes = [box for region in searched.regions for box in region.boxes()]
+        boxes = [box for region in searched.regions for box in region.boxes]
         if geometry is None or not boxes:
             return dict.fromkeys(boxes, _MAX_DIAGONAL_SHARE * searched.diagonal)
-        middles = np.array(boxes).reshape(-1, 2, 2).mean(axis=1)
-        diameters = 0.001 * self.params.max_diameter_mm / geometry.meters_per_pixel(middles) + _BLUR_PX
+        corners = np.array(boxes).reshape(-1, 2, 2)
+        meters_per_pixel = geometry.meters_per_pixel(corners.mean(axis=1))
+        diameters = 0.001 * self.params.max_diameter_mm / meters_per_pixel + _BLUR_PX
         return dict(zip(boxes, diameters.tolist()))
 
 

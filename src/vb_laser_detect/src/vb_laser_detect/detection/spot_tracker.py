@@ -71,7 +71,6 @@ class SpotTracker:
 
     Attributes:
         confirm_frames, max_dwell_time: see config/stationary.yaml; they may be changed between images.
-        period: [s] mean time between the last images; 0 before the second image.
     """
 
     def __init__(self, confirm_frames: int, max_dwell_time: float) -> None:
@@ -79,7 +78,7 @@ class SpotTracker:
         self._tracks: List[Track] = []
         self._last_track_number = 0
         self._periods: Deque[float] = deque(maxlen=_PERIODS)
-        self.period = 0.0
+        self._period = 0.0  # [s] mean time between the last images; 0 before the second image
         self._stamp: Optional[float] = None
         self._lit_places = np.zeros((0, 4))  # each place: u, v [px], lit for [s], last lit at [s]
 
@@ -89,9 +88,9 @@ class SpotTracker:
             self._periods.append(stamp - self._stamp)
             # some images arrive in bursts, hence a mean; the longest interval may be a pause
             typical_periods = sorted(self._periods)[:-1] or self._periods
-            self.period = sum(typical_periods) / len(typical_periods)
+            self._period = sum(typical_periods) / len(typical_periods)
         self._stamp = stamp
-        gap = max(_GAP_TIME, _GAP_PERIODS * self.period)
+        gap = max(_GAP_TIME, _GAP_PERIODS * self._period)
         self._tracks = [track for track in self._tracks if stamp - track.stamp <= gap]
         self._lit_places = self._lit_places[self._lit_places[:, 3] + _BLINK + _MEMORY * self._lit_places[:, 2] >= stamp]
         return [self._expect(track) for track in self._tracks if track.is_confirmed]
@@ -150,7 +149,7 @@ class SpotTracker:
 
     def _since(self, track: Track) -> float:
         """Returns the time [s] since a track was seen: at least a period, as images of a burst are stamped on arrival."""
-        return max(self._stamp - track.stamp, self.period)
+        return max(self._stamp - track.stamp, self._period)
 
     def _assign(self, spots: Sequence[Spot]) -> List[Track]:
         """Returns a track for each spot: the nearest one within reach, or else a new one."""
@@ -184,7 +183,7 @@ class SpotTracker:
             track.tint_sum = spot.tint if track.tint_sum is None else track.tint_sum + spot.tint
         if track.hits >= self.confirm_frames and not track.is_confirmed:
             track.is_confirmed = self._is_colored(track)
-        oldest = self._stamp - max(_RECALL_TIME, (self.confirm_frames + 1) * self.period)
+        oldest = self._stamp - max(_RECALL_TIME, (self.confirm_frames + 1) * self._period)
         track.unpublished = [earlier for earlier in track.unpublished if earlier.stamp >= oldest]
         if not track.is_confirmed:
             track.unpublished.append(replace(spot, track=track.number))

@@ -1,4 +1,4 @@
-"""Types passed between the stages of the detection, in the order in which they are made.
+"""Types passed between the stages of the detection, in the order in which they are made, and what several stages compute.
 
 The tracker makes `ExpectedSpot` and, in the end, `DetectionResult`. Positions and regions are in the image's own pixels,
 even if it is searched at half its size.
@@ -8,21 +8,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import List, NamedTuple, Optional, Sequence, Tuple
+from typing import NamedTuple, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
 from vb_core.image_format import AnyPicture
 
+BLOCK = 8  # [px] edge of a block; whole images are compared by blocks
 Box = Tuple[int, int, int, int]  # left, top, right, bottom [px]; right and bottom are excluded
 Part = Tuple[slice, slice]  # rows and columns [px]
-
-
-def shrink_box(box: Box, scale: int) -> Box:
-    """Returns the box of the pixels that cover a box, in an image smaller by a factor."""
-    left, top, right, bottom = box
-    return left // scale, top // scale, -(-right // scale), -(-bottom // scale)
 
 
 class ExpectedSpot(NamedTuple):
@@ -45,44 +40,18 @@ class ExpectedSpot(NamedTuple):
         """The position (u, v) [px] where it should be now."""
         return self.last[0] + self.step[0], self.last[1] + self.step[1]
 
-    def moved(self, motion: np.ndarray) -> "ExpectedSpot":
-        """Returns the spot expected after the camera's motion (3, 3) has moved the image."""
-        return self._replace(last=cv2.perspectiveTransform(np.array([[self.last]]), motion)[0, 0].tolist())
-
-    def contains(self, u: float, v: float) -> bool:
-        """Returns whether a pixel is within reach."""
-        return math.hypot(u - self.position[0], v - self.position[1]) <= self.reach
-
-    def clip(self, box: Box) -> Box:
-        """Returns the part of a box that is within reach. If no part is, left >= right or top >= bottom."""
-        left, top, right, bottom = box
-        u, v = self.position
-        left = max(left, int(u - self.reach))
-        top = max(top, int(v - self.reach))
-        return left, top, min(right, int(u + self.reach) + 1), min(bottom, int(v + self.reach) + 1)
-
-    def overlaps(self, box: Box) -> bool:
-        """Returns whether a part of a box is within reach."""
-        left, top, right, bottom = self.clip(box)
-        return left < right and top < bottom
-
 
 class ChangedRegion(NamedTuple):
     """A part of an image that became brighter, to be examined.
 
     Attributes:
-        may_contain_spot: whether anything in it may be bright enough for a spot.
+        boxes: what to search: the whole region, then the part where a spot is expected. A dark region has none.
         expected: the spot that should be in it, if any.
     """
 
     box: Box
-    may_contain_spot: bool
+    boxes: Sequence[Box]
     expected: Optional[ExpectedSpot]
-
-    def boxes(self) -> List[Box]:
-        """Returns the boxes to search: the whole region, then the part where a spot is expected. A dark region has none."""
-        boxes = [self.box] if self.expected is None else [self.box, self.expected.clip(self.box)]
-        return boxes if self.may_contain_spot else []
 
 
 class SearchedImage(NamedTuple):
@@ -111,14 +80,30 @@ class SearchedImage(NamedTuple):
     changed: np.ndarray
     ghost_s: np.ndarray
 
-    def reference_part(self, part: Part) -> np.ndarray:
-        """Returns what a part of the picture's pixels would show without anything new; it begins at even pixels."""
-        scale = self.picture.scale
-        if scale == 1:
-            return self.reference[part]
-        small = tuple(slice(side.start // scale, -(-side.stop // scale)) for side in part)
-        enlarged = cv2.resize(self.reference[small], None, fx=scale, fy=scale, interpolation=cv2.INTER_LINEAR)
-        return enlarged[: part[0].stop - part[0].start, : part[1].stop - part[1].start]
+
+def blocks_around(shape: Tuple[int, ...], u: float, v: float, reach: float, scale: int) -> Part:
+    """Returns the rows and columns of blocks within `reach` of a place, in pixels of which a searched one is `scale` wide."""
+    block = BLOCK * scale
+    top = int(max(0.0, v - reach)) // block
+    left = int(max(0.0, u - reach)) // block
+    bottom = int(max(-1.0, v + reach)) // block + 1
+    right = int(max(-1.0, u + reach)) // block + 1
+    rows = slice(top, min(shape[0], bottom))
+    columns = slice(left, min(shape[1], right))
+    return rows, columns
+
+
+def match_lighting(background: np.ndarray, image: np.ndarray, max_width: float) -> np.ndarray:
+    """Returns a background relit as in an image, whose light narrower than `max_width` [px] does not count."""
+    half = 2 * math.ceil(max_width / 4)
+    size = 2 * half + 1
+    kernel = np.zeros((size, size), np.uint8)
+    # the colours of a Bayer image are not mixed
+    step = 2 if image.ndim == 2 else 1
+    kernel[::step, ::step] = 1
+    gain = (image + np.float32(1.0)) / (background + np.float32(1.0))
+    gain = cv2.morphologyEx(gain, cv2.MORPH_OPEN, kernel)
+    return cv2.multiply(background, gain, dtype=cv2.CV_8U)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from vb_laser_detect.calibration.lens import BoardParams, LensCalibration, find_
 from vb_laser_detect.calibration.live_picture import LivePicture
 from vb_laser_detect.camera.lens_and_settings_files import save_lens, set_capture
 from vb_laser_detect.camera.delay import brightness, measure_delay
-from vb_laser_detect.camera.exposure import SPOT_LEVEL, Brightness, find_exposure, measure_brightness
+from vb_laser_detect.camera.exposure import SPOT_LEVEL, find_exposure
 from vb_laser_detect.camera.camera_source import without_password
 from vb_laser_detect.detection.spot_detector import DetectorParams
 from vb_laser_detect.spot_detector_node_params import image_topic
@@ -166,13 +166,17 @@ def calibrate_lens(arguments: argparse.Namespace) -> int:
 def _draw_progress(image: np.ndarray, calibration: LensCalibration, pixels: Iterable, problem: str) -> None:
     """Draws the board's corners at `pixels`, the cells that are not covered yet, and two lines of text into an image."""
     height, width = image.shape[:2]
+    radius = max(4, width // 240)
     for u, v in pixels:
-        cv2.circle(image, (round(u), round(v)), max(4, width // 240), (0, 220, 0), -1)
+        cv2.circle(image, (round(u), round(v)), radius, (0, 220, 0), -1)
+    line_width = max(1, width // 640)
     for cell in np.argwhere(~calibration.covered):
-        corners = ((corner * (width, height) // calibration.covered.shape).tolist() for corner in (cell, cell + 1))
-        cv2.rectangle(image, *corners, (0, 140, 255), max(1, width // 640))
+        upper_left = cell * (width, height) // calibration.covered.shape
+        lower_right = (cell + 1) * (width, height) // calibration.covered.shape
+        cv2.rectangle(image, upper_left.tolist(), lower_right.tolist(), (0, 140, 255), line_width)
     for line, text in enumerate((calibration.describe(), problem), start=1):
-        cv2.putText(image, text, (10, line * height // 18), cv2.FONT_HERSHEY_SIMPLEX, height / 700, (0, 0, 255), 2)
+        place = (10, line * height // 18)
+        cv2.putText(image, text, place, cv2.FONT_HERSHEY_SIMPLEX, height / 700, (0, 0, 255), 2)
 
 
 def measure_camera_delay(arguments: argparse.Namespace) -> int:
@@ -228,14 +232,14 @@ def set_exposure(arguments: argparse.Namespace) -> int:
     """Finds an exposure time at which the floor is grey, and checks that the laser spot is then white."""
     camera = RunningCamera(arguments.camera)
 
-    def try_exposure(exposure: int) -> Brightness:
+    def take_image(exposure: int) -> np.ndarray:
         camera.change_settings(exposure=exposure)
-        return measure_brightness(camera.next_image(rospy.Time.now().to_sec() + _SETTLING_TIME)[1].bgr())
+        return camera.next_image(rospy.Time.now().to_sec() + _SETTLING_TIME)[1].bgr()
 
     capture = camera.params.get("capture", {})
     old_values = {name: capture.get(name, 0) for name in ("exposure", "white_balance")}
     try:
-        values = {"exposure": find_exposure(try_exposure, lambda text: print(f"  {text}", flush=True))}
+        values = {"exposure": find_exposure(take_image, lambda text: print(f"  {text}", flush=True))}
         try:
             camera.change_settings(white_balance=_WHITE_BALANCE)
             values["white_balance"] = _WHITE_BALANCE

@@ -34,13 +34,13 @@ class ReceivedImage(NamedTuple):
     Attributes:
         stamp: when it was taken.
         decode: decodes and returns the picture; raises CodedError "bad_image", "unknown_encoding".
-        shot: the image as the camera sent it; None if a driver published it.
+        jpeg: the image as a camera that is read directly sent it; None if it was no JPEG, or a driver published it.
     """
 
     stamp: rospy.Time
     frame_id: str
     decode: Callable[[], AnyPicture]
-    shot: Optional[CapturedImage] = None
+    jpeg: Optional[bytes] = None
 
 
 def lens_path(settings: str, camera: str) -> Path:
@@ -112,7 +112,7 @@ class CameraFeed:
         self._info = rospy.Publisher(sibling_topic(image, "camera_info"), CameraInfo, queue_size=1)
         rospy.Service(sibling_topic(image, "set_camera_info"), SetCameraInfo, self.lens.write)
         self._settings_lock = threading.Lock()
-        self._source = CameraSource(params.source, params.capture, self._on_shot, self._on_source_state)
+        self._source = CameraSource(params.source, params.capture, self._on_image, self._on_source_state)
         self._source.start()  # the thread may call back at once
 
     def close(self) -> None:
@@ -140,7 +140,7 @@ class CameraFeed:
         if self._compressed.get_num_connections():
             message = CompressedImage(format="bgr8; jpeg compressed bgr8")
             message.header.stamp, message.header.frame_id = image.stamp, image.frame_id
-            message.data = image.shot.jpeg or simplejpeg.encode_jpeg(picture.pixels, quality=90, colorspace="BGR")
+            message.data = image.jpeg or simplejpeg.encode_jpeg(picture.pixels, quality=90, colorspace="BGR")
             self._compressed.publish(message)
         if self._info.get_num_connections():
             try:
@@ -149,12 +149,12 @@ class CameraFeed:
                 return  # the detector reports why
             self._info.publish(info_from_camera(model, image.stamp, image.frame_id))
 
-    def _on_shot(self, shot: CapturedImage) -> None:
-        for code in shot.skipped_codes:
+    def _on_image(self, image: CapturedImage) -> None:
+        for code in image.skipped_codes:
             self._report.count_dropped(code)
         # the camera's clock does not follow simulated time
-        stamp = rospy.Time.now() - rospy.Duration.from_sec(time.time() - shot.stamp)
-        self._mailbox.put(ReceivedImage(stamp, self._frame, shot.picture, shot))
+        stamp = rospy.Time.now() - rospy.Duration.from_sec(time.time() - image.stamp)
+        self._mailbox.put(ReceivedImage(stamp, self._frame, image.picture, image.jpeg))
         if is_file(self._source.address):
             self._mailbox.wait_until_taken()
 

@@ -1,13 +1,13 @@
 """Polygons, chains and regions on the cells of a grid, and the parts into which borders split its free floor.
 
 Coordinates are (column, row) as from `GridMap.world_to_grid`: whole numbers are the centres of cells.
-Masks are uint8, 0 or 255, as OpenCV uses them. Most cover only a window of the map, as all of a large map is slow.
+Masks are uint8, 0 or 255, as OpenCV uses them. Most cover only a window of the map, as all of a large map is slow,
+and none is made by numpy.zeros, whose small memory pages cost a page fault each.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Tuple
+from typing import NamedTuple, Tuple
 
 import cv2
 import numpy as np
@@ -23,12 +23,7 @@ MAX_CROSSINGS = 4_000_000
 # larger maps are checked in coarser cells: the check is about doors and rooms, and people wait for its result
 MAX_CELLS = 2_000_000
 # [m^2] smaller parts, by the area that the robot's centre can reach, are not counted
-MIN_PART = 0.1
-
-
-def filled(shape: Tuple[int, int], value: int) -> np.ndarray:
-    """Allocates (H, W) uint8 of one value. Not numpy.zeros: its small memory pages cost a page fault each."""
-    return np.full(shape, value, np.uint8)
+MIN_PART_AREA = 0.1
 
 
 def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[CellWindow, np.ndarray]:
@@ -47,54 +42,57 @@ def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[CellWind
         IntegrationError: "too_complex" for an outline that crosses more than MAX_CROSSINGS rows.
     """
     corners = np.array([vertices.min(axis=0), vertices.max(axis=0) + 1.0])
-    (left, top), (right, bottom) = np.ceil(np.minimum(np.maximum(corners, 0.0), shape[::-1])).astype(int).tolist()
+    corners = np.minimum(np.maximum(corners, 0.0), shape[::-1])
+    (left, top), (right, bottom) = np.ceil(corners).astype(int).tolist()
     window = slice(top, bottom), slice(left, right)
-    mask = filled((bottom - top, right - left), 0)
-    start = vertices - (left, top)
-    end = np.concatenate([start[1:], start[:1]])
-    y0, y1 = start[:, 1], end[:, 1]
-    reach = np.array([np.minimum(y0, y1), np.maximum(y0, y1)])
-    low, high = np.ceil(np.minimum(np.maximum(reach, 0.0), len(mask))).astype(np.int64)
-    counts = high - low
-    total = int(counts.sum())
-    if total > MAX_CROSSINGS:
-        raise IntegrationError("too_complex")
-    edge = np.repeat(np.arange(len(start)), counts)
-    row = np.arange(total) - (np.cumsum(counts) - counts - low)[edge]
-    slope = np.divide(end[:, 0] - start[:, 0], y1 - y0, out=np.zeros(len(start)), where=counts > 0)
-    x = start[edge, 0] + (row - y0[edge]) * slope[edge]
+    height, width = bottom - top, right - left
+    mask = np.full((height, width), 0, np.uint8)
+    starts = vertices - (left, top)
+    x0, y0 = starts.T
+    x1, y1 = np.roll(starts, -1, axis=0).T
+    # each edge crosses the centres of the rows from `first` to the one before `beyond`
+    extent = np.minimum(np.maximum(np.sort([y0, y1], axis=0), 0.0), height)
+    first, beyond = np.ceil(extent).astype(np.int64)
+    edge, number = _enumerate_runs(beyond - first)
+    row = first[edge] + number
+    slope = np.divide(x1 - x0, y1 - y0, out=np.zeros(len(starts)), where=beyond > first)
+    x = x0[edge] + (row - y0[edge]) * slope[edge]
     order = np.lexsort((x, row))
-    row = row[order]
-    x = x[order]
-    winding = np.cumsum(np.where(y1 > y0, 1, -1)[edge[order]])
-    # in each row the windings add up to zero, so no span reaches into the next one
-    spans = np.flatnonzero(winding[:-1] != 0)
-    column = np.ceil(np.minimum(np.maximum(x, 0.0), mask.shape[1])).astype(np.int64)
-    for r, a, b in zip(row[spans].tolist(), column[spans].tolist(), column[spans + 1].tolist()):
-        mask[r, a:b] = 255
+    row = row[order].tolist()
+    x_on_map = np.minimum(np.maximum(x[order], 0.0), width)
+    column = np.ceil(x_on_map).astype(int).tolist()
+    direction = np.where(y1 > y0, 1, -1)
+    winding = np.cumsum(direction[edge[order]])
+    # in each row the directions add up to zero, so no span reaches into the next one
+    for k in np.flatnonzero(winding[:-1]).tolist():
+        mask[row[k], column[k] : column[k + 1]] = 255
     return window, mask
 
 
-@dataclass(frozen=True)
-class ChainCells:
+def _enumerate_runs(lengths: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """Numbers the elements of runs of lengths (N,): returns each one's run (K,) and its number there (K,)."""
+    total = int(lengths.sum())
+    if total > MAX_CROSSINGS:
+        raise IntegrationError("too_complex")
+    run = np.repeat(np.arange(len(lengths)), lengths)
+    run_start = np.cumsum(lengths) - lengths
+    return run, np.arange(total) - run_start[run]
+
+
+class ChainCells(NamedTuple):
     """The cells that a chain runs through; neighbours share an edge, except where the chain was outside the map.
 
     Attributes:
-        rows, columns: (K,) int64; they reach one cell beyond the map's rim.
+        cells: (K, 2) int64 (row, column); they reach one cell beyond the map's rim.
         points: (K, 2) (column, row), a point of the chain in the cell.
         segment: (K,) int64, the chain's segment that the point is on.
         arc: (K,) [cells] arc length along the chain to the point.
     """
 
-    rows: np.ndarray
-    columns: np.ndarray
+    cells: np.ndarray
     points: np.ndarray
     segment: np.ndarray
     arc: np.ndarray
-
-    def between(self, first: int, last: int) -> "ChainCells":
-        """Returns the part from one cell to another, both included."""
-        return ChainCells(**{name: values[first : last + 1] for name, values in vars(self).items()})
 
 
 def rasterize_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> ChainCells:
@@ -104,40 +102,37 @@ def rasterize_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> ChainCells:
     length = np.hypot(step[:, 0], step[:, 1])
     arc_start = np.cumsum(length) - length
     # the part of each segment within the map and its rim (Liang and Barsky's clipping)
-    low, high = np.array([-1.0, -1.0]), np.array([shape[1], shape[0]], dtype=float)
+    low = np.array([-1.0, -1.0])
+    high = np.array([shape[1], shape[0]], dtype=float)
     with np.errstate(divide="ignore", invalid="ignore"):
-        t_low, t_high = (low - start) / step, (high - start) / step
-    still = step == 0.0
-    within = (start >= low) & (start <= high)
-    enter = np.where(still, np.where(within, -np.inf, np.inf), np.minimum(t_low, t_high))
-    leave = np.where(still, np.inf, np.maximum(t_low, t_high))
-    t0 = np.maximum(enter.max(axis=1), 0.0)
-    t1 = np.minimum(leave.min(axis=1), 1.0)
+        t_low = (low - start) / step
+        t_high = (high - start) / step
+    is_still = step == 0.0
+    is_within = (start >= low) & (start <= high)
+    t_enter = np.where(is_still, np.where(is_within, -np.inf, np.inf), np.minimum(t_low, t_high))
+    t_leave = np.where(is_still, np.inf, np.maximum(t_low, t_high))
+    t0 = np.maximum(t_enter.max(axis=1), 0.0)
+    t1 = np.minimum(t_leave.min(axis=1), 1.0)
     # two samples per cell: the cells of neighbouring samples are the same or touch
-    part = np.maximum(t1 - t0, 0.0)
-    counts = np.where(t1 >= t0, np.ceil(2.0 * part * length).astype(np.int64) + 1, 0)
-    total = int(counts.sum())
-    if total > MAX_CROSSINGS:
-        raise IntegrationError("too_complex")
-    segment = np.repeat(np.arange(len(step)), counts)
-    index = np.arange(total) - (np.cumsum(counts) - counts)[segment]
-    t = t0[segment] + (part / np.maximum(counts - 1, 1))[segment] * index
-    columns, rows = (np.floor(s[segment] + t * d[segment] + 0.5).astype(np.int64) for s, d in zip(start.T, step.T))
-    distance = np.full(total, 2)
-    np.add(np.abs(rows[1:] - rows[:-1]), np.abs(columns[1:] - columns[:-1]), out=distance[1:])
-    new = np.flatnonzero(distance)
-    # a diagonal step gets one of the two cells beside it, so that no fill slips through, unless the chain was off the map
-    distance = distance[new]
-    corner = (distance == 2) & (rows[new] != rows[new - 1]) & (columns[new] != columns[new - 1])
-    corner[:1] = False
-    times = 1 + corner
-    twice = np.repeat(new, times)
-    extra = np.flatnonzero(times == 2)
-    extra = extra + np.arange(len(extra))  # the first of each pair is the added cell
-    rows, columns, segment, t = rows[twice], columns[twice], segment[twice], t[twice]
-    rows[extra] = rows[extra - 1]
+    share = np.maximum(t1 - t0, 0.0)
+    counts = np.where(t1 >= t0, np.ceil(2.0 * share * length).astype(np.int64) + 1, 0)
+    segment, number = _enumerate_runs(counts)
+    interval = share / np.maximum(counts - 1, 1)
+    t = t0[segment] + interval[segment] * number
     points = start[segment] + t[:, None] * step[segment]
-    return ChainCells(rows, columns, points, segment, arc_start[segment] + t * length[segment])
+    arc = arc_start[segment] + t * length[segment]
+    cells = np.floor(points + 0.5).astype(np.int64)[:, ::-1]
+    moves = np.abs(np.diff(cells, axis=0))
+    is_new = np.full(len(cells), True)
+    is_new[1:] = moves.any(axis=1)
+    # a diagonal step gets one of the two cells beside it, so that no fill slips through, unless the chain was off the map
+    is_diagonal = np.full(len(cells), False)
+    is_diagonal[1:] = (moves == 1).all(axis=1)
+    samples = np.repeat(np.arange(len(cells)), is_new.astype(int) + is_diagonal)
+    cells = cells[samples]
+    added = np.flatnonzero(samples[1:] == samples[:-1])  # the first of each pair
+    cells[added, 0] = cells[added - 1, 0]
+    return ChainCells(cells, points[samples], segment[samples], arc[samples])
 
 
 def count_free_parts(grid: GridMap, radius: float) -> int:
@@ -147,19 +142,13 @@ def count_free_parts(grid: GridMap, radius: float) -> int:
     cell = grid.resolution * factor
     reach = radius / cell
     if factor > 1:
-        free = _coarser(free, factor)
         # a coarse cell is free only if all its cells are: obstacles have grown by half a coarse cell already
+        kernel = np.ones((factor, factor), np.uint8)
+        eroded = cv2.erode(free, kernel, anchor=(0, 0), borderType=cv2.BORDER_CONSTANT, borderValue=0)
+        free = np.ascontiguousarray(eroded[::factor, ::factor])
         reach = max(0.0, reach - 0.5)
     if reach > 1.0:
         framed = cv2.copyMakeBorder(free, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
         free = (cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1] > reach).astype(np.uint8)
     _, _, stats, _ = cv2.connectedComponentsWithStats(free, connectivity=4)
-    return int((stats[1:, cv2.CC_STAT_AREA] * cell**2 >= MIN_PART).sum())
-
-
-def _coarser(free: np.ndarray, factor: int) -> np.ndarray:
-    """Makes a mask (H, W) uint8 with cells `factor` times as large; a coarse cell is set only if all its cells are."""
-    rows, columns = (-(-size // factor) for size in free.shape)
-    below, right = rows * factor - free.shape[0], columns * factor - free.shape[1]
-    padded = cv2.copyMakeBorder(free, 0, below, 0, right, cv2.BORDER_CONSTANT, value=0)
-    return cv2.inRange(cv2.resize(padded, (columns, rows), interpolation=cv2.INTER_AREA), 255, 255)
+    return int((stats[1:, cv2.CC_STAT_AREA] * cell**2 >= MIN_PART_AREA).sum())

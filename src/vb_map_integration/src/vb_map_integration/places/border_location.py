@@ -21,15 +21,16 @@ from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.places.registration import WallMap, compare_walls, refine, subsample
 from vb_map_integration.places.transform import Transform
-from vb_map_integration.storage.border_database import KnownMap
+from vb_map_integration.storage.border_database import StoredMap
 
-_SEEN = 0.5  # share of a border's points that the map must know before a person is asked about the border
+_MIN_SEEN_SHARE = 0.5  # share of a border's points that the map must know before a person is asked about the border
 WALL_RADIUS = 3.0  # [m] walls this near a border decide where it is; others may be distorted differently
 WIDER_WALL_RADIUS = 4.5  # [m] the same, where those are ambiguous
 _MAX_WALLS = 300  # wall cells that are compared: `count` of `registration.subsample`
 _MIN_WALLS = 10  # with fewer wall cells round it, a border cannot be located
-_SEARCH_REACH = 1.0  # [m] how far from the expected position the walls are searched for
-_SEARCH_STEP = 0.1  # [m]
+# [m] from the expected position, in x and in y, at which walls are searched for
+_SEARCH_STEPS = np.arange(-10, 11) * 0.1
+_SEARCH_SHIFTS = np.stack(np.meshgrid(_SEARCH_STEPS, _SEARCH_STEPS), axis=-1).reshape(-1, 2)
 _SEARCH_YAWS = np.radians([-8.0, -5.3, -2.7, 0.0, 2.7, 5.3, 8.0])  # [rad]
 _REACHES = (0.6, 0.4, 0.3, 0.2, 0.15, 0.15)  # [m] `reaches` of `registration.refine`
 _SCORED_DISTANCE = 0.25  # [m] a wall cell this far from the new map's nearest wall scores 0
@@ -55,7 +56,7 @@ class BorderLocation:
         border: the border at its position on this map.
         walls_agree: whether the walls round it confirm the position.
         floor_is_known: whether the map knows the floor there; until it does, no person is asked about the border.
-        others: the border at other possible positions, until a person says where it is.
+        alternatives: the border at other possible positions, until a person says where it is.
         accepted: the border as a person accepted it, on `accepted_map`; None if that is the current map.
         accepted_map: the map on which it was accepted.
         transform: transform from that map's frame to the current one's.
@@ -64,7 +65,7 @@ class BorderLocation:
     border: VirtualBorder
     walls_agree: bool = True
     floor_is_known: bool = True
-    others: Tuple[VirtualBorder, ...] = ()
+    alternatives: Tuple[VirtualBorder, ...] = ()
     accepted: Optional[VirtualBorder] = None
     accepted_map: Optional[GridMap] = None
     transform: Transform = Transform()
@@ -83,7 +84,7 @@ class BorderLocator:
 
     grid: GridMap
     map_id: str
-    stored_maps: Mapping[str, KnownMap]
+    stored_maps: Mapping[str, StoredMap]
     transform: Transform
     other_transform: Optional[Transform]
 
@@ -95,24 +96,27 @@ class BorderLocator:
         """Locates a stored border: where the walls round it are if these settle its position, else where it is expected."""
         stored = self.stored_maps.get(border.map_id) or next(iter(self.stored_maps.values()), None)
         if stored is None or stored.fingerprint == self.map_id:
-            return BorderLocation(border.moved(self.transform))
-        accepted = border.moved(stored.transform)
+            return BorderLocation(border.transform(self.transform))
+        accepted = border.transform(stored.transform)
         expected = self.transform.after(stored.transform.inverse)
         fit = fit_locally(wall_map_of(stored), self._walls, expected, accepted.points)
         points = expected.apply(np.concatenate([accepted.points, [accepted.seed]]))
-        floor_is_known = float(self._walls.is_known(points).mean()) >= _SEEN
+        floor_is_known = float(self._walls.is_known(points).mean()) >= _MIN_SEEN_SHARE
         walls_agree = fit is not None and fit.is_certain
-        others = [accepted.moved(fit.transform)] if fit is not None and fit.is_possible and not walls_agree else []
-        others += [border.moved(self.other_transform)] if self.other_transform is not None else []
         transform = fit.transform if fit is not None and walls_agree else expected
-        here = accepted.moved(transform)
-        return BorderLocation(here, walls_agree, floor_is_known, tuple(others), accepted, stored.grid, transform)
+        alternatives = []
+        if fit is not None and fit.is_possible and not walls_agree:
+            alternatives.append(accepted.transform(fit.transform))
+        if self.other_transform is not None:
+            alternatives.append(border.transform(self.other_transform))
+        here = accepted.transform(transform)
+        return BorderLocation(here, walls_agree, floor_is_known, tuple(alternatives), accepted, stored.grid, transform)
 
 
 @lru_cache(maxsize=64)
-def wall_map_of(known_map: KnownMap) -> WallMap:
+def wall_map_of(stored_map: StoredMap) -> WallMap:
     """Returns the walls of a stored map."""
-    return WallMap(known_map.grid)
+    return WallMap(stored_map.grid)
 
 
 @dataclass(frozen=True)
@@ -122,14 +126,14 @@ class LocalFit:
     Attributes:
         transform: from the old map's frame to the new one's, for this border.
         agreement: shares of the walls round it that are found again, of both directions, the lower one first.
-        known: share of the old map's walls there that are in the known part of the new map.
+        known_share: share of the old map's walls there that are in the known part of the new map.
         margin: 0 .. 1, how much lower the score of the next best position is, as a share.
         moved_m: [m] distance from the expected position.
     """
 
     transform: Transform
     agreement: Tuple[float, float]
-    known: float
+    known_share: float
     margin: float
     moved_m: float
 
@@ -141,17 +145,12 @@ class LocalFit:
             is_found = lower >= _MIN_AGREEMENT_ELSEWHERE and self.margin >= _MIN_MARGIN_ELSEWHERE
         else:
             is_found = higher >= _MIN_HIGHER_AGREEMENT and lower >= _MIN_LOWER_AGREEMENT and self.margin >= _MIN_MARGIN
-        return is_found and self.known >= _MIN_KNOWN
-
-    @property
-    def is_ambiguous(self) -> bool:
-        """Whether the walls are found, but fit other positions about as well."""
-        return self.is_possible and self.margin < _MIN_MARGIN
+        return is_found and self.known_share >= _MIN_KNOWN
 
     @property
     def is_possible(self) -> bool:
         """Whether the walls allow that the border is there."""
-        return self.known >= _MIN_KNOWN and self.agreement[1] >= _MIN_HIGHER_AGREEMENT
+        return self.known_share >= _MIN_KNOWN and self.agreement[1] >= _MIN_HIGHER_AGREEMENT
 
 
 def fit_locally(old: WallMap, new: WallMap, expected: Transform, outline: np.ndarray) -> Optional[LocalFit]:
@@ -162,7 +161,8 @@ def fit_locally(old: WallMap, new: WallMap, expected: Transform, outline: np.nda
         outline: (N, 2) [m] the border's, in the old map's frame.
     """
     near = _fit(WALL_RADIUS, old, new, expected, outline)
-    if near is not None and not near.is_ambiguous:
+    # if the walls are found, but fit other positions about as well, or if there are too few, more walls may decide
+    if near is not None and not (near.is_possible and near.margin < _MIN_MARGIN):
         return near
     wider = _fit(WIDER_WALL_RADIUS, old, new, expected, outline)
     return wider if wider is not None and wider.is_certain and wider.moved_m <= _EXPECTED_DISTANCE else near
@@ -184,30 +184,35 @@ def _fit(radius: float, old: WallMap, new: WallMap, expected: Transform, outline
         best, margin = _search(sample, new, expected, center)
         new_walls = new.walls_near(best.apply(outline), radius)
         best = refine(old, new, best, (sample, new_walls), center, _REACHES)
-    forward, known = compare_walls(best.apply(walls), new)
-    backward, _ = compare_walls(best.inverse.apply(new.walls_near(best.apply(outline), radius)), old)
+    forward, known_share = compare_walls(best.apply(walls), new)
+    new_walls = new.walls_near(best.apply(outline), radius)
+    backward, _ = compare_walls(best.inverse.apply(new_walls), old)
+    agreement = min(forward, backward), max(forward, backward)
     moved = float(np.linalg.norm(best.apply(center)[0] - expected.apply(center)[0]))
-    return LocalFit(best, (min(forward, backward), max(forward, backward)), known, margin, moved)
+    return LocalFit(best, agreement, known_share, margin, moved)
 
 
 def _search(walls: np.ndarray, new: WallMap, expected: Transform, center: np.ndarray) -> Tuple[Transform, float]:
     """Searches a grid of positions round the expected one; returns the best transform, and its `LocalFit.margin`."""
     expected_center = expected.apply(center)[0]
-    count = round(_SEARCH_REACH / _SEARCH_STEP)
-    steps = np.arange(-count, count + 1) * _SEARCH_STEP
-    shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    transforms = [Transform.rotation_about(center, expected_center, expected.yaw + turn) for turn in _SEARCH_YAWS]
-    scores = np.array([_scores(walls, new, transform, shifts) for transform in transforms])
-    turn, shift = np.unravel_index(int(np.argmax(scores)), scores.shape)
-    is_apart = np.linalg.norm(shifts - shifts[shift], axis=1) > _MIN_SEPARATION
-    margin = 1.0 - float(scores[:, is_apart].max()) / max(1e-9, float(scores[turn, shift]))
-    return Transform.rotation_about(center, expected_center + shifts[shift], expected.yaw + _SEARCH_YAWS[turn]), margin
+    yaws = expected.yaw + _SEARCH_YAWS
+    transforms = [Transform.rotation_about(center, expected_center, yaw) for yaw in yaws]
+    scores = np.array([_scores(walls, new, transform, _SEARCH_SHIFTS) for transform in transforms])
+    yaw_index, shift_index = np.unravel_index(int(np.argmax(scores)), scores.shape)
+    best_shift = _SEARCH_SHIFTS[shift_index]
+    is_apart = np.linalg.norm(_SEARCH_SHIFTS - best_shift, axis=1) > _MIN_SEPARATION
+    best_apart = float(scores[:, is_apart].max())
+    margin = 1.0 - best_apart / max(1e-9, float(scores[yaw_index, shift_index]))
+    return Transform.rotation_about(center, expected_center + best_shift, yaws[yaw_index]), margin
 
 
 def _scores(walls: np.ndarray, new: WallMap, transform: Transform, shifts: np.ndarray) -> np.ndarray:
     """Scores (K,), 0 .. 1, how near walls (N, 2) are to the new map's, at each of the shifts (K, 2) [m]."""
-    points = transform.apply(walls)[None] + shifts[:, None]
+    points = transform.apply(walls) + shifts[:, None]
     distances, is_known = new.distances(points.reshape(-1, 2))
-    nearness = np.maximum(0.0, 1.0 - np.square(distances / _SCORED_DISTANCE)) * is_known
-    known_counts = is_known.reshape(len(shifts), -1).sum(axis=1)
-    return nearness.reshape(len(shifts), -1).sum(axis=1) / np.maximum(known_counts, _MIN_KNOWN * len(walls))
+    nearness = np.maximum(0.0, 1.0 - np.square(distances / _SCORED_DISTANCE))
+    shape = len(shifts), len(walls)
+    sums = (nearness * is_known).reshape(shape).sum(axis=1)
+    known_counts = is_known.reshape(shape).sum(axis=1)
+    min_count = _MIN_KNOWN * len(walls)
+    return sums / np.maximum(known_counts, min_count)

@@ -17,21 +17,21 @@ import numpy as np
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_map_integration.places.border_location import BorderLocator, wall_map_of
 from vb_map_integration.places.registration import Registration, WallMap, evaluate_transform, register_maps
-from vb_map_integration.places.transform import IDENTITY, Transform
-from vb_map_integration.storage.border_database import Database, KnownMap
+from vb_map_integration.places.transform import Transform
+from vb_map_integration.storage.border_database import Database, StoredMap
 
 # how many of a place's maps are compared: the first and the newest ones
-_COMPARED = 3
+_MAPS_COMPARED = 3
 # a registration with a lower agreement is no evidence of where the borders are
 _PLAUSIBLE_AGREEMENT = 0.8
 # from this agreement on, borders may be where a registration puts them
 _POSSIBLE_AGREEMENT = 0.5
 # smaller differences in agreement between hypotheses mean nothing if none is certain
-_DOUBT = 0.15
+_MIN_LEAD = 0.15
 # a map continues the previous one if this share of the previous one's obstacles are still in the same cells
-_CONTINUED = 0.95
+_MIN_KEPT_SHARE = 0.95
 # a map that was not recognised for certain is registered again once its known floor has grown by this factor
-_GROWN = 1.25
+_GROWTH = 1.25
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class PlaceRecognition:
     """
 
     place: int = 0
-    transform: Transform = IDENTITY
+    transform: Transform = Transform()
     is_certain: bool = True
     floor_cells: int = 0
     other_transform: Optional[Transform] = None
@@ -83,29 +83,32 @@ class PlaceRecognizer:
         self._name = name
 
     def recognize(
-        self, grid: GridMap, map_id: str, before: Optional[GridMap], recognition: PlaceRecognition
+        self, grid: GridMap, map_id: str, previous_map: Optional[GridMap], recognition: PlaceRecognition
     ) -> PlaceRecognition:
         """Recognises which place a map shows.
 
         Args:
-            before: the previous map since this program was started; None for the first.
+            previous_map: the previous map since this program was started; None for the first.
             recognition: what the previous map was recognised as; the search starts there.
         """
-        stored, named = self._database.find_map(map_id), self._database.find_place(self._name)
+        stored = self._database.maps().get(map_id)
+        named_place = self._database.find_place(self._name)
         # if the stored place has no borders, the map may still show the named place, which has some
-        if stored is not None and (named in (0, stored.place) or self._database.borders(stored.place)):
-            name = self._database.get_name(stored.place)
+        if stored is not None and (named_place in (0, stored.place) or self._database.borders(stored.place)):
+            name = self._database.place_name(stored.place)
             return PlaceRecognition(stored.place, stored.transform, not self._name or name in ("", self._name))
         candidates = self._candidates()
         if not candidates:
             return PlaceRecognition()
         floor = int(np.count_nonzero((grid.data >= 0) & (grid.data < OCCUPIED_THRESHOLD)))
         wall_map = WallMap(grid)
-        if before is not None and recognition.place in candidates and is_extension(before, grid):
-            maps = candidates[recognition.place]
-            if recognition.is_certain and self._agrees(maps, wall_map, recognition.transform):
-                return replace(recognition, floor_cells=floor)
-            if not recognition.is_certain and floor < _GROWN * recognition.floor_cells:
+        if previous_map is not None and recognition.place in candidates and is_extension(previous_map, grid):
+            if recognition.is_certain:
+                for stored_map in candidates[recognition.place]:
+                    expected = recognition.transform.after(stored_map.transform.inverse)
+                    if evaluate_transform(wall_map_of(stored_map), wall_map, expected).walls_agree:
+                        return replace(recognition, floor_cells=floor)
+            elif floor < _GROWTH * recognition.floor_cells:
                 return recognition
         recognition = replace(self._register(candidates, wall_map, recognition), floor_cells=floor)
         if recognition.is_likely:
@@ -117,29 +120,24 @@ class PlaceRecognizer:
             recognition = replace(recognition, is_certain=most_agree)
         return recognition
 
-    def _candidates(self) -> Dict[int, List[KnownMap]]:
+    def _candidates(self) -> Dict[int, List[StoredMap]]:
         """Returns, for each place with borders that the current map may show, the place's maps."""
-        places: Dict[int, List[KnownMap]] = {}
-        for known_map in self._database.maps():
-            if self._database.borders(known_map.place):
-                places.setdefault(known_map.place, []).append(known_map)
+        places: Dict[int, List[StoredMap]] = {}
+        for stored_map in self._database.maps().values():
+            if self._database.borders(stored_map.place):
+                places.setdefault(stored_map.place, []).append(stored_map)
         if not self._name:
             return places
         name = self._name if self._database.find_place(self._name) else ""
-        return {place: maps for place, maps in places.items() if self._database.get_name(place) == name}
-
-    def _agrees(self, maps: List[KnownMap], wall_map: WallMap, transform: Transform) -> bool:
-        """Returns whether a map agrees, at its expected transform, with one of a place's stored maps."""
-        starts = ((wall_map_of(known_map), transform.after(known_map.transform.inverse)) for known_map in maps)
-        return any(evaluate_transform(reference, wall_map, start).agrees for reference, start in starts)
+        return {place: maps for place, maps in places.items() if self._database.place_name(place) == name}
 
     def _register(
-        self, places: Dict[int, List[KnownMap]], wall_map: WallMap, recognition: PlaceRecognition
+        self, places: Dict[int, List[StoredMap]], wall_map: WallMap, recognition: PlaceRecognition
     ) -> PlaceRecognition:
         """Recognises a map by registration in maps of places; the search starts at an earlier recognition."""
         best: Dict[int, _Candidate] = {}
         for place, maps in places.items():
-            for stored_map in maps[:1] + maps[1:][1 - _COMPARED :]:
+            for stored_map in maps[:1] + maps[1:][1 - _MAPS_COMPARED :]:
                 candidate = self._compare(stored_map, wall_map, recognition)
                 if candidate is not None and (place not in best or candidate.rank > best[place].rank):
                     best[place] = candidate
@@ -151,7 +149,7 @@ class PlaceRecognizer:
         if plausible:
             likeliest = max(plausible, key=lambda candidate: candidate.rank)
             others = [other.registration.agreement for other in plausible if other is not likeliest]
-            is_ahead = likeliest.registration.agreement >= max(others, default=0.0) + _DOUBT
+            is_ahead = likeliest.registration.agreement >= max(others, default=0.0) + _MIN_LEAD
             is_likely = likeliest.registration.is_clearly_best and is_ahead
             return replace(likeliest.recognition, is_certain=False, is_likely=is_likely)
         last = self._database.last_place
@@ -159,57 +157,46 @@ class PlaceRecognizer:
         unsure = best[place].recognition if place in best else PlaceRecognition(place)
         return replace(unsure, is_certain=False)
 
-    def _compare(self, stored_map: KnownMap, wall_map: WallMap, start: PlaceRecognition) -> Optional[_Candidate]:
+    def _compare(self, stored_map: StoredMap, wall_map: WallMap, start: PlaceRecognition) -> Optional[_Candidate]:
         """Registers one stored map in the new map; returns None if one of them has no walls."""
         reference = wall_map_of(stored_map)
-        guesses = [IDENTITY, start.transform.after(stored_map.transform.inverse)]
+        guesses = [Transform(), start.transform.after(stored_map.transform.inverse)]
         registration = register_maps(reference, wall_map, guesses)
         if registration is None:
             return None
-        other = None
+        other_transform = None
         if not (registration.is_certain or registration.is_clearly_best):
-            registration, other = self._prefer_unmoved(reference, wall_map, registration, guesses)
-        other = other.after(stored_map.transform) if other else None
+            # borders stay where they are, unless another transform is plausible and fits clearly better
+            unmoved = [evaluate_transform(reference, wall_map, guess) for guess in guesses]
+            best_unmoved = max(unmoved, key=lambda candidate: candidate.agreement)
+            is_moved = registration.agreement >= max(_PLAUSIBLE_AGREEMENT, best_unmoved.agreement + _MIN_LEAD)
+            registration, other = (registration, best_unmoved) if is_moved else (best_unmoved, registration)
+            if other.agreement >= _POSSIBLE_AGREEMENT and other.transform != registration.transform:
+                other_transform = other.transform.after(stored_map.transform)
         transform = registration.transform.after(stored_map.transform)
         transform = _snap(transform, start.transform, wall_map.grid)
-        recognition = PlaceRecognition(stored_map.place, transform, registration.is_certain, other_transform=other)
+        certain = registration.is_certain
+        recognition = PlaceRecognition(stored_map.place, transform, certain, other_transform=other_transform)
         return _Candidate(recognition, registration)
 
-    @staticmethod
-    def _prefer_unmoved(
-        reference: WallMap, wall_map: WallMap, registration: Registration, guesses: List[Transform]
-    ) -> Tuple[Registration, Optional[Transform]]:
-        """Leaves borders where they are, unless another transform is plausible and fits clearly better.
 
-        Returns:
-            The proposed registration, and the other transform if it is possible too.
-        """
-        unmoved = [evaluate_transform(reference, wall_map, guess) for guess in guesses]
-        still = max(unmoved, key=lambda registration: registration.agreement)
-        moves = registration.agreement >= max(_PLAUSIBLE_AGREEMENT, still.agreement + _DOUBT)
-        proposed, other = (registration, still) if moves else (still, registration)
-        if other.agreement >= _POSSIBLE_AGREEMENT and other.transform != proposed.transform:
-            return proposed, other.transform
-        return proposed, None
-
-
-def is_extension(before: GridMap, after: GridMap) -> bool:
+def is_extension(previous: GridMap, current: GridMap) -> bool:
     """Returns whether a map is the previous one, grown: on the same lattice of cells, and with its obstacles."""
-    if abs(before.resolution - after.resolution) > 1e-6 or abs(before.origin[2] - after.origin[2]) > 1e-9:
+    if abs(previous.resolution - current.resolution) > 1e-6 or abs(previous.origin[2] - current.origin[2]) > 1e-9:
         return False
-    offset = after.world_to_grid(before.cell_to_world([[0, 0]]))[0]
+    offset = current.world_to_grid(previous.cell_to_world([[0, 0]]))[0]
     column, row = np.rint(offset).astype(int)
     if np.abs(offset - (column, row)).max() > 1e-3:
         return False
-    obstacles = np.argwhere(before.data >= OCCUPIED_THRESHOLD) + (row, column)
-    on_map = obstacles[after.contains_cells(obstacles)]
-    count = np.count_nonzero(after.data[tuple(on_map.T)] >= OCCUPIED_THRESHOLD)
-    return len(obstacles) > 0 and count >= _CONTINUED * len(obstacles)
+    obstacles = np.argwhere(previous.data >= OCCUPIED_THRESHOLD) + (row, column)
+    on_map = obstacles[current.contains_cells(obstacles)]
+    is_still_there = current.data[tuple(on_map.T)] >= OCCUPIED_THRESHOLD
+    return len(obstacles) > 0 and np.count_nonzero(is_still_there) >= _MIN_KEPT_SHARE * len(obstacles)
 
 
 def _snap(transform: Transform, expected: Transform, grid: GridMap) -> Transform:
     """Snaps a transform to the identity or the expected one if it is within half a cell + 0.2 % of the map's size."""
-    for target in (IDENTITY, expected):
+    for target in (Transform(), expected):
         distance = np.linalg.norm(transform.apply(grid.corners()) - target.apply(grid.corners()), axis=1).max()
         if distance < 0.5 * grid.resolution + 0.002 * np.ptp(grid.corners(), axis=0).max():
             return target

@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
-from vb_map_integration.places.transform import IDENTITY, Transform
+from vb_map_integration.places.transform import Transform
 
 # [m] a wall is found again if there is one this near: two cells of a usual map, and SLAM's distortion of a few cm
 TOLERANCE = 0.12
@@ -84,7 +84,7 @@ class Registration:
     @property
     def is_certain(self) -> bool:
         """Whether borders may be moved by it without asking a person: walls agree, and no other transform comes near."""
-        return self.agrees and self.walls_m >= MIN_WALL_LENGTH and self.margin >= MIN_MARGIN
+        return self.walls_agree and self.walls_m >= MIN_WALL_LENGTH and self.margin >= MIN_MARGIN
 
     @property
     def is_clearly_best(self) -> bool:
@@ -92,7 +92,7 @@ class Registration:
         return self.margin >= MIN_MARGIN_ALONE and self.overlap >= MIN_OVERLAP and self.walls_m >= MIN_WALL_LENGTH
 
     @property
-    def agrees(self) -> bool:
+    def walls_agree(self) -> bool:
         """Whether the maps agree at this transform, however well they do at others."""
         return self.agreement >= MIN_AGREEMENT and self.overlap >= MIN_OVERLAP
 
@@ -157,9 +157,11 @@ class WallMap:
         """Returns distances (N,) [m] from the cells of points (N, 2) to the nearest wall, and which are known."""
         cells = np.floor(self.grid.world_to_grid(points) + 0.5).astype(np.int32)
         is_inside = ((cells >= 0) & (cells < self.grid.shape[::-1])).all(axis=1)
-        columns, rows = np.where(is_inside[:, None], cells, 0).T
+        cells[~is_inside] = 0
+        columns, rows = cells.T
         distances = self._distances[rows, columns] * np.float32(_DISTANCE_UNIT)
-        return distances, is_inside & (self._known[rows, columns] != 0)
+        is_known = is_inside & (self._known[rows, columns] != 0)
+        return distances, is_known
 
     def is_known(self, points: np.ndarray) -> np.ndarray:
         """Returns (N,) bool: at which of the points (N, 2) [m] the map knows the floor, or the wall beside it."""
@@ -167,12 +169,14 @@ class WallMap:
 
     def walls_near(self, outline: np.ndarray, reach: float) -> np.ndarray:
         """Returns the wall cells (K, 2) [m] within a distance [m] of points (N, 2) [m]."""
-        low, high = outline.min(axis=0) - reach, outline.max(axis=0) + reach
-        walls = self.walls[((self.walls >= low) & (self.walls <= high)).all(axis=1)]
-        near = np.zeros(len(walls), bool)
-        for corner in subsample(outline, 50):
-            near |= np.square(walls - corner).sum(axis=1) <= reach * reach
-        return walls[near]
+        low = outline.min(axis=0) - reach
+        high = outline.max(axis=0) + reach
+        is_in_box = ((self.walls >= low) & (self.walls <= high)).all(axis=1)
+        walls = self.walls[is_in_box]
+        is_near = np.zeros(len(walls), bool)
+        for point in subsample(outline, 50):
+            is_near |= np.square(walls - point).sum(axis=1) <= reach * reach
+        return walls[is_near]
 
     @cached_property
     def floor(self) -> np.ndarray:
@@ -191,17 +195,20 @@ class WallMap:
         side = 2 * int(math.ceil(self.radius / cell)) + 5
         middle = side // 2
 
-        def binned(points: np.ndarray) -> np.ndarray:
-            where = np.floor((points - self.center) / cell + 0.5).astype(int) + middle
-            return np.bincount(where[:, 1] * side + where[:, 0], minlength=side * side).reshape(side, side)
+        def count(points: np.ndarray) -> np.ndarray:
+            cells = np.floor((points - self.center) / cell + 0.5).astype(int) + middle
+            columns, rows = cells.T
+            return np.bincount(rows * side + columns, minlength=side * side).reshape(side, side)
 
-        per_cell = max(1.0, cell / self.grid.resolution)
-        wall = np.minimum(1.0, binned(self.walls[self.is_structure]) / per_cell)
-        wall += 0.3 * np.minimum(1.0, binned(self.walls[~self.is_structure]) / per_cell)
-        places, cells = self._some_floor(_DRAWN_FLOOR)
-        floor = np.minimum(1.0, binned(places) * cells / per_cell**2)
-        wall = cv2.GaussianBlur(wall.astype(np.float32), (0, 0), 1.0)
-        return (wall - 0.08 * floor * (wall < 0.1)).astype(np.float32)
+        per_cell = max(1.0, cell / self.grid.resolution)  # wall cells that make a cell of the drawing a wall
+        structure = np.minimum(1.0, count(self.walls[self.is_structure]) / per_cell)
+        furniture = np.minimum(1.0, count(self.walls[~self.is_structure]) / per_cell)
+        floor_points, cells_per_point = self._some_floor(_DRAWN_FLOOR)
+        floor = np.minimum(1.0, count(floor_points) * cells_per_point / per_cell**2)
+        walls = (structure + 0.3 * furniture).astype(np.float32)
+        walls = cv2.GaussianBlur(walls, (0, 0), 1.0)
+        is_wall = walls >= 0.1
+        return (walls - 0.08 * floor * ~is_wall).astype(np.float32)
 
     @cached_property
     def center(self) -> np.ndarray:
@@ -218,17 +225,19 @@ class WallMap:
 
 def _known_part(grid: GridMap) -> GridMap:
     """Crops a map to its known part, and a few cells round it."""
-    known_mask = np.ascontiguousarray(grid.data).view(np.uint8) < 128
-    rows, columns = np.flatnonzero(known_mask.any(axis=1)), np.flatnonzero(known_mask.any(axis=0))
+    is_known = np.ascontiguousarray(grid.data).view(np.uint8) < 128
+    rows = np.flatnonzero(is_known.any(axis=1))
+    columns = np.flatnonzero(is_known.any(axis=0))
     if not len(rows):
         return grid
-    top, left = max(0, int(rows[0]) - _UNKNOWN_RIM), max(0, int(columns[0]) - _UNKNOWN_RIM)
+    top = max(0, rows[0] - _UNKNOWN_RIM)
+    left = max(0, columns[0] - _UNKNOWN_RIM)
     cells = grid.data[top : rows[-1] + 1 + _UNKNOWN_RIM, left : columns[-1] + 1 + _UNKNOWN_RIM]
     x, y = grid.grid_to_world([[left - 0.5, top - 0.5]])[0]
-    return GridMap(np.ascontiguousarray(cells), grid.resolution, (float(x), float(y), grid.origin[2]))
+    return GridMap(np.ascontiguousarray(cells), grid.resolution, (x, y, grid.origin[2]))
 
 
-def register_maps(old: WallMap, new: WallMap, guesses: Sequence[Transform] = (IDENTITY,)) -> Optional[Registration]:
+def register_maps(old: WallMap, new: WallMap, guesses: Sequence[Transform] = (Transform(),)) -> Optional[Registration]:
     """Finds the old map in the new one and returns the best hypothesis, or None if one of the maps has no walls.
 
     Args:
@@ -237,26 +246,29 @@ def register_maps(old: WallMap, new: WallMap, guesses: Sequence[Transform] = (ID
     if not len(old.walls) or not len(new.walls):
         return None
     samples = _sample(old), _sample(new)
-    refined = [refine(old, new, start, samples, old.center, _REACHES) for start in [*guesses, *_search(old, new)]]
+    starts = [*guesses, *_search(old, new)]
+    refined = [refine(old, new, start, samples, old.center, _REACHES) for start in starts]
     candidates = [evaluate_transform(old, new, transform) for transform in refined]
     best, *others = sorted(candidates, key=lambda candidate: -candidate.balance_m)
     if best.balance_m <= 0.0:
         return best
-    rivals = [other for other in others if not _is_same(best.transform, other.transform, old.center)]
-    return replace(best, margin=1.0 - max([0.0, *(rival.balance_m for rival in rivals)]) / best.balance_m)
+    rivals = [other.balance_m for other in others if not _is_same(best.transform, other.transform, old.center)]
+    return replace(best, margin=1.0 - max([0.0, *rivals]) / best.balance_m)
 
 
 def evaluate_transform(old: WallMap, new: WallMap, transform: Transform) -> Registration:
     """Measures how well the maps agree at one transform."""
     shares, lengths, balances, overlaps = [], [], [], []
     for moved, fixed, motion in ((old, new, transform), (new, old, transform.inverse)):
-        points = motion.apply(moved.walls[moved.is_structure])
-        expected = points[fixed.is_known(points)]
-        hits = int((fixed.look_up(expected)[0] < TOLERANCE + fixed.grid.resolution / 2.0).sum())
+        walls = motion.apply(moved.walls[moved.is_structure])
+        expected = walls[fixed.is_known(walls)]
+        distances, _ = fixed.look_up(expected)
+        hits = int((distances < TOLERANCE + fixed.grid.resolution / 2.0).sum())
         shares.append(hits / max(1, len(expected)))
         lengths.append(hits * moved.grid.resolution)
         balances.append((2 * hits - len(expected)) * moved.grid.resolution)
-        overlaps.append(float(fixed.is_known(motion.apply(moved.floor)).mean()) if len(moved.floor) else 0.0)
+        floor_is_known = fixed.is_known(motion.apply(moved.floor))
+        overlaps.append(float(floor_is_known.mean()) if len(moved.floor) else 0.0)
     return Registration(transform, min(shares), max(overlaps), min(lengths), float(np.mean(balances)))
 
 
@@ -271,20 +283,15 @@ def _search(old: WallMap, new: WallMap) -> List[Transform]:
     cell = max(_MIN_COARSE_CELL, 2.0 * extent / _MAX_COARSE_CELLS)
     old_image, new_image = old.draw_evidence(cell), new.draw_evidence(cell)
     size = cv2.getOptimalDFTSize(len(old_image) + len(new_image))
-
-    def spectrum(image: np.ndarray) -> np.ndarray:
-        padded = np.zeros((size, size), np.float32)
-        padded[: len(image), : len(image)] = image
-        return cv2.dft(padded)
-
-    new_spectrum = spectrum(new_image)
+    new_spectrum = cv2.dft(np.pad(new_image, (0, size - len(new_image))))
     middle = len(old_image) // 2
     peaks: List[Tuple[float, Transform]] = []  # the correlation's maxima
     for angle in np.arange(_ANGLES) * (360.0 / _ANGLES):
         # OpenCV's angles are for images whose rows go down; here rows go up, as y does
         rotation = cv2.getRotationMatrix2D((middle, middle), -angle, 1.0)
         turned = cv2.warpAffine(old_image, rotation, old_image.shape[::-1])
-        product = cv2.mulSpectrums(new_spectrum, spectrum(turned), 0, conjB=True)
+        old_spectrum = cv2.dft(np.pad(turned, (0, size - len(turned))))
+        product = cv2.mulSpectrums(new_spectrum, old_spectrum, 0, conjB=True)
         scores = cv2.dft(product, flags=cv2.DFT_INVERSE | cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT)
         for _ in range(3):
             _, score, _, cell_of_peak = cv2.minMaxLoc(scores)
@@ -332,10 +339,10 @@ def refine(
         rotation = Transform(yaw=yaw).rotation
         arms = (old_walls - center) @ rotation.T  # from the centre to each wall, in the new map's frame
         old_distances, gradients = new.look_up(center_in_new + arms)
-        old_jacobian = np.column_stack([gradients, _cross(arms, gradients)])
+        old_jacobian = np.column_stack([gradients, _cross_products(arms, gradients)])
         arms = (new_walls - center_in_new) @ rotation  # in the old map's frame, in which they move the other way
         new_distances, gradients = old.look_up(center + arms)
-        new_jacobian = np.column_stack([-(gradients @ rotation.T), _cross(gradients, arms)])
+        new_jacobian = np.column_stack([-(gradients @ rotation.T), _cross_products(gradients, arms)])
         distances = np.concatenate([old_distances, new_distances])
         jacobian = np.concatenate([old_jacobian, new_jacobian])
         weighted = jacobian * np.square(np.maximum(0.0, 1.0 - np.square(distances / reach)))[:, None]
@@ -346,7 +353,7 @@ def refine(
     return Transform.rotation_about(center, center_in_new, yaw)
 
 
-def _cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def _cross_products(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Computes the cross products (N,) of vectors (N, 2)."""
     return first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
 

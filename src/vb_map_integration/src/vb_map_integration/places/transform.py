@@ -53,6 +53,3 @@ class Transform(NamedTuple):
         """Returns the motion that turns about a centre (2,) [m] by a yaw [rad], and takes it to a destination (2,) [m]."""
         x, y = destination - cls(yaw=yaw).apply(center)[0]
         return cls(float(x), float(y), math.remainder(yaw, 2.0 * math.pi))
-
-
-IDENTITY = Transform()

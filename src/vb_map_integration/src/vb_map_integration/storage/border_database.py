@@ -19,7 +19,7 @@ import numpy as np
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import MAX_NAME, VirtualBorder, border_from_feature, border_to_feature
-from vb_map_integration.places.transform import IDENTITY, Transform
+from vb_map_integration.places.transform import Transform
 from vb_map_integration.storage.durable_values import DurableValues
 
 MAX_CHANGES = 100  # changes that are kept and can be undone
@@ -41,7 +41,7 @@ Change = Tuple[BorderChange, ...]
 
 
 @dataclass(frozen=True)
-class KnownMap:
+class StoredMap:
     """A map that the database knows.
 
     Attributes:
@@ -80,32 +80,26 @@ class Database(DurableValues):
     """Borders by place, with their history; each method makes its changes completely or not at all."""
 
     # ------------------------------------------------------------- maps
-    def maps(self) -> List[KnownMap]:
-        """Lists all maps, the oldest first."""
-        return [
-            KnownMap(values["id"], values["place"], key, Transform(*values["transform"]), values)
+    def maps(self) -> Dict[str, StoredMap]:
+        """Returns all maps by fingerprint, the oldest first."""
+        return {
+            key: StoredMap(values["id"], values["place"], key, Transform(*values["transform"]), values)
             for key, values in self.values_of_kind("maps").items()
-        ]
+        }
 
-    def maps_of(self, place: int) -> Dict[str, KnownMap]:
+    def maps_of(self, place: int) -> Dict[str, StoredMap]:
         """Returns the maps of a place by fingerprint, the oldest first."""
-        return {record.fingerprint: record for record in self.maps() if record.place == place}
+        return {key: stored_map for key, stored_map in self.maps().items() if stored_map.place == place}
 
-    def find_map(self, map_id: str) -> Optional[KnownMap]:
-        """Finds the map with a fingerprint; None if it is not known."""
-        return next((record for record in self.maps() if record.fingerprint == map_id), None)
-
-    def add_map(
-        self, grid: GridMap, map_id: str, place: int = 0, transform: Transform = IDENTITY, name: str = ""
-    ) -> int:
+    def add_map(self, grid: GridMap, map_id: str, place: int, transform: Transform, name: str) -> int:
         """Stores a map of a place (0: a new one), which becomes the last place; returns the place's number."""
-        known = self.find_map(map_id)
-        number = known.number if known else 1 + max((record.number for record in self.maps()), default=0)
+        maps = self.maps()
+        highest = max((stored_map.number for stored_map in maps.values()), default=0)
+        number = maps[map_id].number if map_id in maps else highest + 1
         place = place or number
         needed = {border.map_id for border in self.borders(place)}  # the place's borders are compared with these maps
-        others = [record for record in self.maps_of(place).values() if record.number not in (place, number)]
-        dropped = [record.fingerprint for record in others[:-MAX_MAPS] if record.fingerprint not in needed]
-        changes: Dict[str, Any] = {f"maps/{key}": None for key in dropped}
+        others = [key for key, other in self.maps_of(place).items() if other.number not in (place, number)]
+        changes: Dict[str, Any] = {f"maps/{key}": None for key in others[:-MAX_MAPS] if key not in needed}
         changes[f"maps/{map_id}"] = {
             "id": number,
             "place": place,
@@ -118,10 +112,10 @@ class Database(DurableValues):
         changes[_PLACE] = place
         if name:
             changes.update(self._name_changes(place, name))
-        self.change(changes)
+        self.write(changes)
         return place
 
-    def get_name(self, place: int) -> str:
+    def place_name(self, place: int) -> str:
         """Returns a place's name; "" if it has none."""
         return str(self.get(f"names/{place}", ""))
 
@@ -132,9 +126,9 @@ class Database(DurableValues):
 
     def rename_place(self, place: int, name: str) -> None:
         """Names a place; raises CodedError "name_taken" or "bad_name"."""
-        if self.get_name(place) != name:
+        if self.place_name(place) != name:
             self.check_name(name, place)
-            self.change(self._name_changes(place, name))
+            self.write(self._name_changes(place, name))
 
     def _name_changes(self, place: int, name: str) -> Dict[str, Any]:
         """Returns the changes that name a place; a place without borders that has the name loses it."""
@@ -156,23 +150,24 @@ class Database(DurableValues):
     def remember_place(self, place: int) -> None:
         """Records the last place in force."""
         if self.last_place != place:
-            self.change({_PLACE: place})
+            self.write({_PLACE: place})
 
     # ------------------------------------------------------------- borders
     def borders(self, place: int) -> Tuple[VirtualBorder, ...]:
         """Returns the borders of a place in its frame, the oldest first."""
-        ids = sorted(self.names(f"borders/{place}"), key=lambda border_id: int(border_id[1:]))
+        ids = sorted(self.names_of_kind(f"borders/{place}"), key=lambda border_id: int(border_id[1:]))
         return tuple(_read_border(self._values[f"borders/{place}/{border_id}"]) for border_id in ids)
 
-    def find(self, border_id: str) -> Tuple[int, VirtualBorder]:
+    def find_border(self, border_id: str) -> Tuple[int, VirtualBorder]:
         """Finds a border of any place by its id, and returns its place with it; raises CodedError "unknown_border"."""
-        for place, key in (name.split("/") for name in self.names("borders")):
+        for name in self.names_of_kind("borders"):
+            place, key = name.split("/")
             if key == border_id:
-                return int(place), _read_border(self._values[f"borders/{place}/{border_id}"])
+                return int(place), _read_border(self._values[f"borders/{name}"])
         raise CodedError("unknown_border", id=border_id)
 
-    def new_border(self, border: VirtualBorder, now: float, place: int) -> VirtualBorder:
-        """Gives a border an id (taken when `commit` succeeds), timestamps and, if unnamed, a name free in its place.
+    def new_border(self, border: VirtualBorder, now: float, place: int, map_id: str) -> VirtualBorder:
+        """Gives a border an id (taken when `commit` succeeds), times, its map and, if unnamed, a name free in its place.
 
         Raises:
             CodedError: "id_not_empty".
@@ -180,9 +175,10 @@ class Database(DurableValues):
         if border.id:
             raise CodedError("id_not_empty", id=border.id)
         taken = {other.name for other in self.borders(place)}
-        unnamed = (f"{'wall' if border.wall else 'border'} {i}" for i in itertools.count(1))
-        name = border.name or next(name for name in unnamed if name not in taken)
-        return border.replace(id=f"b{self.get(_NEXT, 1)}", name=name, created=now, modified=now)
+        kind = "wall" if border.is_wall else "border"
+        numbered = (f"{kind} {number}" for number in itertools.count(1))
+        name = border.name or next(name for name in numbered if name not in taken)
+        return border.replace(id=f"b{self.get(_NEXT, 1)}", name=name, created=now, modified=now, map_id=map_id)
 
     def commit(self, place: int, change: Change, kind: str = "new", request_id: str = "") -> None:
         """Makes a change of borders of one place.
@@ -194,54 +190,64 @@ class Database(DurableValues):
         Raises:
             CodedError: "cannot_write"; then nothing was changed.
         """
-        changes = self._history(place, change, kind)
+        entries = []
         for entry in change:
-            changes[f"borders/{place}/{entry.id}"] = entry.after and border_to_feature(entry.after)
+            before = entry.before and border_to_feature(entry.before)
+            after = entry.after and border_to_feature(entry.after)
+            entries.append([entry.id, before, after])
+        changes = self._history(place, entries, kind)
+        for border_id, _, after in entries:
+            changes[f"borders/{place}/{border_id}"] = after
         if request_id:
             changes[f"requests/{request_id}"] = change[0].id
-            changes.update({f"requests/{old}": None for old in self.names("requests")[:-MAX_REQUESTS]})
+            changes.update({f"requests/{old}": None for old in self.names_of_kind("requests")[:-MAX_REQUESTS]})
         next_number = max(int(entry.id[1:]) + 1 for entry in change)
-        self.change({**changes, _NEXT: max(next_number, self.get(_NEXT, 1))})
+        changes[_NEXT] = max(next_number, self.get(_NEXT, 1))
+        self.write(changes)
 
-    def _history(self, place: int, change: Change, kind: str) -> Dict[str, Any]:
+    def _history(self, place: int, entries: List[List[Any]], kind: str) -> Dict[str, Any]:
         """Returns the values that record a change, so that it can be undone or redone."""
-        changes = self.values_of_kind("changes")
         if kind in ("undo", "redo"):
-            number = self._newest(place, kind)
-            return {f"changes/{number}": {**changes[number], "undone": kind == "undo"}}
-        states = ((entry.id, (entry.before, entry.after)) for entry in change)
-        entries = [[key, *(border and border_to_feature(border) for border in pair)] for key, pair in states]
-        dropped = [number for number, other in changes.items() if other["place"] == place and other["undone"]]
-        dropped += list(changes)[: 1 - MAX_CHANGES]
-        number = str(1 + max(map(int, changes), default=0))
-        record = {"place": place, "undone": False, "entries": entries}
-        return {**{f"changes/{old}": None for old in dropped}, f"changes/{number}": record}
+            key = self._newest_key(place, kind)
+            return {key: {**self.get(key), "undone": kind == "undo"}}
+        records = self.values_of_kind("changes")
+        dropped = [number for number, record in records.items() if record["place"] == place and record["undone"]]
+        dropped += list(records)[: 1 - MAX_CHANGES]
+        changes: Dict[str, Any] = {f"changes/{number}": None for number in dropped}
+        number = 1 + max(map(int, records), default=0)
+        changes[f"changes/{number}"] = {"place": place, "undone": False, "entries": entries}
+        return changes
+
+    def _numbers(self, place: int, kind: str) -> List[int]:
+        """Lists the numbers of a place's changes that can be undone ("undo") or repeated ("redo")."""
+        is_undone = kind == "redo"
+        records = self.values_of_kind("changes").items()
+        return [int(key) for key, record in records if record["place"] == place and record["undone"] == is_undone]
 
     def available_commands(self, place: int) -> List[str]:
         """Lists "undo" and "redo", each only if there is something to undo or redo."""
-        undone = {change["undone"] for change in self.values_of_kind("changes").values() if change["place"] == place}
-        return [("undo", "redo")[is_undone] for is_undone in sorted(undone)]
+        return [kind for kind in ("undo", "redo") if self._numbers(place, kind)]
 
-    def _newest(self, place: int, kind: str) -> str:
-        """Returns the number of the change that undo would revert, or redo repeat."""
-        changes = self.values_of_kind("changes")
-        of_place = {number: change for number, change in changes.items() if change["place"] == place}
-        numbers = [number for number, change in of_place.items() if change["undone"] == (kind == "redo")]
+    def _newest_key(self, place: int, kind: str) -> str:
+        """Returns the key of the change that undo would revert, or redo repeat."""
+        numbers = self._numbers(place, kind)
         if not numbers:
             raise CodedError(f"nothing_to_{kind}")
-        return (max if kind == "undo" else min)(numbers, key=int)
+        return f"changes/{max(numbers) if kind == 'undo' else min(numbers)}"
 
-    def prepare(self, kind: str, place: int) -> Change:
+    def prepare_undo_or_redo(self, kind: str, place: int) -> Change:
         """Prepares the change that reverts the last one ("undo"), or repeats the last undone one ("redo").
 
         Raises:
             CodedError: "nothing_to_undo", "nothing_to_redo".
         """
-        entries = self.get(f"changes/{self._newest(place, kind)}")["entries"]
-        states = ((key, (values and border_from_feature(values) for values in pair)) for key, *pair in entries)
-        change = tuple(BorderChange(key, *pair) for key, pair in states)
+        change = []
+        for border_id, before, after in self.get(self._newest_key(place, kind))["entries"]:
+            border_before = before and border_from_feature(before)
+            border_after = after and border_from_feature(after)
+            change.append(BorderChange(border_id, border_before, border_after))
         if kind == "redo":
-            return change
+            return tuple(change)
         return tuple(BorderChange(entry.id, entry.after, entry.before) for entry in reversed(change))
 
     def find_border_of_request(self, request_id: str) -> str:

@@ -68,7 +68,7 @@ class DurableValues:
         try:
             self._take_folder(folder, LOCK_TIMEOUT)
         except OSError as error:
-            self._report_read_only(str(error))
+            self._report("database_read_only", Severity.ERROR, what=str(folder), reason=error)
         try:
             self._load(folder)
         except CodedError:
@@ -85,15 +85,15 @@ class DurableValues:
         """Returns the value of a key, or the default."""
         return _parse(self._values[key]) if key in self._values else default
 
-    def names(self, kind: str) -> List[str]:
+    def names_of_kind(self, kind: str) -> List[str]:
         """Lists the names of one kind, the oldest first."""
         return [key[len(kind) + 1 :] for key in self._values if key.startswith(f"{kind}/")]
 
     def values_of_kind(self, kind: str) -> Dict[str, Any]:
         """Returns the values of one kind by their names."""
-        return {name: self.get(f"{kind}/{name}") for name in self.names(kind)}
+        return {name: self.get(f"{kind}/{name}") for name in self.names_of_kind(kind)}
 
-    def change(self, changes: Mapping[str, Any]) -> None:
+    def write(self, changes: Mapping[str, Any]) -> None:
         """Sets values, all or none of them; None removes a value.
 
         Raises:
@@ -112,15 +112,16 @@ class DurableValues:
             except OSError as error:
                 raise CodedError("cannot_write", what=FILE, reason=error.strerror or error) from None
             try:
-                self._write(self._folder, content)
+                self._write_files(self._folder, content)
             except CodedError:
                 with contextlib.suppress(CodedError):  # one of the files may already have the new content
-                    self._write(self._folder, _Content(self.revision, self._values))
+                    self._write_files(self._folder, _Content(self.revision, self._values))
                 raise
         self.revision, self._values = content
 
     def _load(self, folder: Path) -> None:
-        path, content, read_error = folder / FILE, None, None
+        path = folder / FILE
+        content, read_error = None, None
         try:
             content = _read(path)
         except OSError as error:  # it may be undamaged, and readable later
@@ -143,10 +144,10 @@ class DurableValues:
                 path.unlink()
             if content is not None:
                 self.revision, self._values = content
-                if not (content == _read_or_none(folder / FILE) == _read_or_none(self._copy(folder))):
-                    self._write(folder, content)
+                if not (content == _read_or_none(folder / FILE) == _read_or_none(self._copy_path(folder))):
+                    self._write_files(folder, content)
         except (OSError, CodedError) as error:
-            self._report_read_only(str(error))
+            self._report("database_read_only", Severity.ERROR, what=str(folder), reason=error)
 
     def _choose_copy(self, folder: Path, copies: Mapping[Path, Optional[_Content]]) -> Optional[_Content]:
         """Returns the content of the copy with the highest revision; dates are for people, since clocks go wrong."""
@@ -160,15 +161,18 @@ class DurableValues:
             self._report("borders_lost_since", Severity.ERROR, date=path.stem[-10:])
         return content
 
-    def _copy(self, folder: Path) -> Path:
+    def _copy_path(self, folder: Path) -> Path:
         return folder / "copies" / f"borders-{self._today().isoformat()}.jsonl"
 
-    def _write(self, folder: Path, content: _Content) -> None:
-        lines = (f"{json.dumps(key)}\t{value}" for key, value in content.values.items())
-        rest = "\n".join([json.dumps([FORMAT, content.revision]), *lines, ""]).encode()
-        whole, copy = _checksum(rest) + b"\n" + rest, self._copy(folder)
+    def _write_files(self, folder: Path, content: _Content) -> None:
+        lines = [json.dumps([FORMAT, content.revision])]
+        lines += [f"{json.dumps(key)}\t{value}" for key, value in content.values.items()]
+        rest = "\n".join([*lines, ""]).encode()
+        whole = _checksum(rest) + b"\n" + rest
+        copy = self._copy_path(folder)
         files.write_together({folder / FILE: whole, copy: whole})
-        for old in sorted(path for path in copy.parent.glob("*.jsonl") if path != copy)[: 1 - MAX_COPIES]:
+        other_copies = sorted(path for path in copy.parent.glob("*.jsonl") if path != copy)
+        for old in other_copies[: 1 - MAX_COPIES]:
             with contextlib.suppress(OSError):
                 old.unlink()
         self.notices = [notice for notice in self.notices if notice.code != "database_read_only"]
@@ -186,21 +190,17 @@ class DurableValues:
             try:
                 fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 return
-            except OSError as error:
-                busy = isinstance(error, BlockingIOError)
-                if busy and time.monotonic() < end:
-                    time.sleep(0.05)
-                    continue
-                self.close()
-                if busy:
+            except BlockingIOError:
+                if time.monotonic() >= end:
+                    self.close()
                     raise CodedError("database_in_use", what=str(folder)) from None
+                time.sleep(0.05)
+            except OSError:
+                self.close()
                 raise
 
     def _report(self, code: str, severity: Severity, **values: Any) -> None:
         self.notices.append(Notice.from_error(CodedError(code, **values), severity))
-
-    def _report_read_only(self, reason: str) -> None:
-        self._report("database_read_only", Severity.ERROR, what=str(self._folder), reason=reason)
 
 
 def _read(path: Path) -> Optional[_Content]:

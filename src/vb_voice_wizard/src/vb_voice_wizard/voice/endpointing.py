@@ -128,9 +128,11 @@ class Endpointer:
 
     def _cut(self, first: int, too_long: bool) -> Utterance:
         """Returns the padded speech that began in chunk `first`, or only its end if it is too long."""
+        end = self._speech_end + 1
+        begin = end - _MAX_CHUNKS if too_long else first
         oldest = self._chunk_number - len(self._recent)
-        begin = self._speech_end + 1 - _MAX_CHUNKS if too_long else first
-        begin -= _PADDING_CHUNKS + 1
-        chunks = list(self._recent)[max(0, begin - oldest) : self._speech_end + 1 + _PADDING_CHUNKS - oldest]
+        begin_padded = max(0, begin - _PADDING_CHUNKS - 1 - oldest)
+        end_padded = end + _PADDING_CHUNKS - oldest
+        pcm = np.concatenate(list(self._recent)[begin_padded:end_padded])
         seconds = CHUNK / SAMPLE_RATE
-        return Utterance(np.concatenate(chunks), first * seconds, (self._speech_end + 1) * seconds, too_long)
+        return Utterance(pcm, first * seconds, end * seconds, too_long)

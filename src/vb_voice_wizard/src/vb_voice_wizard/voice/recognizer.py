@@ -82,6 +82,7 @@ class RecognitionResult:
         confidence: 0 .. 1.
         certain: whether the utterance is a command beyond doubt.
         reason: "ok", or why it is no command: "unlike_a_command", "too_long", "too_short", or a node's own reason.
+        start, end: [s] when the speech began and ended, on the clock of `CommandListener.push`.
     """
 
     command: Optional[str] = None
@@ -89,6 +90,8 @@ class RecognitionResult:
     confidence: float = 0.0
     certain: bool = False
     reason: str = "ok"
+    start: float = 0.0
+    end: float = 0.0
 
     def refused(self, reason: str) -> "RecognitionResult":
         """Returns the same result, but refused for a reason."""
@@ -147,25 +150,16 @@ class CommandRecognizer:
 
 
 def _make_variant(pcm: np.ndarray, variant: _Variant) -> np.ndarray:
-    played = np.interp(np.arange(0.0, len(pcm) - 1, variant.speed), np.arange(len(pcm)), pcm).astype(np.int16)
-    begin, end = int(variant.before * SAMPLE_RATE), int(variant.after * SAMPLE_RATE)
+    times = np.arange(0.0, len(pcm) - 1, variant.speed)
+    played = np.interp(times, np.arange(len(pcm)), pcm).astype(np.int16)
+    before = int(variant.before * SAMPLE_RATE)
+    after = int(variant.after * SAMPLE_RATE)
+    first = max(0, -before)
+    last = len(played) + min(0, after)
     # a word that is nearly too short loses no sound
-    if len(played) + min(0, begin) + min(0, end) >= _MIN_LENGTH * SAMPLE_RATE:
-        played = played[max(0, -begin) : len(played) + min(0, end)]
-    return np.pad(played, (max(0, begin), max(0, end)))
-
-
-@dataclass(frozen=True)
-class RecognizedUtterance:
-    """The result and the time of one utterance.
-
-    Attributes:
-        start, end: [s] when the speech began and ended, on the clock of `CommandListener.push`.
-    """
-
-    result: RecognitionResult
-    start: float
-    end: float
+    if last - first >= _MIN_LENGTH * SAMPLE_RATE:
+        played = played[first:last]
+    return np.pad(played, (max(0, before), max(0, after)))
 
 
 class CommandListener:
@@ -191,7 +185,7 @@ class CommandListener:
         if sound in SOUNDS and sound != TICK:  # too short for an utterance
             self._played.append((start, start + SOUNDS[sound].seconds + _MUTE_MARGIN))
 
-    def push(self, pcm: np.ndarray, now: float) -> List[RecognizedUtterance]:
+    def push(self, pcm: np.ndarray, now: float) -> List[RecognitionResult]:
         """Adds the stream's next samples, (N,) int16 at 16 kHz, and returns the results for utterances ending in them.
 
         Args:
@@ -201,10 +195,11 @@ class CommandListener:
         stream_start = now - self._endpointer.length
         return [self._classify(utterance, stream_start) for utterance in utterances]
 
-    def _classify(self, utterance: Utterance, stream_start: float) -> RecognizedUtterance:
-        result = self._recognizer.classify(utterance)
-        start, end = stream_start + utterance.start, stream_start + utterance.end
+    def _classify(self, utterance: Utterance, stream_start: float) -> RecognitionResult:
+        start = stream_start + utterance.start
+        end = stream_start + utterance.end
+        result = replace(self._recognizer.classify(utterance), start=start, end=end)
         is_muted = any(first <= start and end <= last for first, last in list(self._played))
         if is_muted and result.command != STOP:
             result = result.refused("muted")
-        return RecognizedUtterance(result, start, end)
+        return result

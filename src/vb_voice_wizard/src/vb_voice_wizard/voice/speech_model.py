@@ -23,9 +23,8 @@ from vb_core.errors import CodedError
 
 MODEL_FOLDER = Path(sys.prefix) / "share" / "moonshine"
 _START = 1  # the token before a text
-_END_TOKENS = np.array(
-    [2, 29889, 29892, 29991, 29973]
-)  # tokens that may follow a whole text: the end and four punctuation marks
+# tokens that may follow a whole text: the end and four punctuation marks
+_END_TOKENS = np.array([2, 29889, 29892, 29991, 29973])
 _PEAK = 0.5  # utterances are normalised to this share of full scale, as loudness is not part of a word
 # Share of a text's score for silence that is subtracted; with all of it, rare texts would win in noise. Chosen with the
 # development group, where 0.1 to 0.3 do equally well.
@@ -47,13 +46,20 @@ class SpeechModel:
         self._encoder = _load_network(folder / "encoder_model.ort")
         self._decoder = _load_network(folder / "decoder_model_merged.ort")
         # the cache of earlier tokens stays empty, as all tokens are given at once
-        self._past = {t.name: (t.shape[1], t.shape[3]) for t in self._decoder.get_inputs() if t.name.startswith("past")}
+        self._past = {}
+        for tensor in self._decoder.get_inputs():
+            if tensor.name.startswith("past"):
+                self._past[tensor.name] = (tensor.shape[1], tensor.shape[3])
         tokens = _read_tokens(folder / "tokenizer.bin")
         rows = [_tokenise(text, tokens) for text in texts]
         self._lengths = np.array([len(row) for row in rows])
-        padding = [[_END_TOKENS[0]] * (self._lengths.max() - len(row)) for row in rows]
-        self._tokens = np.array([[_START, *row, *ends] for row, ends in zip(rows, padding)], np.int64)
-        self._rarity = _RARITY * self._log_probabilities(np.zeros(16000, np.int16), np.arange(len(rows)))
+        # the start, then each text's tokens, then ends up to the length of the longest text
+        self._tokens = np.full((len(rows), 1 + self._lengths.max()), _END_TOKENS[0], np.int64)
+        self._tokens[:, 0] = _START
+        for number, row in enumerate(rows):
+            self._tokens[number, 1 : 1 + len(row)] = row
+        silence = np.zeros(16000, np.int16)
+        self._rarity = _RARITY * self._log_probabilities(silence, np.arange(len(rows)))
 
     def log_likelihood_ratios(self, pcm: np.ndarray, indices: np.ndarray) -> np.ndarray:
         """Returns the log likelihood ratios (M,) of some of the texts, given an utterance.

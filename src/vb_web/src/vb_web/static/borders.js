@@ -7,12 +7,10 @@ import { $, ask, button, element, replaceContent, nameField, toast } from "./ele
 
 // Says why a border is not in force; "" if it is.
 function idleReason(border) {
-  const code = !border.enabled
-    ? "page_reason_disabled"
-    : border.reason && !border.in_force
-      ? `page_reason_${border.reason}`
-      : "";
-  return code && sentence(words.has(code) ? code : border.reason);
+  if (!border.enabled) return sentence("page_reason_disabled");
+  if (!border.reason || border.in_force) return "";
+  const code = `page_reason_${border.reason}`;
+  return sentence(words.has(code) ? code : border.reason);
 }
 
 // The style class of a border, on the map and in the list.
@@ -20,18 +18,21 @@ const idleClass = (border) => (idleReason(border) ? "off" : "");
 
 const markOf = (border) => element("span", { class: `mark ${idleClass(border)}` }, border.mark);
 
+// Says which zone a border is; "" if it is the usual one, "keep out".
+function zoneText(border) {
+  const speed = words.number(border.max_speed, 2);
+  if (row("zones", border.zone).limits_speed)
+    return sentence(border.unkept ? "page_slow_meant" : "page_slow_at", { speed });
+  return border.zone === hello.zones[0].name ? "" : sentence(`page_zone_${border.zone}`);
+}
+
 // Describes a border in the line below its name: first what is wrong with it, then area, zone and robots.
 function describe(border) {
-  const zone = row("zones", border.zone).limits_speed
-    ? sentence(border.unkept ? "page_slow_meant" : "page_slow_at", { speed: words.number(border.max_speed, 2) })
-    : border.zone === hello.zones[0].name
-      ? ""
-      : sentence(`page_zone_${border.zone}`);
   const size = border.kind === "wall" ? sentence("page_kind_wall") : `${words.number(border.area, 2)} m²`;
-  const robots = border.robots.length ? sentence("page_only_for", { who: border.robots.join(", ") }) : "",
-    unkept = border.unkept && !idleReason(border) ? words.tell(border.unkept) : "";
+  const robots = border.robots.length ? sentence("page_only_for", { who: border.robots.join(", ") }) : "";
+  const unkept = border.unkept && !idleReason(border) ? words.tell(border.unkept) : "";
   const waiting = border.in_force && border.reason && sentence(`page_reason_${border.reason}`);
-  return [unkept, idleReason(border) || size, waiting, zone, robots].filter(Boolean).join(" · ");
+  return [unkept, idleReason(border) || size, waiting, zoneText(border), robots].filter(Boolean).join(" · ");
 }
 
 export function drawBorders() {

@@ -23,8 +23,8 @@ export function show(title, ...children) {
 
 // Calls `next` with the answer to a dialog's request, unless the dialog was closed or replaced meanwhile.
 export async function whenAnswered(promise, next) {
-  const title = $("dialog-title"),
-    answer = await promise;
+  const title = $("dialog-title");
+  const answer = await promise;
   if ($("dialog").open && $("dialog-title") === title) next(answer);
 }
 
@@ -33,7 +33,9 @@ export const closeButton = (code = "page_close") => button(code, () => leave());
 // Leaves a dialog or a drawing for what follows, and asks first if something unsaved would be lost. A dialog's `unsaved`
 // returns null, or the function that brings the dialog back from that question.
 export function leave(next = () => $("dialog").close()) {
-  const comeBack = $("dialog").open ? $("dialog").unsaved() : below.isChanged() ? () => $("dialog").close() : null;
+  let comeBack = null;
+  if ($("dialog").open) comeBack = $("dialog").unsaved();
+  else if (below.isChanged()) comeBack = () => $("dialog").close();
   if (!comeBack) return next();
   show(
     sentence("page_unsaved"),

@@ -22,12 +22,12 @@ import {
 } from "./elements.js";
 
 export let draft = null;
-let modeChanges = 0, // so far
-  taps = [],
-  chosenCorner = null,
-  check = null, // the newest answer to what saving would do
-  newestQuestion = null, // what saving would do, while it has no answer
-  isAsking = false; // whether a question is under way
+let modeChanges = 0; // so far
+let taps = [];
+let chosenCorner = null;
+let check = null; // the newest answer to what saving would do
+let newestQuestion = null; // what saving would do, while it has no answer
+let isAsking = false; // whether a question is under way
 // Called when a border was tapped, and after each change of mode.
 export const listeners = { pick: () => {}, mode: () => {} };
 
@@ -157,22 +157,23 @@ function showRough(points, kind) {
   drawReview();
 }
 
+// Returns what a touch of the map means now: the end of the hint's code.
+function situation() {
+  if (page.mode === "look") {
+    if (!isOperator()) return "watch";
+    return view.borders && !view.borders.list.length ? "empty" : "look";
+  }
+  if (page.mode === "review" && draft.kind === "wall") return "ends";
+  const isLineBegun = taps.length && (page.mode === "draw" || page.mode === "wall");
+  return isLineBegun ? `${page.mode}_next` : page.mode;
+}
+
 // Says what a touch of the map does. While it only chooses a border, the most important notice is shown instead.
 export function drawHint() {
-  const [notice] = page.mode === "look" ? shownNotices() : [];
-  const situation =
-    page.mode === "look" && !isOperator()
-      ? "watch"
-      : page.mode === "look" && view.borders && !view.borders.list.length
-        ? "empty"
-        : page.mode === "review" && draft.kind === "wall"
-          ? "ends"
-          : taps.length && (page.mode === "draw" || page.mode === "wall")
-            ? `${page.mode}_next`
-            : page.mode;
-  const text = notice
-    ? words.tell(notice)
-    : sentence((page.mode === "look" && promptCode()) || `page_hint_${situation}`);
+  const isLooking = page.mode === "look";
+  const [notice] = isLooking ? shownNotices() : [];
+  const code = (isLooking && promptCode()) || `page_hint_${situation()}`;
+  const text = notice ? words.tell(notice) : sentence(code);
   if ($("hint").textContent !== text) $("hint").firstChild.textContent = text;
   $("hint").classList.toggle("warning", Boolean(notice && notice.severity));
 }
@@ -248,7 +249,8 @@ export async function previewDraft() {
   drawReview();
   if (isAsking) return;
   isAsking = true;
-  let question, answer;
+  let question;
+  let answer;
   do {
     question = newestQuestion;
     answer = await page.link.ask("preview", { draft: draftFields(), border: draft.border });
@@ -262,8 +264,8 @@ export async function previewDraft() {
 }
 
 async function save() {
-  const savedDraft = draft,
-    { border, revision } = draft;
+  const savedDraft = draft;
+  const { border, revision } = draft;
   if (!isUnsaved()) {
     toast(sentence("page_saved"));
     return setMode("look");
@@ -334,11 +336,8 @@ export function drawReview() {
     map.showPicture("region", "");
     return replaceContent(box, []);
   }
-  const cancel = button("page_discard", () => setMode("look"));
-  replaceContent(
-    box,
-    page.mode === "go" ? robotPanel(cancel) : page.mode === "review" ? reviewPanel(cancel) : drawingPanel(cancel),
-  );
+  const panel = { go: robotPanel, review: reviewPanel }[page.mode] || drawingPanel;
+  replaceContent(box, panel(button("page_discard", () => setMode("look"))));
 }
 
 // While a line is drawn, or a side is chosen.
@@ -368,6 +367,13 @@ function drawingPanel(cancel) {
   ];
 }
 
+// Says what saving would do: how much it would restrict, why it would be refused, or that this is being checked.
+function checkLine() {
+  if (check === null) return element("p", { class: "muted" }, sentence("page_checking"));
+  if (!check.ok) return element("p", { class: "issue error" }, words.tell(check));
+  return draft.kind === "wall" ? null : areaLine(check.area);
+}
+
 // While a draft is reviewed: what saving would do, and what can be chosen.
 function reviewPanel(cancel) {
   const isWall = draft.kind === "wall";
@@ -387,19 +393,12 @@ function reviewPanel(cancel) {
     speed.value = draft.max_speed = Math.max(0.05, Math.min(1, Number(speed.value) || 0.2));
     previewDraft();
   });
-  const isRefused = check && !check.ok;
   return [
     element("h2", {}, sentence(draft.border ? "page_title_edit" : "page_title_review", kindWord(draft.kind))),
     element("label", { class: "beside" }, element("span", {}, sentence("page_name")), name),
     // what saving would do stands above what can be chosen, so that people see it before they save, also on a small screen
-    check === null
-      ? element("p", { class: "muted" }, sentence("page_checking"))
-      : isRefused
-        ? element("p", { class: "issue error" }, words.tell(check))
-        : isWall
-          ? null
-          : areaLine(check.area),
-    ...issueLines(isRefused ? [] : check && check.issues),
+    checkLine(),
+    ...issueLines(check?.ok ? check.issues : []),
     isWall
       ? null
       : select("page_zone", draft.zone, zonesFor(draft), (value) => {
@@ -424,7 +423,7 @@ function reviewPanel(cancel) {
       "div",
       { class: "row decide" },
       cancel,
-      button("page_save", save, "primary", { disabled: Boolean(!check || newestQuestion || isRefused) }),
+      button("page_save", save, "primary", { disabled: !check?.ok || Boolean(newestQuestion) }),
     ),
   ];
 }

@@ -91,59 +91,67 @@ export class Gestures {
   move(event) {
     const previous = this.pointers.get(event.pointerId);
     if (!previous) return;
-    const position = this.positionOf(event),
-      [right, down] = [position[0] - previous[0], position[1] - previous[1]];
-    if (this.gesture === "pinch") {
-      const [, other] = [...this.pointers.entries()].find(([id]) => id !== event.pointerId) || [];
-      if (other) {
-        const [previousSpan, span] = [distance(previous, other), distance(position, other)];
-        this.map.pan(right / 2, down / 2);
-        this.map.zoom(previousSpan > 10 ? span / previousSpan : 1, meanPoint([position, other]));
-      }
-    } else if (!this.moved && distance(position, this.start) < 6) return;
-    else {
+    const position = this.positionOf(event);
+    if (this.gesture === "pinch") this.pinch(event.pointerId, previous, position);
+    else if (this.moved || distance(position, this.start) >= 6) {
       this.moved = true;
-      if (this.gesture === "pan") {
-        if (event.pointerType !== "touch") this.map.pan(right, down);
-      } else if (this.gesture === "stroke") {
-        const events = event.getCoalescedEvents ? event.getCoalescedEvents() : [];
-        for (const part of events.length ? events : [event])
-          this.strokePoints.push(this.map.toWorld(this.positionOf(part)));
-        this.map.on.stroke(
-          this.strokePoints.map((point) => this.map.onMap(point)),
-          false,
-        );
-      } else if (this.gesture === "between") {
-        this.gesture = "corner";
-        this.corner = this.map.on.between(this.corner, this.map.onMap(this.map.toWorld(position)));
-      } else if (this.gesture === "corner")
-        this.map.on.drag(this.corner, this.map.onMap(this.map.toWorld(position)), false);
-    }
+      this.drag(event, previous, position);
+    } else return;
     this.pointers.set(event.pointerId, position);
   }
 
+  // Moves and zooms the map with two fingers, of which this one has moved.
+  pinch(finger, previous, position) {
+    const [, other] = [...this.pointers.entries()].find(([id]) => id !== finger) || [];
+    if (!other) return;
+    const previousSpan = distance(previous, other);
+    const span = distance(position, other);
+    this.map.pan((position[0] - previous[0]) / 2, (position[1] - previous[1]) / 2);
+    this.map.zoom(previousSpan > 10 ? span / previousSpan : 1, meanPoint([position, other]));
+  }
+
+  // Goes on with the gesture that one finger or the mouse has begun. One finger scrolls the page, and not the map.
+  drag(event, previous, position) {
+    if (this.gesture === "pan" && event.pointerType !== "touch")
+      this.map.pan(position[0] - previous[0], position[1] - previous[1]);
+    else if (this.gesture === "stroke") {
+      const events = event.getCoalescedEvents ? event.getCoalescedEvents() : [];
+      for (const part of events.length ? events : [event])
+        this.strokePoints.push(this.map.toWorld(this.positionOf(part)));
+      this.map.on.stroke(this.strokeOnMap(), false);
+    } else if (this.gesture === "between") {
+      this.gesture = "corner";
+      this.corner = this.map.on.between(this.corner, this.placeAt(position));
+    } else if (this.gesture === "corner") this.map.on.drag(this.corner, this.placeAt(position), false);
+  }
+
+  // Returns the place [m] on the map at a position [px].
+  placeAt(position) {
+    return this.map.onMap(this.map.toWorld(position));
+  }
+
+  strokeOnMap() {
+    return this.strokePoints.map((point) => this.map.onMap(point));
+  }
+
   up(event, regular) {
-    const last = this.pointers.get(event.pointerId),
-      gesture = this.gesture;
+    const last = this.pointers.get(event.pointerId);
+    const gesture = this.gesture;
     if (!this.pointers.delete(event.pointerId) || this.pointers.size) return;
     this.gesture = null;
     // a corner stays where the finger was last, also when the browser takes the gesture away
     if (gesture === "corner" && this.moved)
-      this.map.on.drag(this.corner, this.map.onMap(this.map.toWorld(regular ? this.positionOf(event) : last)), true);
+      this.map.on.drag(this.corner, this.placeAt(regular ? this.positionOf(event) : last), true);
     if (gesture === "stroke" && !regular) this.map.on.stroke([], false);
     if (gesture === "pinch" || !regular) return;
-    const point = this.map.toWorld(this.positionOf(event)),
-      onMap = this.map.onMap(point),
-      isOffMap = (place) => distance(place, this.map.onMap(place)) * this.map.view.scale > HANDLE_PX;
+    const point = this.map.toWorld(this.positionOf(event));
+    const onMap = this.map.onMap(point);
+    const isOffMap = (place) => distance(place, this.map.onMap(place)) * this.map.view.scale > HANDLE_PX;
     if (gesture === "stroke" && this.moved) {
       if (this.strokePoints.every(isOffMap)) {
         this.map.on.stroke([onMap], false);
         this.map.on.outside();
-      } else
-        this.map.on.stroke(
-          this.strokePoints.map((place) => this.map.onMap(place)),
-          true,
-        );
+      } else this.map.on.stroke(this.strokeOnMap(), true);
     } else if (gesture === "between") this.map.on.between(this.corner, onMap);
     else if (!this.moved && (gesture === "pan" || gesture === "stroke")) {
       if ((this.map.drawing || this.map.picking) && isOffMap(point)) this.map.on.outside();
@@ -154,8 +162,8 @@ export class Gestures {
   // Returns the id of the border at a point: that of the nearest line within a finger's reach, else that of the smallest
   // polygon around it, else null.
   pick(point) {
-    let nearest = null,
-      reach = HANDLE_PX / this.map.view.scale;
+    let nearest = null;
+    let reach = HANDLE_PX / this.map.view.scale;
     for (const border of this.map.borders) {
       const line = border.kind === "polygon" ? [...border.line, border.line[0]] : border.line;
       for (let i = 1; i < line.length; i++) {
@@ -171,8 +179,8 @@ export class Gestures {
   }
 
   key(event) {
-    const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] },
-      direction = arrows[event.key];
+    const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+    const direction = arrows[event.key];
     const { corner, between } = event.target.dataset;
     const isPress = event.key === "Enter" || event.key === " ";
     const step = event.shiftKey ? 0.25 : 0.05; // [m]

@@ -32,11 +32,11 @@ async function giveCommand(name) {
 
 // Returns a command button's content: what it does now, and below it the spoken command if that is another word.
 function commandLabel(name) {
-  const label = name === "save" && view.state && view.state.confirm ? sentence("page_save_again") : commandName(name),
-    { spoken } = row("commands", name);
-  return label.toLowerCase() === spoken || label === sentence("page_save_again")
-    ? [label]
-    : [element("span", {}, label, element("small", {}, sentence("page_spoken", { command: spoken })))];
+  if (name === "save" && view.state?.confirm) return [sentence("page_save_again")];
+  const label = commandName(name);
+  const { spoken } = row("commands", name);
+  if (label.toLowerCase() === spoken) return [label];
+  return [element("span", {}, label, element("small", {}, sentence("page_spoken", { command: spoken })))];
 }
 
 function confirmSave() {
@@ -54,14 +54,35 @@ function confirmSave() {
   );
 }
 
-export function drawState() {
-  const state = view.state,
-    hasManager = page.online && view.health && view.health.manager;
+// Returns the name of the state that the page shows: the interaction's, or that of what is missing.
+function stateName(hasManager) {
+  if (!page.online) return "offline";
   // where no manager belongs to the lab, nothing waits for one: the state is that of the robots
-  const needsNoManager = view.capabilities && !view.capabilities.interaction && !hasManager;
-  const robotsState =
-    needsNoManager && view.capabilities.state === "ready" ? "default" : needsNoManager && view.capabilities.state;
-  const name = !page.online ? "offline" : robotsState || (!state || !hasManager ? "absent" : state.name);
+  if (view.capabilities && !view.capabilities.interaction && !hasManager)
+    return view.capabilities.state === "ready" ? "default" : view.capabilities.state;
+  return view.state && hasManager ? view.state.name : "absent";
+}
+
+// Returns the commands that have a button, in their order. If some share a place, the available one is shown, or the first.
+function commandsWithButton(available) {
+  const places = new Map();
+  for (const { name, button_place } of hello.commands.filter((command) => command.button_place))
+    if (available.has(name) || !places.has(button_place)) places.set(button_place, name);
+  return [...places.keys()].sort((a, b) => a - b).map((place) => places.get(place));
+}
+
+// Returns the code of the sentence that says what the laser is for now.
+function laserCode(hasManager) {
+  if (!hasManager) return "page_manager_gone";
+  if (!view.state) return "page_laser_absent";
+  return promptCode() || "page_laser_default";
+}
+
+export function drawState() {
+  const state = view.state;
+  const hasManager = page.online && view.health?.manager;
+  const isInteracting = hasManager && state && state.name !== "default";
+  const name = stateName(hasManager);
   document.body.dataset.state = name;
   document.body.style.setProperty("--state", promptCode() ? row("states", name).color : "");
   const stopped = Boolean(page.online && state && state.stopped);
@@ -72,22 +93,13 @@ export function drawState() {
   $("laser").hidden = (!state && !hasManager) || !isAvailable("define_border");
   $("go").hidden = !view.capabilities || !isAvailable("go");
   const available = new Set(hasManager && state ? state.available_commands.filter(isAvailable) : []);
-  const places = new Map(); // if commands share a place, the available one is shown, or else the first
-  for (const { name, button_place } of hello.commands.filter((command) => command.button_place))
-    if (available.has(name) || !places.has(button_place)) places.set(button_place, name);
-  const commands = [...places.keys()].sort((a, b) => a - b).map((place) => places.get(place));
-  $("laser-text").textContent = sentence(
-    !hasManager ? "page_manager_gone" : !state ? "page_laser_absent" : promptCode() || "page_laser_default",
-  );
+  $("laser-text").textContent = sentence(laserCode(hasManager));
   // why nothing happened, also after a command by voice or from another phone
-  const refused =
-    hasManager && state && state.name !== "default" && state.last.command && !state.last.ok
-      ? words.tell(state.last)
-      : "";
+  const refused = isInteracting && state.last.command && !state.last.ok ? words.tell(state.last) : "";
   if ($("laser-refused").textContent !== refused) $("laser-refused").textContent = refused;
   replaceContent(
     $("commands"),
-    commands.map((command) =>
+    commandsWithButton(available).map((command) =>
       element(
         "button",
         {
@@ -101,8 +113,7 @@ export function drawState() {
       ),
     ),
   );
-  const preview =
-    hasManager && state && state.name !== "default" && view.preview && view.preview.available ? view.preview : null;
+  const preview = isInteracting && view.preview?.available ? view.preview : null;
   replaceContent(
     $("preview"),
     preview
@@ -117,8 +128,8 @@ export function drawState() {
 }
 
 export function drawBanners() {
-  const state = view.state,
-    list = [];
+  const state = view.state;
+  const list = [];
   const add = (kind, text, ...buttons) =>
     list.push(element("p", { class: kind }, element("span", {}, text), ...(isOperator() ? buttons : [])));
   if (!page.online) add("bad", sentence("page_offline"));

@@ -75,15 +75,15 @@ export class MapView {
   fit() {
     const [w, h] = this.size();
     if (!this.info || w < 24 || h < 24) return; // not laid out yet: the observer calls again
-    const { width, height } = this.info,
-      corners = [
-        [0, 0],
-        [width, 0],
-        [width, height],
-        [0, height],
-      ].map((corner) => this.fromCorner(corner)),
-      xs = corners.map(([x]) => x),
-      ys = corners.map(([, y]) => y);
+    const { width, height } = this.info;
+    const corners = [
+      [0, 0],
+      [width, 0],
+      [width, height],
+      [0, height],
+    ].map((corner) => this.fromCorner(corner));
+    const xs = corners.map(([x]) => x);
+    const ys = corners.map(([, y]) => y);
     const [x0, x1, y0, y1] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
     $("map-area").style.setProperty("--aspect", ((y1 - y0) / (x1 - x0)).toFixed(3));
     this.view = {
@@ -105,14 +105,14 @@ export class MapView {
   }
 
   keepInFrame() {
-    const [x0, x1, y0, y1] = this.box,
-      [w, h] = this.size();
+    const [x0, x1, y0, y1] = this.box;
+    const [w, h] = this.size();
     for (const [axis, low, high, frame] of [
       ["x", x0, x1, w],
       ["y", y0, y1, h],
     ]) {
-      const slack = Math.max(0, (high - low) / 2 + (HANDLE_PX - frame / 2) / this.view.scale),
-        centre = (low + high) / 2;
+      const slack = Math.max(0, (high - low) / 2 + (HANDLE_PX - frame / 2) / this.view.scale);
+      const centre = (low + high) / 2;
       this.view[axis] = Math.max(centre - slack, Math.min(centre + slack, this.view[axis]));
     }
     this.touched = true;
@@ -121,18 +121,18 @@ export class MapView {
 
   // Returns the point of the map that is nearest to a point: every corner of a drawing can be seen and gripped.
   onMap(point) {
-    const { width, height } = this.info,
-      [right, up] = this.toCorner(point);
+    const { width, height } = this.info;
+    const [right, up] = this.toCorner(point);
     return this.fromCorner([Math.max(0, Math.min(width, right)), Math.max(0, Math.min(height, up))]);
   }
 
   // Zooms about a point of the screen, by default its centre: what is there stays there.
   zoom(factor, position = null) {
     if (!this.info) return;
-    const [w, h] = this.size(),
-      [u, v] = position || [w / 2, h / 2],
-      [x, y] = this.toWorld([u, v]),
-      [minScale, maxScale] = this.limits;
+    const [w, h] = this.size();
+    const [u, v] = position || [w / 2, h / 2];
+    const [x, y] = this.toWorld([u, v]);
+    const [minScale, maxScale] = this.limits;
     this.view.scale = Math.max(minScale, Math.min(maxScale, this.view.scale * factor));
     const [movedX, movedY] = this.toWorld([u, v]);
     this.view.x += x - movedX;
@@ -151,19 +151,19 @@ export class MapView {
 
   layOut() {
     if (!this.info) return;
-    const { x, y, scale } = this.view,
-      [w, h] = this.size();
+    const { x, y, scale } = this.view;
+    const [w, h] = this.size();
     this.world.setAttribute("transform", `matrix(${scale} 0 0 ${-scale} ${w / 2 - x * scale} ${h / 2 + y * scale})`);
-    const { resolution, cells_per_pixel: cells, rows, columns, cos, sin } = this.info,
-      [left, bottom] = this.toScreen(this.fromCorner([0, 0]));
+    const { resolution, cells_per_pixel: cells, rows, columns, cos, sin } = this.info;
+    const [left, bottom] = this.toScreen(this.fromCorner([0, 0]));
     for (const image of $("pictures").children) {
       if (!image.naturalWidth) continue;
       // every picture begins at the map's lower left corner; they differ in how many cells a pixel has
       const cellsPerPixel =
         { floor: this.info.floor, region: Math.max(1, Math.ceil(Math.max(rows, columns) / 700)) }[image.id] || cells;
-      const magnification = cellsPerPixel * resolution * scale,
-        [c, s] = [cos * magnification, sin * magnification],
-        height = image.naturalHeight;
+      const magnification = cellsPerPixel * resolution * scale;
+      const [c, s] = [cos * magnification, sin * magnification];
+      const height = image.naturalHeight;
       image.style.transform = `matrix(${c},${-s},${s},${c},${left - s * height},${bottom - c * height})`;
     }
     for (const element of [...this.symbolGroup.children, ...this.handleGroup.children]) {
@@ -253,8 +253,8 @@ export class MapView {
 
   // Adds lines of text, one below the other, whose place layOutTexts finds.
   addText(layer, kind, texts) {
-    const lines = texts.filter(Boolean),
-      group = svgElement("g", { class: kind }, this.symbolGroup);
+    const lines = texts.filter(Boolean);
+    const group = svgElement("g", { class: kind }, this.symbolGroup);
     lines.forEach((text, i) => {
       const y = `${(0.35 + 1.3 * (i - (lines.length - 1) / 2)).toFixed(2)}em`;
       svgElement("text", { class: i ? "note" : "", y }, group).textContent = text;
@@ -376,8 +376,8 @@ export class MapView {
     const focused = document.activeElement && document.activeElement.dataset && document.activeElement.dataset.corner;
     this.handleGroup.replaceChildren();
     if (!draft) return this.update();
-    const closed = draft.kind === "polygon",
-      points = draft.points;
+    const closed = draft.kind === "polygon";
+    const points = draft.points;
     this.addLine("draft", "draft", chainData(points, closed && !rough));
     if (rough) {
       for (const point of points.slice(0, rough === "taps" ? 99 : 0))
@@ -385,8 +385,8 @@ export class MapView {
       if (rough === "taps" && points.length > 1) this.addLength(points.slice(-2), meanPoint(points));
       return this.update();
     }
-    const count = points.length,
-      sides = points.map((point, i) => [point, points[(i + 1) % count]]).slice(0, closed ? count : count - 1);
+    const count = points.length;
+    const sides = points.map((point, i) => [point, points[(i + 1) % count]]).slice(0, closed ? count : count - 1);
     sides.forEach((side, i) => {
       if (count === 2 || (chosen !== null && (i === chosen || (i + 1) % count === chosen)))
         this.addLength(side, meanPoint(points));

@@ -9,8 +9,8 @@ export const MARK_PX = 10;
 // Lays out lengths first, then a mark for each border that is partly in view, then its name instead of the mark if there is
 // room for it. No text covers another one. A box is {u, v: its centre, half: half its width, high: half its height} [px].
 export function layOutTexts(map) {
-  const [w, h] = map.size(),
-    boxes = [];
+  const [w, h] = map.size();
+  const boxes = [];
   layOutScale(map);
   const isFree = (box) =>
     boxes.every(
@@ -25,14 +25,14 @@ export function layOutTexts(map) {
   });
   const move = (group, { u, v }) => group.setAttribute("transform", `translate(${u.toFixed(1)} ${v.toFixed(1)})`);
   for (const group of map.symbolGroup.querySelectorAll(".length")) {
-    const [a, b, centre] = group.side.map((point) => map.toScreen(point)),
-      length = distance(a, b);
+    const [a, b, centre] = group.side.map((point) => map.toScreen(point));
+    const length = distance(a, b);
     // the side's normal, away from the shape's centre, or upwards if the draft is only this side
     let [nu, nv] = [(b[1] - a[1]) / length, (a[0] - b[0]) / length];
     const outwards = nu * (a[0] - centre[0]) + nv * (a[1] - centre[1]);
     if (Math.abs(outwards) > 1 ? outwards < 0 : nv > 0) [nu, nv] = [-nu, -nv];
-    const { half, high } = group.extent,
-      gap = 10 + Math.abs(nu) * half + Math.abs(nv) * high;
+    const { half, high } = group.extent;
+    const gap = 10 + Math.abs(nu) * half + Math.abs(nv) * high;
     const box = inFrame({ u: (a[0] + b[0]) / 2 + nu * gap, v: (a[1] + b[1]) / 2 + nv * gap, half, high });
     const isShown = length > MIN_SIDE_PX && isFree(box);
     group.style.visibility = isShown ? "" : "hidden";
@@ -45,8 +45,8 @@ export function layOutTexts(map) {
     const centre = middleInView(map, group.border);
     group.style.visibility = centre ? "" : "hidden";
     if (!centre) continue;
-    const [u, v] = map.toScreen(centre),
-      box = { ...inFrame({ u, v, half: MARK_PX, high: MARK_PX }), wanted: { u, v } };
+    const [u, v] = map.toScreen(centre);
+    const box = { ...inFrame({ u, v, half: MARK_PX, high: MARK_PX }), wanted: { u, v } };
     while (!isFree(box)) box.u += u < w / 2 ? 2 : -2;
     boxes.push(box);
     markBoxes.set(group, box);
@@ -73,29 +73,29 @@ export function layOutTexts(map) {
 // Lists where a border's name may stand, the best first: on an area, or beside a line.
 function namePositions(map, { border, extent: { half, high } }, { u, v }) {
   if (border.kind === "polygon") return [{ u, v }];
-  const [a, b] = [border.line[0], border.line[border.line.length - 1]].map((point) => map.toScreen(point)),
-    isSteep = Math.abs(a[1] - b[1]) > Math.abs(a[0] - b[0]);
-  const beside = [half + 6, -half - 6].map((offset) => ({ u: u + offset, v })),
-    above = [-high - 6, high + 6].map((offset) => ({ u, v: v + offset }));
+  const [a, b] = [border.line[0], border.line[border.line.length - 1]].map((point) => map.toScreen(point));
+  const isSteep = Math.abs(a[1] - b[1]) > Math.abs(a[0] - b[0]);
+  const beside = [half + 6, -half - 6].map((offset) => ({ u: u + offset, v }));
+  const above = [-high - 6, high + 6].map((offset) => ({ u, v: v + offset }));
   return isSteep ? [...beside, ...above] : [...above, ...beside];
 }
 
 // Returns the middle of what can be seen of a border, or null if that is nothing.
 function middleInView(map, border) {
-  const [w, h] = map.size(),
-    [left, high] = map.toWorld([0, 0]),
-    [right, low] = map.toWorld([w, h]);
+  const [w, h] = map.size();
+  const [left, high] = map.toWorld([0, 0]);
+  const [right, low] = map.toWorld([w, h]);
   const isInView = ([x, y]) => x >= left && x <= right && y >= low && y <= high;
   const closed = border.kind === "polygon";
   if (closed && border.line.every(isInView)) return (border.middle = border.middle || innermostPoint(border.line));
   const innermostInView = closed && innermostPointInBox(border.line, [left, right, low, high]);
   if (innermostInView) return innermostInView;
   // only the line crosses the view: the middle one of its samples there, 8 px apart
-  const corners = closed ? [...border.line, border.line[0]] : border.line,
-    samples = [];
+  const corners = closed ? [...border.line, border.line[0]] : border.line;
+  const samples = [];
   for (let i = 1; i < corners.length; i++) {
-    const [a, b] = [corners[i - 1], corners[i]],
-      steps = Math.ceil((distance(a, b) * map.view.scale) / 8) + 1;
+    const [a, b] = [corners[i - 1], corners[i]];
+    const steps = Math.ceil((distance(a, b) * map.view.scale) / 8) + 1;
     for (let k = 0; k < steps; k++)
       samples.push([a[0] + ((b[0] - a[0]) * (k + 0.5)) / steps, a[1] + ((b[1] - a[1]) * (k + 0.5)) / steps]);
   }
@@ -105,9 +105,9 @@ function middleInView(map, border) {
 
 // Lays out the scale's bar: 1, 2 or 5 times a power of ten metres, at most 100 px.
 function layOutScale(map) {
-  const longest = 100 / map.view.scale,
-    power = 10 ** Math.floor(Math.log10(longest)),
-    length = [5, 2, 1].map((digit) => digit * power).find((metres) => metres <= longest);
+  const longest = 100 / map.view.scale;
+  const power = 10 ** Math.floor(Math.log10(longest));
+  const length = [5, 2, 1].map((digit) => digit * power).find((metres) => metres <= longest);
   const text = `${map.words.number(length, 2)} m`;
   if ($("scale").textContent !== text) $("scale").textContent = text;
   $("scale").style.width = `${(length * map.view.scale).toFixed(1)}px`;

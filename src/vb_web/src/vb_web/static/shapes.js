@@ -8,8 +8,8 @@ export const distance = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
 
 // Returns the distance of a point from the segment between two others.
 export function distanceToSegment(p, a, b) {
-  const [dx, dy] = [b[0] - a[0], b[1] - a[1]],
-    square = dx * dx + dy * dy;
+  const [dx, dy] = [b[0] - a[0], b[1] - a[1]];
+  const square = dx * dx + dy * dy;
   const t = square ? Math.max(0, Math.min(1, ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy) / square)) : 0;
   return distance(p, [a[0] + t * dx, a[1] + t * dy]);
 }
@@ -17,8 +17,8 @@ export function distanceToSegment(p, a, b) {
 // Leaves out points of a line, none of them further than `tolerance` [m] from the line that remains (Douglas-Peucker).
 export function simplify(points, tolerance) {
   if (points.length < 3) return points;
-  let largest = 0,
-    farthest = 0;
+  let largest = 0;
+  let farthest = 0;
   for (let i = 1; i < points.length - 1; i++) {
     const d = distanceToSegment(points[i], points[0], points[points.length - 1]);
     if (d > largest) [largest, farthest] = [d, i];
@@ -41,12 +41,12 @@ export function inside(p, polygon) {
 // Returns the point of a 24 x 24 grid that is inside a polygon and a box [left, right, low, high] and furthest from their
 // edges, or null if there is none.
 export function innermostPointInBox(polygon, [left, right, low, high]) {
-  const xs = polygon.map(([x]) => x),
-    ys = polygon.map(([, y]) => y);
+  const xs = polygon.map(([x]) => x);
+  const ys = polygon.map(([, y]) => y);
   const [x0, x1] = [Math.max(left, Math.min(...xs)), Math.min(right, Math.max(...xs))];
   const [y0, y1] = [Math.max(low, Math.min(...ys)), Math.min(high, Math.max(...ys))];
-  let best = null,
-    depth = -Infinity;
+  let best = null;
+  let depth = -Infinity;
   if (x0 > x1 || y0 > y1) return null;
   for (let i = 0; i < 24; i++)
     for (let j = 0; j < 24; j++) {

@@ -25,7 +25,7 @@ export const sourceName = (source) => {
 
 // Lists the notices that no banner says.
 export function shownNotices() {
-  const state = view.state || {},
-    inBanner = { stopped: state.stopped, interaction_ends_soon: state.ends_in_s };
+  const state = view.state || {};
+  const inBanner = { stopped: state.stopped, interaction_ends_soon: state.ends_in_s };
   return (view.notices || []).filter((notice) => !inBanner[notice.code]);
 }

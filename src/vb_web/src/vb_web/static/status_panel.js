@@ -48,8 +48,9 @@ export function drawNotices() {
 
 // Returns the camera or robot that a notice is about, or "". If there is only one robot, its name is in a value.
 function subjectOf({ camera, robot, values }) {
+  if (camera) return `camera ${camera}`;
   const robotOfNotice = robot || values.who;
-  return camera ? `camera ${camera}` : robotOfNotice ? `robot ${robotOfNotice}` : "";
+  return robotOfNotice ? `robot ${robotOfNotice}` : "";
 }
 
 // Counts the cameras and robots that have a problem, each once, no matter how many nodes report it.
@@ -66,15 +67,18 @@ function countProblems(cameras, drivers) {
   ]).size;
 }
 
+// Says how many problems there are. Without any, nothing is said before something is connected.
+function healthSum(problems, cameras, drivers) {
+  if (problems) return sentence(problems === 1 ? "page_problem" : "page_problems", { count: problems });
+  const isConnected = cameras.length || Object.keys(drivers).length || view.capabilities?.state === "ready";
+  return isConnected ? sentence("page_all_well") : "";
+}
+
 export function drawHealth() {
-  const cameras = view.cameras || [],
-    drivers = view.drivers || {};
+  const cameras = view.cameras || [];
+  const drivers = view.drivers || {};
   const problems = countProblems(cameras, drivers);
-  $("health-sum").textContent = problems
-    ? sentence(problems === 1 ? "page_problem" : "page_problems", { count: problems })
-    : cameras.length || Object.keys(drivers).length || (view.capabilities && view.capabilities.state === "ready")
-      ? sentence("page_all_well")
-      : "";
+  $("health-sum").textContent = healthSum(problems, cameras, drivers);
   $("health-sum").className = problems ? "ill" : "good";
   replaceContent($("cameras"), cameras.map(cameraLine));
   // the same image elements again, as a picture that is replaced flickers
@@ -90,10 +94,10 @@ export function drawHealth() {
 }
 
 function cameraLine({ name, present, hz, ms }) {
-  const label = sentence(watchedCameras.has(name) ? "page_close" : "page_view"),
-    rate = present
-      ? sentence("page_camera_rate", { hz: words.number(hz, 0), ms: words.number(ms, 0) })
-      : sentence("page_camera_gone");
+  const label = sentence(watchedCameras.has(name) ? "page_close" : "page_view");
+  const rate = present
+    ? sentence("page_camera_rate", { hz: words.number(hz, 0), ms: words.number(ms, 0) })
+    : sentence("page_camera_gone");
   const watchButton = element(
     "button",
     {
@@ -114,8 +118,8 @@ function cameraLine({ name, present, hz, ms }) {
 
 // `driver` is the newest entry of the robot's driver, if there was one.
 function robotLine(name, driver) {
-  const source = driver && driver.present ? `page_motion_source_${driver.source}` : "",
-    lines = view.capabilities ? view.capabilities.lines.filter((line) => line.robot === name) : [];
+  const source = driver && driver.present ? `page_motion_source_${driver.source}` : "";
+  const lines = view.capabilities ? view.capabilities.lines.filter((line) => line.robot === name) : [];
   return element(
     "li",
     {},
@@ -153,8 +157,8 @@ export function toggleWatching(camera) {
 }
 
 export function drawEvents() {
-  const time = { hour: "2-digit", minute: "2-digit", hourCycle: "h23" },
-    today = new Date().toDateString();
+  const time = { hour: "2-digit", minute: "2-digit", hourCycle: "h23" };
+  const today = new Date().toDateString();
   const [clockTime, dated] = [time, { ...time, day: "numeric", month: "short" }].map(
     (parts) => new Intl.DateTimeFormat(words.language, parts),
   );
@@ -166,8 +170,8 @@ export function drawEvents() {
         const values = { ...event.values };
         if (values.command) values.command = commandName(values.command);
         if (values.code) values.reason = sentence(values.code, values);
-        const date = new Date(event.at * 1000),
-          format = date.toDateString() === today ? clockTime : dated;
+        const date = new Date(event.at * 1000);
+        const format = date.toDateString() === today ? clockTime : dated;
         return element(
           "li",
           {},

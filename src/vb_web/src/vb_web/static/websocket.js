@@ -2,9 +2,9 @@
 // keeps its id, so that it is carried out once.
 "use strict";
 
-const RESEND_MS = 8000,
-  ANSWER_MS = 30000,
-  SILENT_MS = 8000; // the server says something every two seconds
+const RESEND_MS = 8000;
+const ANSWER_MS = 30000;
+const SILENT_MS = 8000; // the server says something every two seconds
 
 const noAnswer = (code) => ({ ok: false, code, values: {}, message: "" });
 

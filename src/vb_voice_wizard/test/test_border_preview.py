@@ -7,24 +7,21 @@ import pytest
 from hypothesis import given, strategies as st
 
 from vb_core.notices import Notice, Severity
-from vb_voice_wizard.preview.preview_scheduler import MAX_TIME_SHARE, PREVIEW_PERIOD, DrawingWarnings, PreviewInputs
-from vb_voice_wizard.preview.preview_scheduler import PreviewScheduler, comparison_key
+from vb_voice_wizard.border_preview import MAX_TIME_SHARE, PREVIEW_PERIOD, DrawingWarnings, PreviewInputs
+from vb_voice_wizard.border_preview import PreviewScheduler, comparison_key
 
 SILENT = Notice("camera_silent", Severity.ERROR, camera="south", values={"camera": "south"})
 
 
-@pytest.mark.parametrize("order", [1, -1])
-def test_camera_error_is_remembered_until_the_next_drawing(order):
+def test_camera_error_is_remembered_until_the_next_drawing():
     warnings = DrawingWarnings()
-    for step in [warnings.start, lambda: warnings.update([SILENT])][::order]:
-        step()
+    warnings.update([SILENT], is_new_drawing=True)
     for _ in range(2):
         assert warnings.all == (SILENT,)
         warnings.update([])
         assert [(notice.code, notice.camera) for notice in warnings.all] == [("camera_failed_meanwhile", "south")]
         warnings.update([SILENT])
-    warnings.update([])
-    warnings.start()
+    warnings.update([], is_new_drawing=True)
     assert not warnings.all
 
 
@@ -35,7 +32,6 @@ OTHERS = [Notice("camera_silent", Severity.WARNING, camera="south"), Notice("rob
 @pytest.mark.parametrize("notice", [*DOUBTS, *OTHERS])
 def test_only_notices_about_left_out_spots_are_doubts(notice):
     warnings = DrawingWarnings()
-    warnings.start()
     warnings.update([notice])
     assert warnings.all == ((notice,) if notice in DOUBTS else ())
     warnings.update([])

@@ -1,0 +1,268 @@
+"""Shows what saving would do before anyone says "save": from what was drawn and doubted, to the border that is saved."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass
+from typing import Callable, List, Optional, Sequence, Set, Tuple
+
+import numpy as np
+import rospy
+from vb_core import names, sentences
+from vb_core.errors import CodedError
+from vb_core.notices import Notice, Severity
+from vb_core.ros import node, services
+from vb_core.ros.messages import NumpyBorderPreview, array_from_points, mapping_from_values, values_from_mapping
+from vb_msgs.msg import BorderIssue, BorderProgress, VirtualBorder, VirtualBorderArray
+
+from vb_voice_wizard.border_services import BorderServices
+
+PREVIEW_PERIOD = 0.5  # [s] between two previews: faster than people read
+RETRY_DELAY = 2.0  # [s] after which a service that did not answer is called again
+VISIBLE_MOVE = 0.02  # [m] a vertex or seed that moved less causes no visible change: a map cell is larger
+MAX_TIME_SHARE = 0.25  # share of the time that previews may take: the same computer searches the images
+# notices of a stroke that is not in the border, of a piece that was not seen, and of a spot that was held elsewhere
+DOUBTS = ("strokes_left_out", "piece_unseen", "seed_held_elsewhere")
+
+
+# ------------------------------------------------------------------ what a preview depends on
+def comparison_key(points: np.ndarray) -> bytes:
+    """Returns a key of points (N, 2) [m] that differs once a point has moved visibly, or b"" if there are none."""
+    return np.round(points / VISIBLE_MOVE).astype(np.int32).tobytes()
+
+
+@dataclass(frozen=True)
+class PreviewInputs:
+    """Everything that a preview depends on; equal inputs give previews that look the same.
+
+    Attributes:
+        interaction_id: id of the current interaction; "": none.
+        chain, seed: `comparison_key` of the border and the seed so far, map frame.
+        borders: changes with every change of the map or the borders in it.
+        missing_reason: why there is no border or no seed, if known.
+        warnings: what else makes the drawing doubtful (`DrawingWarnings`).
+    """
+
+    interaction_id: str = ""
+    chain: bytes = b""
+    seed: bytes = b""
+    borders: Tuple[float, int] = (0.0, 0)
+    missing_reason: Notice = Notice("")
+    warnings: Tuple[Notice, ...] = ()
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether there is something to preview."""
+        return bool(self.interaction_id and self.chain and self.seed)
+
+
+class DrawingWarnings:
+    """Collects the reasons to doubt a drawing from the notices. Not thread safe.
+
+    While a camera has an error, what it sees is missing from the line or misplaced, and remains so when the camera
+    works again. Therefore a camera's error makes the drawing doubtful until the interaction ends.
+    """
+
+    def __init__(self) -> None:
+        self.all: Tuple[Notice, ...] = ()  # the current warnings, then one for each camera whose error is over
+        self._failed_cameras: Set[str] = set()  # all that had an error since the drawing began
+
+    def update(self, notices: Sequence[Notice], is_new_drawing: bool = False) -> None:
+        """Takes from all current notices those that concern the drawing. Errors that were over do not concern a new one."""
+        current = []
+        for notice in notices:
+            if notice.code in DOUBTS or (notice.camera and notice.severity is Severity.ERROR):
+                current.append(notice)
+        faulty_cameras = {notice.camera for notice in current if notice.camera}
+        if is_new_drawing:
+            self._failed_cameras = set()
+        self._failed_cameras |= faulty_cameras
+        for camera in sorted(self._failed_cameras - faulty_cameras):
+            values = {"camera": camera}
+            current.append(Notice("camera_failed_meanwhile", Severity.WARNING, camera=camera, values=values))
+        self.all = tuple(current)
+
+
+class PreviewScheduler:
+    """Decides when the next preview is due.
+
+    The pace is in wall time, as it limits the previews' share of the computer.
+
+    Attributes:
+        shown: the inputs of the last preview.
+    """
+
+    def __init__(self) -> None:
+        self.shown: Optional[PreviewInputs] = None
+        self._not_before = float("-inf")
+        self._retry_at: Optional[float] = None
+
+    def delay(self, inputs: PreviewInputs, now: float) -> Optional[float]:
+        """Returns the time [s] until these inputs need a preview, 0 for now, or None for never unless they change."""
+        if self.shown is None or inputs.interaction_id != self.shown.interaction_id:
+            return 0.0
+        if inputs == self.shown:
+            return None if self._retry_at is None else max(0.0, self._retry_at - now)
+        return max(0.0, self._not_before - now)
+
+    def record_preview(self, inputs: PreviewInputs, started: float, now: float, answered: bool) -> None:
+        """Records that a preview was made.
+
+        Args:
+            inputs: the inputs of the preview.
+            started, now: [s] when work on it began and ended.
+            answered: False if a service did not answer; the preview is then tried again.
+        """
+        self.shown = inputs
+        self._retry_at = None if answered else now + RETRY_DELAY
+        pause = (now - started) * (1.0 / MAX_TIME_SHARE - 1.0)
+        self._not_before = max(started + PREVIEW_PERIOD, now + pause)
+
+
+# ------------------------------------------------------------------ previews
+class PreviewPublisher:
+    """Publishes /virtual_borders/preview (vb_msgs/BorderPreview, latched) from its own thread.
+
+    The `on_*` methods only store their inputs, so that a command never waits for a preview. `get` and `close` make it
+    the source of its own worker (vb_core.ros.node.Worker).
+
+    Args:
+        services: calls the nodes that have the drawing and the map.
+        list_notices: returns all current notices. Those that concern the drawing are listed among the preview's issues.
+    """
+
+    def __init__(self, services: BorderServices, list_notices: Callable[[], List[Notice]]) -> None:
+        self._services = services
+        self._list_notices = list_notices
+        self._scheduler = PreviewScheduler()
+        self._condition = threading.Condition()
+        self._interaction_id = ""
+        self._is_saving = False
+        self._progress = BorderProgress()
+        self._borders = (0.0, 0)
+        self._warnings = DrawingWarnings()
+        self._closed = False
+        self._shown = NumpyBorderPreview()
+        self._publisher = rospy.Publisher(names.PREVIEW, NumpyBorderPreview, queue_size=1, latch=True)
+        node.Worker(self, self._publish_preview)
+
+    def on_interaction(self, interaction_id: str, saving: bool) -> None:
+        """Stores the current interaction, "" for none, and whether it is being saved. While it is, no preview is made."""
+        with self._condition:
+            self._is_saving = saving
+            self._warnings.update(self._list_notices(), is_new_drawing=interaction_id != self._interaction_id)
+            self._interaction_id = interaction_id
+            self._condition.notify()
+
+    def on_progress(self, message: BorderProgress) -> None:
+        """Stores the drawing so far."""
+        with self._condition:
+            self._progress = message
+            self._condition.notify()
+
+    def on_borders(self, message: VirtualBorderArray) -> None:
+        """Stores the revision of the borders in the map, which are sent again whenever the map changes."""
+        with self._condition:
+            self._borders = (message.header.stamp.to_sec(), message.revision)
+            self._condition.notify()
+
+    def _current_inputs(self) -> PreviewInputs:
+        """Returns what a preview made now would depend on. Needs the lock."""
+        interaction_id = self._interaction_id
+        warnings = self._warnings.all
+        drawn = self._progress
+        if not interaction_id or drawn.interaction_id != interaction_id:
+            return PreviewInputs(interaction_id, borders=self._borders, warnings=warnings)
+        missing_reason = Notice("seed_not_drawn", message=sentences.translate("seed_not_drawn"))
+        if drawn.code != "ok":
+            missing_reason = Notice(drawn.code, values=mapping_from_values(drawn.values), message=drawn.message)
+        chain = comparison_key(array_from_points(drawn.chain))
+        seed = comparison_key(array_from_points([drawn.seed] if drawn.has_seed else []))
+        return PreviewInputs(interaction_id, chain, seed, self._borders, missing_reason, warnings)
+
+    def is_doubtful(self, interaction_id: str) -> bool:
+        """Returns whether a save should be confirmed, as the preview has issues or the drawing has warnings."""
+        with self._condition:
+            shown = self._shown
+            has_issues = shown.interaction_id == interaction_id and shown.available and shown.success and shown.issues
+            return bool(interaction_id and (has_issues or self._warnings.all))
+
+    def fetch_border_to_save(self, interaction_id: str) -> VirtualBorder:
+        """Returns the border that was previewed. Fetches the drawn one if more was drawn since, or nothing previewed.
+
+        From now on the interaction counts as being saved, until `on_interaction` says otherwise.
+
+        Raises:
+            CodedError: "no_service", "no_response", or why there is no border.
+        """
+        with self._condition:
+            self._is_saving = True
+            is_current = self._interaction_id == interaction_id and self._current_inputs() == self._scheduler.shown
+            if is_current and self._shown.available:
+                return self._shown.border
+        return self._services.fetch_drawn_border(interaction_id)
+
+    # ------------------------------------------------------------------ the worker
+    def get(self) -> Optional[PreviewInputs]:
+        """Waits for inputs that need a preview. Returns None once closed. For the worker only."""
+        with self._condition:
+            while not self._closed:
+                inputs = self._current_inputs()
+                delay = None if self._is_saving else self._scheduler.delay(inputs, time.monotonic())
+                if delay == 0.0:
+                    return inputs
+                self._condition.wait(delay)
+        return None
+
+    def close(self) -> None:
+        """Ends the worker."""
+        with self._condition:
+            self._closed = True
+            self._condition.notify()
+
+    def _publish_preview(self, inputs: PreviewInputs) -> None:
+        """Makes and publishes a preview, which is obsolete if the interaction then has ended or is being saved."""
+        started = time.monotonic()
+        answered = True
+        preview = _empty_preview(inputs, inputs.missing_reason)
+        if inputs.is_complete:
+            try:
+                preview = self._make_preview(inputs)
+            except CodedError as error:
+                answered = error.code not in services.UNANSWERED
+                preview = _empty_preview(inputs, Notice.from_error(error, Severity.INFO))
+        with self._condition:
+            if self._interaction_id == inputs.interaction_id and not self._is_saving:
+                self._publisher.publish(preview)
+                self._shown = preview
+                self._scheduler.record_preview(inputs, started, time.monotonic(), answered)
+
+    def _make_preview(self, inputs: PreviewInputs) -> NumpyBorderPreview:
+        border, answer = self._services.preview(inputs.interaction_id)
+        border.area_m2 = answer.area_m2
+        preview = _empty_preview(inputs, Notice(answer.code, message=answer.message))
+        preview.values = answer.values
+        preview.available = True
+        preview.success = answer.success
+        preview.issues = [*answer.issues, *map(_issue_from_warning, inputs.warnings)]
+        preview.border = border
+        preview.region = answer.region
+        preview.area_m2 = answer.area_m2
+        preview.free_parts = answer.free_parts
+        return preview
+
+
+def _empty_preview(inputs: PreviewInputs, reason: Notice) -> NumpyBorderPreview:
+    """Makes a preview without a border, whose code and sentence give the reason."""
+    preview = NumpyBorderPreview(interaction_id=inputs.interaction_id, code=reason.code, message=reason.message)
+    preview.values = values_from_mapping(reason.values)
+    preview.header.stamp = rospy.Time.now()
+    preview.header.frame_id = names.MAP_FRAME
+    preview.region.data = np.zeros(0, np.int8)
+    return preview
+
+
+def _issue_from_warning(warning: Notice) -> BorderIssue:
+    values = values_from_mapping(warning.values)
+    return BorderIssue(severity=BorderIssue.WARNING, code=warning.code, message=warning.sentence(), values=values)

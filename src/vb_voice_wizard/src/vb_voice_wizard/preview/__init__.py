@@ -1,1 +1,0 @@
-"""Shows what a border would restrict, before it is saved."""
