@@ -14,7 +14,7 @@ from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap, sample
 from vb_sim.simulated_lab import DistanceField, SimulatedLab, Lockstep, cast_disc
 from vb_sim.model_params import LocalizationModel, Models, RobotModel, ScanModel
 from vb_sim.robot.robot_body import RobotBody, advance
-from vb_sim.world import world_from_mapping
+from vb_sim.world import Robot, world_from_mapping
 
 DT = 0.02
 EXACT = RobotModel(
@@ -30,7 +30,8 @@ def small_world(**changes):
 
 def body(model=RobotModel(), localization=LocalizationModel(), clearance=lambda x, y: 10.0, seed=0, start=(0, 0, 0)):
     models = Models(robot=model, localisation=localization)
-    return RobotBody(start, 0.18, models, clearance, np.random.default_rng(seed))
+    robot = Robot(start=(*start[:2], math.degrees(start[2])), radius=0.18)
+    return RobotBody(robot, models, clearance, np.random.default_rng(seed))
 
 
 def drive(robot, speed, turn_rate, seconds, now=0.0):

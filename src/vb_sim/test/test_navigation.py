@@ -14,6 +14,7 @@ from refusals import refused
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap
+from vb_core.robot_profile import RobotProfile
 from vb_sim.robot.path_planner import COST_FACTOR, INFLATION, INSCRIBED, LETHAL, NEUTRAL_COST, NO_INFORMATION, Costmap
 from vb_sim.robot.path_planner import Planner
 from vb_sim.robot.navigator import GOAL_ANGLE, GOAL_DISTANCE, MAX_TURN_RATE, PathFollower
@@ -80,7 +81,7 @@ def test_paths_are_the_cheapest(seed):
     rng = np.random.default_rng(seed)
     data = np.where(rng.random((30, 40)) < 0.2, OCCUPIED, FREE).astype(np.int8)
     costmap = Costmap(GridMap(data, 0.1), 0.05)  # some blocked cells meet only at their corners
-    free = np.argwhere(costmap.traversable())
+    free = np.argwhere(costmap.costs < INSCRIBED)
     start, goal = free[0], free[-1]
     planner = Planner(costmap)
     ends = costmap.grid.cell_to_world(np.array([start, goal]))
@@ -99,7 +100,7 @@ def test_no_path_touches_a_blocked_cell(seed):
     rng = np.random.default_rng(seed)
     data = np.where(rng.random((40, 50)) < 0.012, OCCUPIED, FREE).astype(np.int8)
     costmap = Costmap(GridMap(data, 0.05), 0.1)
-    free = np.argwhere(costmap.traversable())
+    free = np.argwhere(costmap.costs < INSCRIBED)
     if len(free) < 2:
         return
     ends = costmap.grid.cell_to_world(free[rng.integers(len(free), size=2)])
@@ -113,7 +114,7 @@ def test_no_path_touches_a_blocked_cell(seed):
     cells = costmap.grid.world_to_cell(fine)
     # it never enters an obstacle, and the inscribed zone by less than a cell, where a line cuts its corner
     assert (costmap.costs[cells[:, 0], cells[:, 1]] != LETHAL).all()
-    inside = distance_transform_edt(~costmap.traversable())[cells[:, 0], cells[:, 1]]
+    inside = distance_transform_edt(~(costmap.costs < INSCRIBED))[cells[:, 0], cells[:, 1]]
     assert inside.max() <= 1.5
 
 
@@ -163,8 +164,7 @@ STRAIGHT = np.column_stack([np.linspace(0.0, 3.0, 61), np.zeros(61)])
 def follow(path, goal, pose, obstacles=lambda pose: np.zeros((0, 2)), limit=60.0, dt=0.1):
     poses = [pose]
     motions = []
-    follower = PathFollower()
-    follower.set_goal(goal)
+    follower = PathFollower(RobotProfile(), goal)
     follower.set_path(path)
     for _ in range(int(limit / dt)):
         motion = follower.step(pose, obstacles(pose), dt)

@@ -163,27 +163,26 @@ SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.25], [0.0, 1.25]])
 REAL = ParticipantModel(stroke_scale=1.0)
 
 
+def draw(border, closed, model, seed=0, style=load_styles()[0], is_floor=lambda points: np.ones(len(points), bool)):
+    return Stroke(border, closed, model, np.random.default_rng(seed), is_floor, style)
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10**6), st.booleans())
 def test_a_careful_stroke_stays_at_the_border(seed, closed):
-    rng = np.random.default_rng(seed)
-    border = SQUARE + rng.normal(0.0, 0.1, (4, 2))
-    stroke = Stroke(border, closed, ParticipantModel(), rng)
+    border = SQUARE + np.random.default_rng(seed).normal(0.0, 0.1, (4, 2))
+    stroke = draw(border, closed, ParticipantModel(), seed)
     chain = chain_of(border, closed)
     places = np.array([stroke.at(arc) for arc in np.linspace(stroke.start, stroke.length, 200)])
     assert max(distance_to_chain(place, chain) for place in places) < 0.06
     assert max(distance_to_chain(place, places) for place in geometry.resample_chain(chain, 0.05)) < 0.15
 
 
-def drawn_by(style, model=REAL):
-    return Stroke(SQUARE, True, model, np.random.default_rng(0), style=style)
-
-
 def test_real_strokes_move_as_people_do():
     """For all people of the resource: stops at corners, peaks between them, the same mean speed, uneven sides."""
     slow, fast, deviations = [], [], []
     for style in load_styles():
-        stroke = drawn_by(style)
+        stroke = draw(SQUARE, True, REAL, style=style)
         arcs = np.arange(0.0, stroke.length, 0.01)
         pace = np.array([stroke.pace(arc) for arc in arcs])
         # the whole takes about as long as at the mean speed, tempo included
@@ -200,7 +199,7 @@ def test_real_strokes_move_as_people_do():
 
 def test_closed_strokes_have_gaps_and_overlaps():
     exact = ParticipantModel(stroke_scale=1.0, overlap=0.0, aim_sigma=0.0)
-    ends = np.array([drawn_by(style, exact).points[-1] for style in load_styles()])
+    ends = np.array([draw(SQUARE, True, exact, style=style).points[-1] for style in load_styles()])
     gap = np.linalg.norm(ends - SQUARE[0], axis=1) / np.linalg.norm(np.ptp(SQUARE, axis=0))
     assert 0.02 < np.median(gap) < 0.15 < gap.max()
 
@@ -209,7 +208,7 @@ def test_the_ends_of_open_strokes_are_missed_like_any_corner():
     """A doorway's line has only its two ends: without errors there, its index would be 1.000 by construction."""
     door = np.array([[3.2, 3.18], [3.2, 3.88]])
     model = ParticipantModel(aim_sigma=0.03)
-    strokes = [Stroke(door, False, model, np.random.default_rng(seed)) for seed in range(200)]
+    strokes = [draw(door, False, model, seed) for seed in range(200)]
     ends = np.array([stroke.points[[0, -1]] for stroke in strokes])
     assert np.sqrt(np.mean((ends[:, :, 0] - 3.2) ** 2)) == pytest.approx(0.03 / np.sqrt(2.0), rel=0.2)
 
@@ -217,7 +216,7 @@ def test_the_ends_of_open_strokes_are_missed_like_any_corner():
 def test_open_strokes_end_where_the_floor_ends():
     border = np.array([[0.0, 0.0], [0.0, 2.0]])
     model = ParticipantModel(late_start=0.0)
-    stroke = Stroke(border, False, model, np.random.default_rng(0), lambda p: (p[:, 1] > 0.1) & (p[:, 1] < 1.8))
+    stroke = draw(border, False, model, is_floor=lambda p: (p[:, 1] > 0.1) & (p[:, 1] < 1.8))
     assert stroke.at(0.0)[1] == pytest.approx(0.11, abs=0.02)
     assert stroke.at(stroke.length)[1] == pytest.approx(1.79, abs=0.02)
 

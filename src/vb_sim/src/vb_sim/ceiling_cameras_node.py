@@ -47,11 +47,15 @@ def make_ceiling_camera(camera: CeilingCamera, view: CeilingView, optics: Optics
 def build() -> CameraNode:
     """Reads the parameters and constructs the node."""
     params = read_parameters(CeilingCamerasParams)
-    world, models, seed = load_world(params.world), load_models(), params.seed
+    world = load_world(params.world)
+    models = load_models()
     cameras = [world.camera(str(name)) for name in params.cameras] if params.cameras else list(world.cameras)
     if not cameras:
         rospy.logwarn("world '%s' has no ceiling cameras", world.name)
-    floor, mesh, radii = render_floor(world, seed), world_mesh(world), world.robot_radii()
-    views = [CeilingView(camera, radii, floor, mesh, models, seed) for camera in cameras]
-    simulated = [make_ceiling_camera(camera, view, models.optics, seed) for camera, view in zip(cameras, views)]
+    floor = render_floor(world, params.seed)
+    mesh = world_mesh(world)
+    simulated = []
+    for camera in cameras:
+        view = CeilingView(camera, world.robot_radii(), floor, mesh, models, params.seed)
+        simulated.append(make_ceiling_camera(camera, view, models.optics, params.seed))
     return CameraNode(simulated, models.optics.latency_ms)

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import math
-import threading
 from bisect import bisect_left
-from collections import deque
 from dataclasses import dataclass, field, replace
-from typing import Any, Deque, Dict, Optional, Tuple
+from typing import Any, Dict, Optional, Tuple
 
 from vb_core.geometry import Pose, wrap_angle
-
-Point2 = Tuple[float, float]
+from vb_sim.world import Point2
 
 # [m] a spot that jumps farther between two snapshots was moved with the laser off, not swept over the floor
 _MAX_JUMP = 0.4
 _EXTRAPOLATION = 0.03  # [s] how far motion is extrapolated beyond the newest snapshot
 _STALE = 1.0  # [s] without a snapshot after which the scene is empty
+_LENGTH = 64  # [snapshots], more than a second
 
 
 @dataclass(frozen=True)
@@ -51,26 +49,24 @@ def snapshot_from_message(message: Any) -> Snapshot:
 
 
 class LabHistory:
-    """The newest snapshots. Different threads may add and read them."""
+    """The newest snapshots. One thread may add them while others read them."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._snapshots: Deque[Snapshot] = deque(maxlen=64)
+        self._snapshots: Tuple[Snapshot, ...] = ()  # replaced as a whole, so that no lock is needed
 
     def add(self, snapshot: Snapshot) -> None:
-        """Adds a snapshot, which must be newer than the others."""
-        with self._lock:
-            self._snapshots.append(snapshot)
+        """Adds a snapshot, which must be newer than the others. Only one thread may call it."""
+        self._snapshots = (*self._snapshots[-_LENGTH + 1 :], snapshot)
 
     def at(self, stamp: float) -> Snapshot:
         """Interpolates the scene at time `stamp` [s]. The scene is empty if all snapshots differ by over a second."""
-        with self._lock:
-            snapshots = list(self._snapshots)
+        snapshots = self._snapshots
         if not snapshots or stamp - snapshots[-1].stamp > _STALE or snapshots[0].stamp - stamp > _STALE:
             return Snapshot(stamp)
         if len(snapshots) == 1:
             return replace(snapshots[0], stamp=stamp)
-        index = min(max(bisect_left([snapshot.stamp for snapshot in snapshots], stamp), 1), len(snapshots) - 1)
+        index = bisect_left([snapshot.stamp for snapshot in snapshots], stamp)
+        index = min(max(index, 1), len(snapshots) - 1)
         first, second = snapshots[index - 1], snapshots[index]
         interval = second.stamp - first.stamp
         time = min(max(stamp, first.stamp), second.stamp + _EXTRAPOLATION)
@@ -80,14 +76,16 @@ class LabHistory:
 def _interpolate(a: Snapshot, b: Snapshot, share: float, interval: float, stamp: float) -> Snapshot:
     nearest = a if share < 0.5 else b
     robots = {name: _interpolate_pose(a.robots.get(name, pose), pose, share) for name, pose in b.robots.items()}
-    present = a.person is not None and b.person is not None
-    person = _interpolate_pose(a.person, b.person, share) if present else nearest.person
-    laser, velocity = nearest.laser, (0.0, 0.0)
-    if a.laser is not None and b.laser is not None:
-        dx, dy = b.laser[0] - a.laser[0], b.laser[1] - a.laser[1]
-        if math.hypot(dx, dy) < _MAX_JUMP:
-            laser = (a.laser[0] + share * dx, a.laser[1] + share * dy)
-            velocity = (dx / interval, dy / interval)
+    person = nearest.person
+    if a.person is not None and b.person is not None:
+        person = _interpolate_pose(a.person, b.person, share)
+    laser = nearest.laser
+    velocity = (0.0, 0.0)
+    if a.laser is not None and b.laser is not None and math.dist(a.laser, b.laser) < _MAX_JUMP:
+        dx = b.laser[0] - a.laser[0]
+        dy = b.laser[1] - a.laser[1]
+        laser = (a.laser[0] + share * dx, a.laser[1] + share * dy)
+        velocity = (dx / interval, dy / interval)
     return Snapshot(stamp, robots, laser, nearest.laser_color, velocity, person)
 
 

@@ -110,8 +110,9 @@ class LabSimulatorNode:
             topic = connection.topic + "cmd_vel"
             rospy.Subscriber(topic, Twist, self._on_cmd_vel, index, queue_size=1, tcp_nodelay=True)
         if self._lockstep is not None:
-            topic, lockstep = self._robots[0].topic + "cmd_vel/navigation", self._lockstep
-            rospy.Subscriber(topic, Twist, lambda _: lockstep.arrive("navigation"), queue_size=1, tcp_nodelay=True)
+            topic = self._robots[0].topic + "cmd_vel/navigation"
+            arrive = self._lockstep.arrive
+            rospy.Subscriber(topic, Twist, lambda _: arrive("navigation"), queue_size=1, tcp_nodelay=True)
             rospy.Subscriber("/tf", rospy.AnyMsg, self._on_transform, queue_size=20, tcp_nodelay=True)
         rospy.Subscriber(names.PARTICIPANT, ParticipantState, self._on_participant, queue_size=1, tcp_nodelay=True)
         self._pace = 1.0  # maximum of simulated seconds per real second
@@ -152,7 +153,8 @@ class LabSimulatorNode:
                 self._step()
                 if self._lockstep is not None and self._count % CONTROL_STEPS == 0:
                     self._lockstep.wait()
-                period, now = self._step_ns * 1e-9 / self._pace, time.monotonic()
+                period = self._step_ns * 1e-9 / self._pace
+                now = time.monotonic()
                 # makes up for at most one late step, because cameras and controllers would miss a burst of steps
                 due = max(due + period, now - period)
                 time.sleep(max(due - now, 0.0))

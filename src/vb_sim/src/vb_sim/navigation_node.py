@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import dataclass
 from typing import Dict, Optional
 
@@ -65,8 +64,7 @@ class NavigationNode:
     def __init__(self, profile: RobotProfile, prefix: str) -> None:
         self._base_frame = prefix + profile.frames.base
         self._navigator = Navigator(profile)
-        self._lock = threading.Lock()
-        self._obstacles = np.zeros((0, 2))  # (N, 2) [m] of the newest scan, robot's frame
+        self._obstacles = np.zeros((0, 2))  # (N, 2) [m] of the newest scan, robot's frame; replaced as a whole
         self._mount: Optional[np.ndarray] = None  # T_base_laser
         self._driving = False
         self._transforms = TransformLookup()
@@ -119,10 +117,10 @@ class NavigationNode:
         ranges = np.asarray(message.ranges, dtype=float)
         angles = message.angle_min + message.angle_increment * np.arange(len(ranges))
         valid = np.isfinite(ranges) & (ranges >= message.range_min) & (ranges <= message.range_max)
-        ranges, angles = ranges[valid], angles[valid]
+        ranges = ranges[valid]
+        angles = angles[valid]
         points = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles), np.zeros(len(ranges))])
-        with self._lock:
-            self._obstacles = geometry.transform_points(self._mount, points)[:, :2]
+        self._obstacles = geometry.transform_points(self._mount, points)[:, :2]
 
     def _pose(self) -> Pose:
         T = self._transforms.lookup(names.MAP_FRAME, self._base_frame, rospy.Time(0), 0.5)
@@ -134,9 +132,10 @@ class NavigationNode:
         Raises:
             CodedError: "bad_goal" or "no_transform".
         """
-        pose2d, frame = messages.pose2d_from_message(pose.pose), pose.header.frame_id.lstrip("/")
+        pose2d = messages.pose2d_from_message(pose.pose)
         if not np.isfinite(pose2d).all():
             raise CodedError("bad_goal", "the goal's pose is not finite")
+        frame = pose.header.frame_id.lstrip("/")
         if frame == names.MAP_FRAME:
             return pose2d
         T = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0))
@@ -157,8 +156,7 @@ class NavigationNode:
         return response
 
     def _on_clear(self, _request: Empty) -> EmptyResponse:
-        with self._lock:
-            self._obstacles = np.zeros((0, 2))
+        self._obstacles = np.zeros((0, 2))
         return EmptyResponse()
 
     def _on_simple_goal(self, pose: PoseStamped) -> None:
@@ -180,10 +178,8 @@ class NavigationNode:
                 raise
         finally:
             scan.unregister()
-            with self._lock:
-                self._obstacles = np.zeros((0, 2))
+            self._obstacles = np.zeros((0, 2))
             self._driving = False
-            self._navigator.halt()
             if not rospy.is_shutdown():
                 self._cmd_vel.publish(Twist())
 
@@ -198,10 +194,7 @@ class NavigationNode:
             if self._server.is_preempt_requested():
                 self._server.set_preempted(MoveBaseResult(), "the goal was cancelled or replaced")
                 return
-            pose = self._pose()
-            with self._lock:
-                obstacles = self._obstacles
-            motion = self._navigator.step(rospy.Time.now().to_sec(), pose, obstacles, _PERIOD)
+            motion = self._navigator.step(rospy.Time.now().to_sec(), self._pose(), self._obstacles, _PERIOD)
             if motion.path is not None:
                 self._plan.publish(path_message(motion.path, goal[2]))
             if motion.arrived:
@@ -216,10 +209,12 @@ class NavigationNode:
 def path_message(path: np.ndarray, goal_yaw: float) -> Path:
     """Converts a path (N, 2) [m] to a message. Poses face along the path, the last one in the goal's direction."""
     header = Header(0, rospy.Time.now(), names.MAP_FRAME)
-    steps = np.diff(path, axis=0)
-    yaws = np.concatenate([np.arctan2(steps[:, 1], steps[:, 0]), [goal_yaw]])
-    poses = [messages.message_from_pose2d(x, y, yaw) for (x, y), yaw in zip(path, yaws)]
-    return Path(header, [PoseStamped(header, pose) for pose in poses])
+    dx, dy = np.diff(path, axis=0).T
+    yaws = np.append(np.arctan2(dy, dx), goal_yaw)
+    message = Path(header=header)
+    for (x, y), yaw in zip(path, yaws):
+        message.poses.append(PoseStamped(header, messages.message_from_pose2d(x, y, yaw)))
+    return message
 
 
 def build() -> NavigationNode:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from dataclasses import dataclass, replace
-from typing import Optional, Set, Tuple
+from typing import Optional, Set
 
 import rospy
 from geometry_msgs.msg import Point, Pose2D
@@ -20,7 +20,7 @@ from vb_sim.model_params import load_models
 from vb_sim.person.participant_methods import SCRIPTS, make_script
 from vb_sim.person.participant_script import ParticipantScript
 from vb_sim.person.person import HOLD_STILL, Action, CommandReply, Perception
-from vb_sim.world import load_world
+from vb_sim.world import Point2, load_world
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class ParticipantNode:
         self._lock = threading.Lock()
         self._percept = Perception()
         self._sees_state = False  # after a restart, the person must know whether an interaction is unfinished
-        self._spot: Optional[Tuple[float, float]] = None
+        self._spot: Optional[Point2] = None
         self._state = rospy.Publisher(names.PARTICIPANT, ParticipantState, queue_size=1)
         self._done = rospy.Publisher(names.PARTICIPANT_DONE, String, queue_size=1, latch=True)
         self._lab_states: node.Mailbox = node.Mailbox()
@@ -157,6 +157,7 @@ class ParticipantNode:
 def build() -> ParticipantNode:
     """Reads the parameters and constructs the node."""
     params = parameters.read(ParticipantParams)
-    world, model = load_world(params.world), load_models().participant
-    script = make_script(world, world.scenario(params.scenario), model, params.method, params.seed)
+    world = load_world(params.world)
+    scenario = world.scenario(params.scenario)
+    script = make_script(world, scenario, load_models().participant, params.method, params.seed)
     return ParticipantNode(script, params.color)

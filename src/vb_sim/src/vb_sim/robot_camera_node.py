@@ -54,10 +54,11 @@ def robot_camera(robot: Robot, view: RobotView, tf_prefix: str, depth_every: int
 def build() -> CameraNode:
     """Reads the parameters and constructs the node."""
     params = read_parameters(RobotCameraParams)
-    world, models = load_world(params.world), load_models()
+    world = load_world(params.world)
+    models = load_models()
     robot = world.robot(params.robot) if params.robot else world.robots[0]
     # the seed is that of the ceiling cameras, so that all cameras see the same floor
-    floor, mesh = render_floor(world, params.seed), world_mesh(world)
-    view = RobotView(robot, world.robot_radii(), floor, mesh, models, params.seed)
+    floor = render_floor(world, params.seed)
+    view = RobotView(robot, world.robot_radii(), floor, world_mesh(world), models, params.seed)
     camera = robot_camera(robot, view, params.tf_prefix, models.robot_camera.depth_every)
     return CameraNode([camera], models.optics.latency_ms)

@@ -8,11 +8,12 @@ from typing import List, Optional, Set, Tuple
 
 import numpy as np
 
+from vb_core.geometry import Pose
 from vb_core.grid_map import OCCUPIED, GridMap, distance_transform
 from vb_sim.model_params import Models
 from vb_sim.robot.robot_body import RobotBody
 from vb_sim.floor_plan import physical_map
-from vb_sim.world import World
+from vb_sim.world import Point2, World
 
 
 class DistanceField:
@@ -43,13 +44,12 @@ class DistanceField:
         c, r = math.floor(column), math.floor(row)
         if not (0 <= c < self._columns - 1 and 0 <= r < self._rows - 1):
             return 0.0
-        fc, fr = column - c, row - r
-        d = self._distance
-        low = d[r, c] * (1 - fc) + d[r, c + 1] * fc
-        high = d[r + 1, c] * (1 - fc) + d[r + 1, c + 1] * fc
-        return float(low * (1 - fr) + high * fr)
+        # bilinear interpolation between the centres of four cells
+        right, up = column - c, row - r
+        distances = self._distance[r : r + 2, c : c + 2]
+        return float(np.array([1 - up, up]) @ distances @ np.array([1 - right, right]))
 
-    def cast_rays(self, origin: Tuple[float, float], angles: np.ndarray, range_max: float) -> np.ndarray:
+    def cast_rays(self, origin: Point2, angles: np.ndarray, range_max: float) -> np.ndarray:
         """Returns the ranges (N,) [m] of beams from `origin` [m] at `angles` (N,) [rad] in the map; inf without a hit.
 
         Uses sphere tracing: each beam advances by the distance that is known to be free. It may cross a hundred cells
@@ -75,16 +75,16 @@ class DistanceField:
         return result
 
 
-def cast_disc(
-    origin: Tuple[float, float], angles: np.ndarray, center: Tuple[float, float], radius: float
-) -> np.ndarray:
+def cast_disc(origin: Point2, angles: np.ndarray, center: Point2, radius: float) -> np.ndarray:
     """Returns the ranges (N,) [m] at which beams hit a disc, for instance a person's legs; inf if they miss it."""
     to_center = np.asarray(center, dtype=float) - np.asarray(origin, dtype=float)
     along = np.cos(angles) * to_center[0] + np.sin(angles) * to_center[1]
-    half_chord = radius**2 - (to_center @ to_center - along**2)
+    squared_offset = to_center @ to_center - along**2  # of the beam from the centre
+    squared_half_chord = radius**2 - squared_offset
     with np.errstate(invalid="ignore"):
-        ranges = along - np.sqrt(half_chord)
-    return np.where((half_chord > 0) & (ranges > 0), ranges, np.inf)
+        ranges = along - np.sqrt(squared_half_chord)
+    is_hit = (squared_half_chord > 0) & (ranges > 0)
+    return np.where(is_hit, ranges, np.inf)
 
 
 class SimulatedLab:
@@ -100,10 +100,10 @@ class SimulatedLab:
         sequence = np.random.SeedSequence(seed).spawn(len(world.robots) + 1)
         self._scan_rng = np.random.default_rng(sequence[-1])
         self.robots: List[RobotBody] = [
-            RobotBody(item.start_pose(), item.radius, models, self.field.clearance, np.random.default_rng(child))
-            for item, child in zip(world.robots, sequence)
+            RobotBody(robot, models, self.field.clearance, np.random.default_rng(child))
+            for robot, child in zip(world.robots, sequence)
         ]
-        self.person: Optional[Tuple[float, float, float]] = None
+        self.person: Optional[Pose] = None
         self.now = 0.0
 
     def step(self, dt: float, now: float) -> None:
@@ -145,7 +145,8 @@ class Lockstep:
     """
 
     def __init__(self, expected: Tuple[str, ...], timeout: float = 1.0) -> None:
-        self._expected, self._timeout = set(expected), timeout
+        self._expected = set(expected)
+        self._timeout = timeout
         self._arrived: Set[str] = set()
         self._active = False
         self._condition = threading.Condition()

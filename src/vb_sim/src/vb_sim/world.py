@@ -23,6 +23,7 @@ from vb_core.parameters import Parameters, param
 from vb_sim.model_params import read_document
 
 Color = Tuple[int, int, int]
+Point2 = Tuple[float, float]  # (x, y) [m], map frame
 
 
 def _color(default: Color) -> Any:

@@ -36,12 +36,15 @@ def calibrated_pose(camera: CeilingCamera, optics: Optics, seed: int) -> np.ndar
         return np.nan_to_num(points, nan=1e3)
 
     measured = locate(true) + rng.normal(0.0, optics.calibration_point_m, (len(rays), 2))
-    return displace(least_squares(lambda x: (locate(displace(x)) - measured).ravel(), np.zeros(6), method="lm").x)
+    solution = least_squares(lambda x: (locate(displace(x)) - measured).ravel(), np.zeros(6), method="lm")
+    return displace(solution.x)
 
 
 def _choose_marks(model: CameraModel, pose: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
     """Chooses points (count, 2) [px] in all directions, near the rim of the floor that the camera sees."""
-    grid = np.stack(np.meshgrid(np.linspace(0.0, 1.0, 33), np.linspace(0.0, 1.0, 33)), axis=-1).reshape(-1, 2)
+    # positions in the image as shares of its size
+    shares = np.linspace(0.0, 1.0, 33)
+    grid = np.stack(np.meshgrid(shares, shares), axis=-1).reshape(-1, 2)
     size = np.array([model.width - 1.0, model.height - 1.0])
     visible = grid[_on_near_floor(model, pose, grid * size)]
     if not len(visible):
@@ -51,10 +54,12 @@ def _choose_marks(model: CameraModel, pose: np.ndarray, count: int, rng: np.rand
     steps = np.linspace(0.0, 1.0, 101)
     marks = []
     for bearing in bearings:
-        points = center + math.sqrt(2.0) * steps[:, None] * (math.cos(bearing), math.sin(bearing))
-        inside = ((points >= 0.0) & (points <= 1.0)).all(axis=1) & _on_near_floor(model, pose, points * size)
-        rim = steps[inside].max(initial=0.0)
-        marks.append(center + math.sqrt(2.0) * _RIM * rim * np.array([math.cos(bearing), math.sin(bearing)]))
+        direction = np.array([math.cos(bearing), math.sin(bearing)])
+        points = center + math.sqrt(2.0) * steps[:, None] * direction
+        is_in_image = ((points >= 0.0) & (points <= 1.0)).all(axis=1)
+        is_visible = is_in_image & _on_near_floor(model, pose, points * size)
+        rim = steps[is_visible].max(initial=0.0)
+        marks.append(center + math.sqrt(2.0) * _RIM * rim * direction)
     return np.array(marks) * size
 
 

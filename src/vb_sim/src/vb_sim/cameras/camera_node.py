@@ -23,6 +23,7 @@ from vb_sim.rendering.camera_view import View
 from vb_sim.cameras.frame_clock import FrameSchedule, SmoothClock
 from vb_sim.lab_history import LabHistory, Snapshot, snapshot_from_message
 
+Render = Callable[[Snapshot], np.ndarray]
 _REPORT_PERIOD = 60.0  # [s]
 
 
@@ -36,15 +37,12 @@ class ImageStream:
     """
 
     def __init__(
-        self,
-        topic: str,
-        frame: str,
-        camera: CameraModel,
-        encoding: str,
-        render: Callable[[Snapshot], np.ndarray],
-        every: int = 1,
+        self, topic: str, frame: str, camera: CameraModel, encoding: str, render: Render, every: int = 1
     ) -> None:
-        self._frame, self._encoding, self._render, self._every = frame, encoding, render, every
+        self._frame = frame
+        self._encoding = encoding
+        self._render = render
+        self._every = every
         self._image = rospy.Publisher(f"{topic}/image_raw", Image, queue_size=2)
         self._info = rospy.Publisher(f"{topic}/camera_info", CameraInfo, queue_size=2)
         self._message = info_from_camera(camera, rospy.Time(), frame)
@@ -97,11 +95,11 @@ class CameraNode:
         self._history.add(snapshot_from_message(message))
 
     def _publish(self, camera: SimulatedCamera, stamp_s: float) -> None:
-        stamp, snapshot, number = rospy.Time.from_sec(stamp_s), self._history.at(stamp_s), camera.taken
-        camera.taken += 1
+        snapshot = self._history.at(stamp_s)
         rendered = snapshot if self._is_wanted(camera, snapshot) else None
         for stream in camera.streams:
-            stream.publish(number, stamp, rendered)
+            stream.publish(camera.taken, rospy.Time.from_sec(stamp_s), rendered)
+        camera.taken += 1
 
     def _is_wanted(self, _camera: SimulatedCamera, _snapshot: Snapshot) -> bool:
         """Returns whether to publish the image of a scene."""

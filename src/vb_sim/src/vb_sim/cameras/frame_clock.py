@@ -45,8 +45,8 @@ class FrameSchedule:
     """
 
     def __init__(self, rates: Sequence[float], latency_s: float) -> None:
-        self._periods = [1.0 / rate for rate in rates]
-        self._phases = [period * index / len(rates) for index, period in enumerate(self._periods)]
+        # each camera's period and phase [s]
+        self._timings = [(1.0 / rate, 1.0 / rate * index / len(rates)) for index, rate in enumerate(rates)]
         self._latency_s = latency_s
         self._next: Dict[int, int] = {}  # number of each camera's next image
         self.skipped = 0  # number of images left out
@@ -54,7 +54,7 @@ class FrameSchedule:
     def due(self, now: float) -> List[Tuple[int, float]]:
         """Returns the images (camera index, stamp [s]) to deliver now, oldest first."""
         images = []
-        for index, (period, phase) in enumerate(zip(self._periods, self._phases)):
+        for index, (period, phase) in enumerate(self._timings):
             newest = int((now - self._latency_s - phase) / period + 1e-6)
             first = self._next.get(index, newest)
             if first - newest > MAX_BACKLOG:  # /clock has jumped back
@@ -68,8 +68,5 @@ class FrameSchedule:
 
     def wait(self, now: float) -> float:
         """Returns the time [s] until the next image is due."""
-        due_times = [
-            self._next.get(index, 0) * period + phase + self._latency_s
-            for index, (period, phase) in enumerate(zip(self._periods, self._phases))
-        ]
-        return max(0.0, min(due_times, default=now + 1.0) - now)
+        stamps = [self._next.get(index, 0) * period + phase for index, (period, phase) in enumerate(self._timings)]
+        return max(0.0, min(stamps, default=now + 1.0) + self._latency_s - now)

@@ -49,16 +49,18 @@ class Publisher:
     """Replaces rospy.Publisher."""
 
     def __init__(self, graph: Graph, name: str, data_class: type, *_: Any, latch: bool = False, **__: Any) -> None:
-        self._graph, self.node = graph, graph.node
+        self._graph = graph
+        self.node = graph.node
         self.resolved_name = self.name = graph.node.resolve(name)
-        self.data_class, self.type = data_class, data_class._type
+        self.data_class = data_class
+        self.type = data_class._type
         self._header = {"callerid": graph.node.name, "topic": self.resolved_name, "type": self.type}
         self._latch = latch
         self.latched: Optional[Delivery] = None
         self._sequence = 0
-        self._topic = graph.topic(self.resolved_name)
+        self._topic = graph.topics[self.resolved_name]
         self._topic.publishers.append(self)
-        self._delay = graph.delay_of(self.resolved_name)
+        self._delay = graph.delays_ns.get(self.resolved_name, 0)
 
     def publish(self, *args: Any, **kwargs: Any) -> None:
         """Serialises the message and sends it to all subscribers."""
@@ -88,11 +90,6 @@ class Publisher:
         """Returns the number of subscribers."""
         return len(self._topic.subscribers)
 
-    def unregister(self) -> None:
-        """Ends publishing."""
-        if self in self._topic.publishers:
-            self._topic.publishers.remove(self)
-
 
 class Subscriber:
     """Replaces rospy.Subscriber: its own task calls the callback for one message after the other."""
@@ -109,12 +106,14 @@ class Subscriber:
     ) -> None:
         self.node = graph.node
         self.resolved_name = self.name = self.node.resolve(name)
-        self.kind, self._callback, self._extra = data_class, callback, callback_args
+        self.kind = data_class
+        self._callback = callback
+        self._extra = [] if callback_args is None else [callback_args]
         size = queue_size if queue_size is not None and queue_size > 0 else None
         self._queue: Deque[Delivery] = deque(maxlen=size)
         self._ended = False
         self._waiting = WaitQueue(graph.scheduler)
-        self._topic = graph.topic(self.resolved_name)
+        self._topic = graph.topics[self.resolved_name]
         self._topic.subscribers.append(self)
         graph.scheduler.spawn(self._receive)
         for publisher in self._topic.publishers:
@@ -134,7 +133,7 @@ class Subscriber:
                 continue
             message = self._queue.popleft().message(self.kind)
             if self._callback is not None:
-                self._callback(message, *([] if self._extra is None else [self._extra]))
+                self._callback(message, *self._extra)
 
     def unregister(self) -> None:
         """Ends the subscription."""
@@ -152,14 +151,11 @@ class Service:
     """Replaces rospy.Service."""
 
     def __init__(self, graph: Graph, name: str, service_class: Any, handler: Callable[[Any], Any], **_: Any) -> None:
-        self._graph, self.node = graph, graph.node
+        self.node = graph.node
+        self.kind = service_class
+        self.handler = handler
         self.resolved_name = graph.node.resolve(name)
-        self.kind, self.handler = service_class, handler
         graph.services[self.resolved_name] = self
-
-    def shutdown(self, reason: str = "") -> None:
-        """Withdraws the service."""
-        self._graph.services.pop(self.resolved_name, None)
 
 
 class ServiceProxy:
@@ -167,7 +163,8 @@ class ServiceProxy:
 
     def __init__(self, graph: Graph, name: str, service_class: Any, **_: Any) -> None:
         self._graph = graph
-        self.resolved_name, self._kind = graph.node.resolve(name), service_class
+        self.resolved_name = graph.node.resolve(name)
+        self._kind = service_class
 
     def call(self, *args: Any, **kwargs: Any) -> Any:
         """Calls the service, and waits for the answer.
@@ -190,7 +187,7 @@ class ServiceProxy:
                 answers.append(convert_return_to_response(reply, service.kind._response_class))
             except rospy.ServiceException as error:
                 answers.append(error)
-            delay = self._graph.delay_of(self.resolved_name)
+            delay = self._graph.delays_ns.get(self.resolved_name, 0)
             if delay:
                 scheduler.wait(delay)
             scheduler.wake(caller)
@@ -202,9 +199,6 @@ class ServiceProxy:
         return Delivery(answers[0], {}).message(self._kind._response_class)
 
     __call__ = call
-
-    def close(self) -> None:
-        """Does nothing: there is no connection to close."""
 
 
 class Timer(rospy.Timer):

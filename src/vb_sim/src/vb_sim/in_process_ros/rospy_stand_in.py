@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+from collections import defaultdict
 from functools import partial
 from typing import Any, Callable, Dict, Iterator, List, Mapping, Tuple
 
@@ -15,7 +16,7 @@ import rosmaster.paramserver
 import rospy
 
 from vb_sim.in_process_ros.connections import Publisher, Service, ServiceProxy, Subscriber, Timer, Topic
-from vb_sim.in_process_ros.threading_stand_in import Scheduler, StandIns, master_stand_ins, replaced
+from vb_sim.in_process_ros.threading_stand_in import Scheduler, StandIns, replaced
 
 _CONNECTIONS = (Publisher, Subscriber, Service, ServiceProxy, Timer)
 LOG = logging.getLogger("vb_sim.nodes")
@@ -53,14 +54,16 @@ class Graph:
 
     Attributes:
         parameters: the ROS master's own parameter server; takes resolved names.
+        topics, services: by resolved name.
+        delays_ns: [ns] what a topic's messages or a service's answers take, by resolved name.
     """
 
     def __init__(self, scheduler: Scheduler, delays: Mapping[str, float]) -> None:
         self.scheduler = scheduler
         self.parameters = rosmaster.paramserver.ParamDictionary(None)
         self.services: Dict[str, Service] = {}
-        self._delays = {name: int(seconds * 1e9) for name, seconds in delays.items()}
-        self._topics: Dict[str, Topic] = {}
+        self.topics: Dict[str, Topic] = defaultdict(Topic)
+        self.delays_ns = {name: int(seconds * 1e9) for name, seconds in delays.items()}
         self._stand_ins = StandIns(scheduler)
         self._sleepers: List[Tuple[Any, Any]] = []
 
@@ -83,14 +86,6 @@ class Graph:
                 self.scheduler.close()
                 self._stand_ins.restore()
                 rospy.rostime._rostime_initialized, rospy.rostime._rostime_current = previous_clock
-
-    def delay_of(self, name: str) -> int:
-        """Returns the time [ns] that a topic's messages or a service's answers take."""
-        return self._delays.get(name, 0)
-
-    def topic(self, name: str) -> Topic:
-        """Returns a topic by its resolved name."""
-        return self._topics.setdefault(name, Topic())
 
     def set_clock(self, now: genpy.Time) -> None:
         """Sets the clock to a message of /clock, for all nodes."""
@@ -126,8 +121,27 @@ class Graph:
             rospy.rostime: {"wallsleep": lambda seconds: self.scheduler.wait(int(max(seconds, 0.0) * 1e9))},
             rospy.timer: {"sleep": self.sleep},
             rospy.core: {"is_shutdown": lambda: self.scheduler.closed},
-            rosgraph.masterapi.Master: master_stand_ins(self._topics, self.services),
+            # a real master, if there is one, knows another graph
+            rosgraph.masterapi.Master: {
+                "getSystemState": lambda _master: self._system_state(),
+                "getTopicTypes": lambda _master: self._topic_types(),
+                # vb_core's has_exited takes "" for an address; tf2_ros looks up a debugging service
+                "lookupNode": lambda _master, _name: "",
+                "lookupService": lambda _master, _name: "",
+            },
         }
+
+    def _system_state(self) -> List[List[Tuple[str, List[str]]]]:
+        publishers = {name: topic.publishers for name, topic in self.topics.items()}
+        subscribers = {name: topic.subscribers for name, topic in self.topics.items()}
+        services = {name: [service] for name, service in self.services.items()}
+        return [
+            [(name, [user.node.name for user in users]) for name, users in by_name.items() if users]
+            for by_name in (publishers, subscribers, services)
+        ]
+
+    def _topic_types(self) -> List[Tuple[str, str]]:
+        return [(name, topic.publishers[0].type) for name, topic in self.topics.items() if topic.publishers]
 
 
 _NOBODY = Node("/study", {})
@@ -152,9 +166,6 @@ class _Rospy:
 
     def resolve_name(self, name: str, caller_id: Any = None) -> str:
         return self._graph.node.resolve(name)
-
-    def remap_name(self, name: str) -> str:
-        return name
 
     # ------------------------------------------------------------- parameters
     def get_param(self, name: str, *default: Any) -> Any:

@@ -13,8 +13,8 @@ import threading as real_threading
 import time as real_time
 from collections import deque
 from functools import partial
-from types import FunctionType
-from typing import Any, Callable, Deque, Dict, Iterator, List, Mapping, Optional, Tuple
+from types import FunctionType, SimpleNamespace
+from typing import Any, Callable, Deque, Dict, Iterator, List, Optional, Tuple
 
 import greenlet
 
@@ -51,8 +51,7 @@ class Scheduler:
         self.closed = False
         self._hub = greenlet.getcurrent()
         self._ready: Deque[Tuple[Task, int]] = deque()
-        # (time [ns], sequence number, task, number of its wait that ends); without a task, the last one is a function
-        self._due: List[Tuple[int, int, Optional[Task], Any]] = []
+        self._due: List[Tuple[int, int, Callable[[], None]]] = []  # (time [ns], sequence number, what is called then)
         self._count = 0
         self._tasks: List[Task] = []
         self._fault: Optional[BaseException] = None
@@ -93,7 +92,7 @@ class Scheduler:
             raise greenlet.GreenletExit
         task.waits += 1
         if timeout_ns is not None:
-            self._push(max(int(timeout_ns), MIN_TIMEOUT_NS), task, task.waits)
+            self.call_later(max(int(timeout_ns), MIN_TIMEOUT_NS), partial(self._resume, task, task.waits, False))
         return bool(self._hub.switch())
 
     def wake(self, task: Task) -> None:
@@ -102,11 +101,8 @@ class Scheduler:
 
     def call_later(self, delay_ns: int, work: Callable[[], None]) -> None:
         """Calls a short function after a time [ns]. It must not wait."""
-        self._push(delay_ns, None, work)
-
-    def _push(self, delay_ns: int, task: Optional[Task], wake_reason: Any) -> None:
         self._count += 1
-        heapq.heappush(self._due, (self.now_ns + delay_ns, self._count, task, wake_reason))
+        heapq.heappush(self._due, (self.now_ns + delay_ns, self._count, work))
 
     def run(self, is_over: Callable[[], bool], until_ns: int) -> None:
         """Runs the tasks until `is_over` returns true, a time [ns] is reached or nothing is left to do.
@@ -119,13 +115,8 @@ class Scheduler:
                 task, waits = self._ready.popleft()
                 self._resume(task, waits, True)
             elif self._due:
-                due, _, task, wake_reason = heapq.heappop(self._due)
-                if task is None:
-                    self.now_ns = due
-                    wake_reason()
-                elif not task.dead and task.waits == wake_reason:
-                    self.now_ns = due
-                    self._resume(task, wake_reason, False)
+                self.now_ns, _, work = heapq.heappop(self._due)
+                work()
             else:
                 return
             if self._fault is not None:
@@ -145,11 +136,6 @@ class Scheduler:
         self._tasks.clear()
 
 
-def _ns(seconds: Optional[float]) -> Optional[int]:
-    # not 0, which would be no wait at all: see MIN_TIMEOUT_NS
-    return None if seconds is None or seconds < 0 else max(int(round(seconds * 1e9)), 1)
-
-
 class StandIns:
     """Stand-ins for the three modules, as far as nodes use them. All other names are the real ones.
 
@@ -162,7 +148,8 @@ class StandIns:
     """
 
     def __init__(self, scheduler: Scheduler) -> None:
-        self.modules, self._undone = _modules(scheduler), contextlib.ExitStack()
+        self.modules = _modules(scheduler)
+        self._undone = contextlib.ExitStack()
         self.restore = self._undone.close
 
     def replace(self) -> None:
@@ -176,33 +163,25 @@ class StandIns:
                     self._undone.enter_context(replaced({module: {attribute: self.modules[attribute]}}))
 
 
-class _Module:
-    """A module some of whose names are replaced."""
-
-    def __init__(self, real: Any, **names: Any) -> None:
-        self._real = real
-        self.__dict__.update(names)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._real, name)
-
-
-def _modules(scheduler: Scheduler) -> Dict[str, _Module]:
+def _modules(scheduler: Scheduler) -> Dict[str, SimpleNamespace]:
     def seconds() -> float:
         return scheduler.now_ns * 1e-9
 
     lock = partial(Lock, scheduler)
-    locks: Dict[str, Any] = {"_allocate_lock": lock, "Lock": lock, "RLock": partial(Lock, scheduler, True)}
-    for kind in (real_threading.Condition, real_threading.Event):
-        locks[kind.__name__] = _copy_class(kind, **locks, _time=seconds)
-    threading = _Module(real_threading, **locks, Thread=partial(Thread, scheduler, locks["Event"]))
+    names: Dict[str, Any] = {"_allocate_lock": lock, "Lock": lock, "_time": seconds}
+    names["RLock"] = _copy_class(real_threading._RLock, **names, get_ident=greenlet.getcurrent)
+    names["Condition"] = _copy_class(real_threading.Condition, **names)
+    names["Event"] = _copy_class(real_threading.Event, **names)
+    names["Thread"] = partial(Thread, scheduler, names["Event"])
+    threading = SimpleNamespace(**{**vars(real_threading), **names})
     clock: Dict[str, Any] = dict.fromkeys(("time", "monotonic", "perf_counter"), seconds)
     clock["time_ns"] = lambda: scheduler.now_ns
-    clock["sleep"] = lambda duration: scheduler.wait(_ns(max(duration, 0.0)))
+    clock["sleep"] = lambda duration: scheduler.wait(round(max(duration, 0.0) * 1e9))
+    queue_class = _copy_class(real_queue.Queue, threading=threading, time=seconds)
     return {
         "threading": threading,
-        "time": _Module(real_time, **clock),
-        "queue": _Module(real_queue, Queue=_copy_class(real_queue.Queue, threading=threading, time=seconds)),
+        "time": SimpleNamespace(**{**vars(real_time), **clock}),
+        "queue": SimpleNamespace(**{**vars(real_queue), "Queue": queue_class}),
     }
 
 
@@ -237,13 +216,6 @@ class WaitQueue:
             if task in self._tasks:
                 self._tasks.remove(task)
 
-    def wait_for(self, predicate: Callable[[], Any], timeout_ns: Optional[int] = None) -> bool:
-        """Waits until a condition holds or a time [ns] has passed. Returns whether it holds. Checks at each wake-up."""
-        end = None if timeout_ns is None else self._scheduler.now_ns + timeout_ns
-        while not predicate() and (end is None or self._scheduler.now_ns < end):
-            self.wait(None if end is None else end - self._scheduler.now_ns)
-        return bool(predicate())
-
     def wake(self) -> None:
         """Wakes the task that has waited longest."""
         if self._tasks:
@@ -251,52 +223,31 @@ class WaitQueue:
 
 
 class Lock:
-    """Replaces threading.Lock or, if `reentrant`, RLock; Python's own conditions, events and queues are built on it."""
+    """Replaces threading.Lock. Python's own reentrant locks, conditions, events and queues are built on it."""
 
-    def __init__(self, scheduler: Scheduler, reentrant: bool = False) -> None:
-        self._waiting, self._reentrant = WaitQueue(scheduler), reentrant
-        self._holder: Any = None
-        self._depth = 0
+    def __init__(self, scheduler: Scheduler) -> None:
+        self._waiting = WaitQueue(scheduler)
+        self._is_held = False
 
     def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
         """Acquires the lock, waiting until it is free."""
-        current = greenlet.getcurrent()
-        if self._reentrant and self._holder is current:
-            self._depth += 1
-            return True
         # almost always free: one task runs at a time
-        if self._holder is not None and not self._waiting.wait_for(
-            lambda: self._holder is None, _ns(timeout) if blocking else 0
-        ):
-            return False
-        self._holder, self._depth = current, 1
+        while self._is_held:
+            if not blocking or not self._waiting.wait(None if timeout < 0 else round(timeout * 1e9)):
+                return False
+        self._is_held = True
         return True
 
     def release(self) -> None:
         """Releases the lock to the task that has waited longest."""
-        self._depth -= 1
-        if self._depth <= 0:
-            self._holder = None
-            self._waiting.wake()
+        self._is_held = False
+        self._waiting.wake()
 
     def __enter__(self) -> bool:
         return self.acquire()
 
     def __exit__(self, *_: Any) -> None:
         self.release()
-
-    # ------------------------------------------------------------- what threading.Condition asks of a lock
-    def _is_owned(self) -> bool:
-        return self._holder is greenlet.getcurrent()
-
-    def _release_save(self) -> int:
-        depth, self._depth = self._depth, 1
-        self.release()
-        return depth
-
-    def _acquire_restore(self, depth: int) -> None:
-        self.acquire()
-        self._depth = depth
 
 
 class Thread(real_threading.Thread):
@@ -337,33 +288,3 @@ def replaced(targets: Dict[Any, Dict[str, Any]]) -> Iterator[None]:
                 restore.callback(setattr, target, name, getattr(target, name))
                 setattr(target, name, value)
         yield
-
-
-def master_stand_ins(topics: Mapping[str, Any], services: Mapping[str, Any]) -> Dict[str, Callable[..., Any]]:
-    """Returns stand-ins for a ROS master proxy's methods. A real master, if there is one, knows another graph.
-
-    Args:
-        topics: by name, with `publishers` and `subscribers`; services: by name. All of them know their `node`.
-    """
-
-    def system_state(_master: Any) -> List[List[Tuple[str, List[str]]]]:
-        publishers = {name: topic.publishers for name, topic in topics.items()}
-        subscribers = {name: topic.subscribers for name, topic in topics.items()}
-        offered = {name: [service] for name, service in services.items()}
-        return [
-            [(name, [user.node.name for user in users]) for name, users in by_name.items() if users]
-            for by_name in (publishers, subscribers, offered)
-        ]
-
-    def topic_types(_master: Any) -> List[Tuple[str, str]]:
-        return [(name, topic.publishers[0].type) for name, topic in topics.items() if topic.publishers]
-
-    def no_address(*_: Any) -> str:  # has_exited takes this for "there"; tf2_ros looks up a debugging service
-        return ""
-
-    return {
-        "getSystemState": system_state,
-        "getTopicTypes": topic_types,
-        "lookupNode": no_address,
-        "lookupService": no_address,
-    }

@@ -12,12 +12,14 @@ import json
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Callable, List, Optional, Tuple
+from typing import Callable, List, Tuple
 
 import numpy as np
+from shapely.geometry import LinearRing
 
-from vb_core.geometry import bounding_diagonal, base_to_map
+from vb_core.geometry import arc_lengths, base_to_map, bounding_diagonal
 from vb_sim.model_params import MODELS_FILE, ParticipantModel
+from vb_sim.world import Point2
 
 IsFloor = Callable[[np.ndarray], np.ndarray]
 STROKES_FILE = MODELS_FILE.with_name("strokes.json")
@@ -80,14 +82,12 @@ def load_styles() -> Tuple[Style, ...]:
     """Reads the styles of all people in strokes.json. People who drew no closed figure get another person's gap."""
     people = json.loads(STROKES_FILE.read_text(encoding="utf-8"))["people"]
     gaps = [person["gap"] for person in people if person["gap"] is not None]
-    return tuple(
-        Style(
-            tuple(Side(np.array(side["along"]), np.array(side["lateral"]), side["tempo"]) for side in person["sides"]),
-            tuple(person["overshoot"]),
-            person["gap"] if person["gap"] is not None else gaps[index % len(gaps)],
-        )
-        for index, person in enumerate(people)
-    )
+    styles = []
+    for index, person in enumerate(people):
+        sides = [Side(np.array(side["along"]), np.array(side["lateral"]), side["tempo"]) for side in person["sides"]]
+        gap = gaps[index % len(gaps)] if person["gap"] is None else person["gap"]
+        styles.append(Style(tuple(sides), tuple(person["overshoot"]), gap))
+    return tuple(styles)
 
 
 class Stroke:
@@ -106,10 +106,9 @@ class Stroke:
         closed: bool,
         model: ParticipantModel,
         rng: np.random.Generator,
-        is_floor: Optional[IsFloor] = None,
-        style: Optional[Style] = None,
+        is_floor: IsFloor,
+        style: Style,
     ) -> None:
-        style = style or load_styles()[0]
         scale = model.stroke_scale
         border = np.asarray(border, dtype=float)
         # corners and the ends of an open border are aimed at with small errors
@@ -119,21 +118,23 @@ class Stroke:
             chain = np.vstack([aimed, aimed[:1]])
             chain = _move_end(chain, excess + abs(rng.normal(0.0, model.overlap)))
         else:
-            chain = _move_ends_to_floor(aimed, is_floor) if is_floor is not None else aimed
+            chain = _move_ends_to_floor(aimed, is_floor)
         self.points, times = self._draw(chain, style, scale)
-        self._arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.points, axis=0), axis=1))])
-        bins = np.linspace(0.0, self._arc[-1], max(int(self._arc[-1] / BIN), 1) + 1)
-        self._bin = bins[1]
-        self._pace = self._bin / np.maximum(np.diff(np.interp(bins, self._arc, times)), 1e-6)
-        first_side = float(np.linalg.norm(chain[1] - chain[0]))
-        self.start = min(abs(rng.normal(0.0, model.late_start)), 0.2 * first_side, 0.5 * float(self._arc[-1]))
+        self._arc = arc_lengths(self.points)
         self.length = float(self._arc[-1])
+        bins = np.linspace(0.0, self.length, max(int(self.length / BIN), 1) + 1)
+        self._bin = bins[1]
+        durations = np.diff(np.interp(bins, self._arc, times))
+        self._pace = self._bin / np.maximum(durations, 1e-6)
+        first_side = float(np.linalg.norm(chain[1] - chain[0]))
+        self.start = min(abs(rng.normal(0.0, model.late_start)), 0.2 * first_side, 0.5 * self.length)
 
     @staticmethod
     def _draw(chain: np.ndarray, style: Style, scale: float) -> Tuple[np.ndarray, np.ndarray]:
         """Returns the points (M, 2) [m] of the line, and their times (M,) [s] at a mean speed of 1 m/s."""
         points: List[np.ndarray] = [chain[:1]]
         times: List[np.ndarray] = [np.zeros(1)]
+        style_share = min(scale, 1.0)
         start = chain[0]
         for index, corner in enumerate(chain[1:]):
             side = style.sides[index % len(style.sides)]
@@ -150,9 +151,10 @@ class Stroke:
             # resampled to about 1 cm, or more densely
             shares = np.linspace(0.0, 1.0, max(int(length / 0.01), len(side.along)) + 1)
             knots = np.linspace(0.0, 1.0, len(side.along))
-            along = (1.0 - min(scale, 1.0)) * shares + min(scale, 1.0) * np.interp(shares, knots, side.along)
-            curve = start + along[:, None] * straight + scale * np.interp(shares, knots, side.lateral)[:, None] * across
-            duration = length * side.tempo ** min(scale, 1.0)
+            along = (1.0 - style_share) * shares + style_share * np.interp(shares, knots, side.along)
+            lateral = scale * np.interp(shares, knots, side.lateral)
+            curve = start + along[:, None] * straight + lateral[:, None] * across
+            duration = length * side.tempo**style_share
             points.append(curve[1:])
             times.append(times[-1][-1] + duration * shares[1:])
             start = corner
@@ -167,9 +169,7 @@ class Stroke:
         return float(self._pace[min(max(int(arc / self._bin), 0), len(self._pace) - 1)])
 
 
-def perceive_border(
-    border: np.ndarray, closed: bool, offset: Tuple[float, float], turn: float, margin: float
-) -> np.ndarray:
+def perceive_border(border: np.ndarray, closed: bool, offset: Point2, turn: float, margin: float) -> np.ndarray:
     """Returns the chain that a person intends to draw who sees marks on the floor, but no map.
 
     Args:
@@ -181,20 +181,27 @@ def perceive_border(
     moved = base_to_map(border - center, (*center, turn)) + np.asarray(offset)
     if not closed:
         return moved
-    side_before, side_after = moved - np.roll(moved, 1, axis=0), np.roll(moved, -1, axis=0) - moved
-    area = float(np.sum(moved[:, 0] * np.roll(moved[:, 1], -1) - np.roll(moved[:, 0], -1) * moved[:, 1]))
-    outwards = np.array([[0.0, 1.0], [-1.0, 0.0]]) * math.copysign(1.0, area)  # rotates a side to its right or left
-    normals = [(side / np.linalg.norm(side, axis=1, keepdims=True)) @ outwards.T for side in (side_before, side_after)]
-    bisector = normals[0] + normals[1]
-    return moved + margin * 2.0 * bisector / np.maximum((bisector**2).sum(axis=1, keepdims=True), 0.2)
+    outwards = 1.0 if LinearRing(moved).is_ccw else -1.0
+    sides = np.roll(moved, -1, axis=0) - moved  # from each corner to the next
+    sides /= np.linalg.norm(sides, axis=1, keepdims=True)
+    normals = outwards * np.column_stack([sides[:, 1], -sides[:, 0]])
+    # a corner is moved along the bisector of its sides' normals, by the margin divided by half the angle's cosine
+    bisectors = np.roll(normals, 1, axis=0) + normals
+    squared_lengths = (bisectors**2).sum(axis=1, keepdims=True)
+    return moved + margin * 2.0 * bisectors / np.maximum(squared_lengths, 0.2)
 
 
 def _move_end(chain: np.ndarray, reach: float) -> np.ndarray:
     """Moves a closed chain's end by `reach` [m] beyond its start along the first side, or back along the last side."""
-    side, points = (chain[1] - chain[0], chain) if reach >= 0.0 else (chain[-1] - chain[-2], chain[:-1])
+    if reach >= 0.0:
+        kept = chain
+        side = chain[1] - chain[0]
+    else:
+        kept = chain[:-1]
+        side = chain[-1] - chain[-2]
     length = float(np.linalg.norm(side))
     limit = MAX_OVERSHOOT * length
-    return np.vstack([points, chain[-1] + side / length * np.clip(reach, -limit, limit)])
+    return np.vstack([kept, chain[-1] + side / length * np.clip(reach, -limit, limit)])
 
 
 def _move_ends_to_floor(border: np.ndarray, is_floor: IsFloor) -> np.ndarray:
@@ -206,5 +213,6 @@ def _move_ends_to_floor(border: np.ndarray, is_floor: IsFloor) -> np.ndarray:
         arcs = np.arange(0.0, 0.5 * length, 0.005)
         on_floor = np.asarray(is_floor(border[end] + arcs[:, None] / length * side), dtype=bool)
         if not on_floor[0] and on_floor.any():
-            result[end] = border[end] + min(arcs[int(np.argmax(on_floor))] + 0.01, 0.5 * length) / length * side
+            arc = min(arcs[np.argmax(on_floor)] + 0.01, 0.5 * length)
+            result[end] = border[end] + arc / length * side
     return result

@@ -24,14 +24,6 @@ STEP = 0.05  # [m] between the points of a simulated spot
 GO_BACK = 0.08  # [m] before the point where feedback ended, from which a missed part is drawn again
 
 
-def list_orders(border: np.ndarray, closed: bool) -> List[np.ndarray]:
-    """Lists the orders (N, 2) [m] of drawing a border (N, 2) [m]: from either end, or from any corner both ways."""
-    if not closed:
-        return [border, border[::-1]]
-    rotations = [np.roll(border, -shift, axis=0) for shift in range(len(border))]
-    return rotations + [np.vstack([order[:1], order[:0:-1]]) for order in rotations]
-
-
 def simulate_follower(spots: np.ndarray, robot: np.ndarray) -> np.ndarray:
     """Computes the distances (N,) [m] between spots (N, 2) [m] and a robot that starts at (2,) [m] and follows them."""
     position = np.asarray(robot, dtype=float)
@@ -48,20 +40,28 @@ def simulate_follower(spots: np.ndarray, robot: np.ndarray) -> np.ndarray:
 def choose_order(border: np.ndarray, closed: bool, robot: np.ndarray) -> np.ndarray:
     """Chooses the order (N, 2) [m] that keeps the spot in front of the robot, and then the one that begins nearest.
 
-    A robot follows only forwards and does not see the floor close to it, so the spot should not move towards it.
+    A border may be drawn from either end, a closed one from any corner both ways. A robot follows only forwards and does
+    not see the floor close to it, so the spot should not move towards it.
 
     Args:
         robot: (2,) [m] the robot's position before it is led to the border's beginning.
     """
+    border = np.asarray(border, dtype=float)
+    orders = [border, border[::-1]]
+    if closed:
+        orders = [np.roll(border, -shift, axis=0) for shift in range(len(border))]
+        orders += [np.vstack([order[:1], order[:0:-1]]) for order in orders]
 
     def order_cost(order: np.ndarray) -> float:
         chain = np.vstack([order, order[:1]]) if closed else order
         approach = geometry.resample_chain(np.vstack([robot, order[0]]), STEP)
-        spots = np.vstack([approach, geometry.resample_chain(chain, STEP)])
-        nearness = np.maximum(0.8 - simulate_follower(spots, robot)[len(approach) :], 0.0).sum() * STEP
-        return float(nearness) * 20.0 + float(np.linalg.norm(order[0] - robot))
+        drawn = geometry.resample_chain(chain, STEP)
+        distances = simulate_follower(np.vstack([approach, drawn]), robot)[len(approach) :]
+        nearness = np.maximum(0.8 - distances, 0.0).sum() * STEP
+        way = np.linalg.norm(order[0] - robot)
+        return float(20.0 * nearness + way)
 
-    return min(list_orders(np.asarray(border, dtype=float), closed), key=order_cost)
+    return min(orders, key=order_cost)
 
 
 class RobotOnlyScript(ParticipantScript):
@@ -218,7 +218,7 @@ class RobotOnlyScript(ParticipantScript):
         """
         person = self.person
         x, y, yaw = person.perception.robot
-        dx, dy = person.spot[0] - x, person.spot[1] - y
+        dx, dy = person.spot - (x, y)
         distance = math.hypot(dx, dy)
         bearing = abs(geometry.wrap_angle(math.atan2(dy, dx) - yaw))
         if distance > person.model.leading_distance_max:

@@ -7,7 +7,7 @@ from typing import Generator
 from vb_sim.person.person import DEFAULT, Action, CommandReply, DrawingSlip, ParticipantGaveUp, Perception, Person, Step
 
 CONFIRM_SAVE = "confirm_save"  # code of an answer that asks whether the command was meant
-WALK_AWAY_STEPS = 500  # the run ends then, even if the person is still walking
+WALK_AWAY_TIME = 10.0  # [s] after which the run ends, even if the person is still walking
 
 
 class ParticipantScript:
@@ -69,10 +69,7 @@ class ParticipantScript:
         person.spot = None
         person.doing = "walks away"
         person.walker.walk_to(person.walker.find_place_near(person.walker.position, 0.8, 1.5, person.rng))
-        for _ in range(WALK_AWAY_STEPS):
-            if not person.walker.walking:
-                break
-            yield
+        yield from person.arrive(WALK_AWAY_TIME)
         person.walker.stop()
         person.doing = "is done"
         self.outcome = outcome

@@ -10,17 +10,18 @@ from __future__ import annotations
 import math
 import zlib
 from dataclasses import dataclass
-from typing import Generator, Optional, Tuple
+from typing import Callable, Generator, Optional, Tuple
 
 import numpy as np
 
 from vb_core import geometry
+from vb_core.geometry import Pose
 from vb_core.grid_map import FREE, UNKNOWN, GridMap, sample
 from vb_sim.model_params import ParticipantModel
 from vb_sim.person.hand import Stroke, Tremor, load_styles
 from vb_sim.person.walking import Walker
 from vb_sim.floor_plan import physical_map
-from vb_sim.world import Scenario, World
+from vb_sim.world import Point2, Scenario, World
 
 Step = Generator[None, None, None]
 FEEDBACK_GAP = 0.3  # [s] since the last feedback after which the spot counts as unseen
@@ -55,7 +56,7 @@ class Perception:
     """
 
     now: float = 0.0
-    robot: Optional[Tuple[float, float, float]] = None
+    robot: Optional[Pose] = None
     last_seen: float = -math.inf
     last_seen_by_robot: float = -math.inf
     has_seed: bool = False
@@ -64,9 +65,7 @@ class Perception:
     answer: CommandReply = CommandReply(True, "ok", "")
     answered: int = 0
 
-    def record_spot(
-        self, spot: Optional[Tuple[float, float]], stamp: float, sighting: Tuple[float, float], mobile: bool
-    ) -> None:
+    def record_spot(self, spot: Optional[Point2], stamp: float, sighting: Point2, mobile: bool) -> None:
         """Records that a camera saw a spot, if it is the person's.
 
         Args:
@@ -97,8 +96,8 @@ class Action:
         outcome: "saved" or "gave_up" at the end of the run; empty before.
     """
 
-    laser: Optional[Tuple[float, float]]
-    pose: Tuple[float, float, float]
+    laser: Optional[Point2]
+    pose: Pose
     doing: str
     command: str = ""
     number: int = 0
@@ -145,7 +144,7 @@ class Person:
         self.walker = Walker(self.grid, model, start_near)
         self.walker.position = self.walker.find_place_near(start_near, 1.2, 2.0, self.rng)
         self.drawing_speed = float(self.rng.uniform(model.drawing_speed[0], max(model.drawing_speed)))
-        self._tremor = Tremor(model.tremor, (model.tremor_band[0], model.tremor_band[1]), self.rng)
+        self._tremor = Tremor(model.tremor, model.tremor_band, self.rng)
         self.perception = Perception()
         self.spot: Optional[np.ndarray] = None
         # the style is that of the same real person in all scenarios, with all methods
@@ -163,21 +162,24 @@ class Person:
         """Chooses this person's mistakes, with separate generators, so that all else is the same without mistakes."""
         self._wrong_word_rng = np.random.default_rng([*self._run_seeds, 3])
         rng = np.random.default_rng([*self._run_seeds, 1])
-        slips, wrong_side = rng.random(2) < (self.model.slip, self.model.wrong_side)
+        slips, is_wrong_side = rng.random(2) < (self.model.slip, self.model.wrong_side)
         # [share of the border] at which the hand slips, and to which side
-        self._slip: Optional[Tuple[float, float]] = (rng.uniform(0.2, 0.9), rng.choice([-1.0, 1.0])) if slips else None
-        self.seed = self._mirrored_seed() if wrong_side else self.scenario.seed.copy()
+        self._slip: Optional[Tuple[float, float]] = None
+        if slips:
+            self._slip = (rng.uniform(0.2, 0.9), rng.choice([-1.0, 1.0]))
+        self.seed = self._mirrored_seed() if is_wrong_side else self.scenario.seed.copy()
 
     def _mirrored_seed(self) -> np.ndarray:
         """Returns the seed mirrored across the border at the nearest suitable point; the seed itself if none suits."""
+        seed = self.scenario.seed
         chain = geometry.resample_chain(self.scenario.border, 0.05, self.scenario.closed)
-        across = chain - self.scenario.seed
-        for index in np.argsort(np.linalg.norm(across, axis=1), kind="stable"):
-            mirrored = self.scenario.seed + 2.0 * across[index]
+        for point in sorted(chain, key=lambda point: math.dist(point, seed)):
+            mirrored = seed + 2.0 * (point - seed)
             neighborhood = mirrored + 0.15 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
-            if self.is_floor(neighborhood).all() and np.linalg.norm(chain - mirrored, axis=1).min() > 0.25:
+            distances = np.linalg.norm(chain - mirrored, axis=1)
+            if self.is_floor(neighborhood).all() and distances.min() > 0.25:
                 return mirrored
-        return self.scenario.seed.copy()
+        return seed.copy()
 
     # ------------------------------------------------------------ steps
     def step(self, perception: Perception, script: Step) -> None:
@@ -210,20 +212,19 @@ class Person:
         return self.perception.now - last_seen
 
     # ------------------------------------------------------------ skills
-    def wait(self, seconds: float) -> Step:
-        """Waits for `seconds` [s]."""
+    def wait(self, seconds: float, is_over: Callable[[], bool] = lambda: False) -> Step:
+        """Waits for `seconds` [s], or until `is_over` returns true."""
         end = self.perception.now + seconds
-        while self.perception.now < end:
+        while self.perception.now < end and not is_over():
             yield
 
     def react(self) -> Step:
         """Waits for a random reaction time."""
         yield from self.wait(self.model.reaction_time * float(self.rng.uniform(0.7, 1.6)))
 
-    def arrive(self) -> Step:
-        """Waits until the person has arrived at the goal."""
-        while self.walker.walking:
-            yield
+    def arrive(self, seconds: float = math.inf) -> Step:
+        """Waits until the person has arrived at the goal, or `seconds` [s] have passed."""
+        yield from self.wait(seconds, lambda: not self.walker.walking)
 
     def walk_within_reach(self, spot: np.ndarray, line: np.ndarray) -> None:
         """Starts walking to within reach of the spot, unless it is already in reach."""
@@ -241,10 +242,8 @@ class Person:
         yield from self.wait(self.model.speaking_time)
         self._number += 1
         self._command, self._source = command, source
-        sent_at = self.perception.now
         yield
-        while self.perception.answered != self._number and self.perception.now - sent_at <= 20.0:
-            yield
+        yield from self.wait(20.0, lambda: self.perception.answered == self._number)
         self.last_answer = CommandReply(False, "no_response", "nobody answered")
         if self.perception.answered == self._number:
             self.last_answer = self.perception.answer
@@ -336,6 +335,4 @@ class Person:
 
     def wait_for_seed(self, seconds: float) -> Step:
         """Waits until the display shows the seed, which takes a moment, or `seconds` [s] have passed."""
-        start = self.perception.now
-        while not self.perception.has_seed and self.perception.now - start < seconds:
-            yield
+        yield from self.wait(seconds, lambda: self.perception.has_seed)

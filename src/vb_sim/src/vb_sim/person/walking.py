@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 from typing import Optional, Tuple
 
@@ -57,7 +58,8 @@ class Walker:
     ) -> np.ndarray:
         """Chooses a random position (2,) [m], `nearest` to `farthest` [m] from `place`, with a path between them."""
         for _ in range(200):
-            angle, distance = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(nearest, farthest)
+            angle = rng.uniform(0.0, 2.0 * math.pi)
+            distance = rng.uniform(nearest, farthest)
             candidate = place + distance * np.array([math.cos(angle), math.sin(angle)])
             path = self._plan(candidate, place)
             if len(path) and geometry.chain_length(path) < farthest + 1.0:
@@ -76,16 +78,17 @@ class Walker:
             line: (N, 2) [m] the line being drawn, on which the person does not stand.
             away_from: (2,) [m] a position to leave, from which the body may hide the spot.
         """
+        candidates = []
         angles = np.linspace(0.0, 2.0 * math.pi, 24, endpoint=False)
-        directions = [np.array([math.cos(angle), math.sin(angle)]) for angle in angles]
-        candidates = [spot + radius * direction for radius in (1.0, 1.4, 1.8, 2.2) for direction in directions]
-        candidates = [candidate for candidate in candidates if self.is_good_place(candidate, spot, line)]
-        if away_from is not None:
-            candidates = [candidate for candidate in candidates if np.linalg.norm(candidate - away_from) > 0.7]
-        for candidate in sorted(candidates, key=lambda candidate: float(np.linalg.norm(candidate - self.position)))[:6]:
+        for radius, angle in itertools.product((1.0, 1.4, 1.8, 2.2), angles):
+            candidate = spot + radius * np.array([math.cos(angle), math.sin(angle)])
+            is_aside = away_from is None or np.linalg.norm(candidate - away_from) > 0.7
+            if is_aside and self.is_good_place(candidate, spot, line):
+                candidates.append(candidate)
+        for candidate in sorted(candidates, key=lambda candidate: math.dist(candidate, self.position))[:6]:
             path = self._plan(self.position, candidate, self.robot)
             # skips positions on the other side of a wall, to which the path is long
-            if len(path) and geometry.chain_length(path) < 2.0 * np.linalg.norm(candidate - self.position) + 1.0:
+            if len(path) and geometry.chain_length(path) < 2.0 * math.dist(candidate, self.position) + 1.0:
                 return self.walk_to(candidate)
 
     def stop(self) -> None:

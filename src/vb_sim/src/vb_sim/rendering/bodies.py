@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Optional, Sequence, Tuple
 
 import numpy as np
 
 from vb_core.camera_model import CameraModel
-from vb_core.geometry import invert_transform
+from vb_core.geometry import Pose, invert_transform, transform_from_pose2d, transform_points
 from vb_sim.model_params import BodyProportions
+from vb_sim.world import Point2
 
 _NEAR = 0.15  # [m] along the optical axis; nearer pieces are not drawn
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
@@ -44,15 +45,12 @@ class BodyParts:
 
     def move_to(self, x: float, y: float, yaw: float) -> "BodyParts":
         """Returns the pieces of a body at the origin moved to a pose [m, m, rad]."""
-        c, s = math.cos(yaw), math.sin(yaw)
+        T = transform_from_pose2d(x, y, yaw)
+        low = transform_points(T, self.low)
+        high = transform_points(T, self.high)
+        return replace(self, low=low, high=high, yaws=np.full(len(self), yaw))
 
-        def transform(points: np.ndarray) -> np.ndarray:
-            forward, left, up = points.T
-            return np.stack([x + c * forward - s * left, y + s * forward + c * left, up], axis=1)
-
-        return replace(self, low=transform(self.low), high=transform(self.high), yaws=np.full(len(self), yaw))
-
-    def scale_to(self, center: Tuple[float, float], build: BodyProportions) -> "BodyParts":
+    def scale_to(self, center: Point2, build: BodyProportions) -> "BodyParts":
         """Returns a person's pieces scaled from the average build to another, about `center` (x, y) [m]."""
         scale = np.array([build.breadth, build.breadth, build.height / AVERAGE.height])
         origin = np.array([*center, 0.0])
@@ -67,19 +65,22 @@ class BodyParts:
 
 def join_pieces(parts: Sequence[BodyParts]) -> BodyParts:
     """Joins the pieces of several bodies."""
-    return BodyParts(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(BodyParts)))
+    columns = zip(*(vars(part).values() for part in parts))
+    return BodyParts(*map(np.concatenate, columns))
 
 
 def piece_outlines(pieces: BodyParts) -> np.ndarray:
     """Returns 32 points (N, 32, 3) [m] on the two ellipses of each piece."""
-    c, s = np.cos(pieces.yaws)[:, None], np.sin(pieces.yaws)[:, None]
-    points = np.empty((len(pieces), 2, len(UNIT_CIRCLE), 3))
-    for end, (centers, radii) in enumerate(((pieces.low, pieces.low_radii), (pieces.high, pieces.high_radii))):
-        along, across = UNIT_CIRCLE[:, 0] * radii[:, :1], UNIT_CIRCLE[:, 1] * radii[:, 1:]
-        points[:, end, :, 0] = centers[:, :1] + c * along - s * across
-        points[:, end, :, 1] = centers[:, 1:2] + s * along + c * across
-        points[:, end, :, 2] = centers[:, 2:]
-    return points.reshape(len(pieces), -1, 3)
+    c = np.cos(pieces.yaws)[:, None]
+    s = np.sin(pieces.yaws)[:, None]
+    circle_x, circle_y = UNIT_CIRCLE.T
+    ends = []
+    for centers, radii in ((pieces.low, pieces.low_radii), (pieces.high, pieces.high_radii)):
+        along = circle_x * radii[:, :1]
+        across = circle_y * radii[:, 1:]
+        offsets = np.stack([c * along - s * across, s * along + c * across, np.zeros(along.shape)], axis=2)
+        ends.append(centers[:, None, :] + offsets)
+    return np.concatenate(ends, axis=1)
 
 
 def _make_parts(rows: Sequence[Tuple]) -> BodyParts:
@@ -123,9 +124,7 @@ _ARM_HIGH_RADII = np.array([(0.046, 0.046), (0.035, 0.035), (0.01, 0.01)])
 _ARM_COLORS = np.array([_tint(SHIRT, 1.05), SKIN, (30, 30, 32)], dtype=float)
 
 
-def hand_position(
-    person: Tuple[float, float, float], target: Optional[Tuple[float, float]], height: float
-) -> np.ndarray:
+def hand_position(person: Pose, target: Optional[Point2], height: float) -> np.ndarray:
     """Returns the position (3,) [m] of the right hand, which holds the pointer at a height [m]."""
     x, y, yaw = person
     shoulder_x, shoulder_y = x + 0.20 * math.sin(yaw), y - 0.20 * math.cos(yaw)
@@ -139,46 +138,53 @@ def hand_position(
 
 
 def person_pieces(
-    person: Tuple[float, float, float],
-    target: Optional[Tuple[float, float]],
-    hand_height: float,
-    build: BodyProportions = AVERAGE,
+    person: Pose, target: Optional[Point2], hand_height: float, build: BodyProportions = AVERAGE
 ) -> BodyParts:
     """Builds a standing person with the right arm raised towards a point on the floor, or hanging.
 
     Args:
         hand_height: [m] at which the person holds the pointer.
     """
-    (x, y, yaw), breadth, tallness = person, build.breadth, build.height / AVERAGE.height
-    shoulder = np.array([x + 0.21 * breadth * math.sin(yaw), y - 0.21 * breadth * math.cos(yaw), 1.38 * tallness])
+    x, y, yaw = person
+    tallness = build.height / AVERAGE.height
+    side = 0.21 * build.breadth
+    shoulder = np.array([x + side * math.sin(yaw), y - side * math.cos(yaw), 1.38 * tallness])
     if target is None:
         hand = np.array([shoulder[0] + 0.05 * math.cos(yaw), shoulder[1] + 0.05 * math.sin(yaw), 0.82 * tallness])
         joints = [shoulder, 0.5 * (shoulder + hand), hand]
     else:
         hand = hand_position(person, target, hand_height)
+        elbow = 0.5 * (shoulder + hand) - (0.0, 0.0, 0.06)
         beam = np.array([*target, 0.0]) - hand
         tip = hand + beam / max(1e-6, float(np.linalg.norm(beam))) * 0.09
-        joints = [shoulder, 0.5 * (shoulder + hand) - (0.0, 0.0, 0.06), hand, tip]
+        joints = [shoulder, elbow, hand, tip]
     count = len(joints) - 1
-    low_radii, high_radii = breadth * _ARM_LOW_RADII[:count], breadth * _ARM_HIGH_RADII[:count]
-    low, high = np.array(joints[:-1]), np.array(joints[1:])
-    arm = BodyParts(low, high, low_radii, high_radii, np.full(count, yaw), _ARM_COLORS[:count])
+    arm = BodyParts(
+        low=np.array(joints[:-1]),
+        high=np.array(joints[1:]),
+        low_radii=build.breadth * _ARM_LOW_RADII[:count],
+        high_radii=build.breadth * _ARM_HIGH_RADII[:count],
+        yaws=np.full(count, yaw),
+        colors=_ARM_COLORS[:count],
+    )
     body = _PERSON.move_to(x, y, yaw)
     return join_pieces([body if build == AVERAGE else body.scale_to((x, y), build), arm])
 
 
-def person_key(person: Tuple[float, float, float], target: Optional[Tuple[float, float]]) -> Tuple:
+def person_key(person: Pose, target: Optional[Point2]) -> Tuple:
     """Returns a key that is the same for people who look the same to within some centimetres, to reuse images."""
     hand: Tuple = ()
     if target is not None:
-        x, y, _ = hand_position(person, target, 0.0)
-        hand = (round(x / 0.04), round(y / 0.04))
-    return (round(person[0] / 0.006), round(person[1] / 0.006), round(person[2] / 0.03), hand)
+        hand_x, hand_y, _ = hand_position(person, target, 0.0)
+        hand = (round(hand_x / 0.04), round(hand_y / 0.04))
+    x, y, yaw = person
+    return (round(x / 0.006), round(y / 0.006), round(yaw / 0.03), hand)
 
 
-def robot_key(pose: Tuple[float, float, float]) -> Tuple:
+def robot_key(pose: Pose) -> Tuple:
     """Returns a key that is the same for robots that look the same to within a few millimetres."""
-    return (round(pose[0] / 0.003), round(pose[1] / 0.003), round(pose[2] / 0.02))
+    x, y, yaw = pose
+    return (round(x / 0.003), round(y / 0.003), round(yaw / 0.02))
 
 
 # a TurtleBot 2 with a round base, plates on poles, a camera at the front and a green button
@@ -201,7 +207,7 @@ _ROBOT = _make_parts(
 )
 
 
-def robot_pieces(pose: Tuple[float, float, float], radius: float) -> BodyParts:
+def robot_pieces(pose: Pose, radius: float) -> BodyParts:
     """Builds a robot with a TurtleBot 2's proportions, scaled to a radius [m]."""
     scale = radius / _ROBOT_RADIUS
     parts = (_ROBOT.low, _ROBOT.high, _ROBOT.low_radii, _ROBOT.high_radii)
@@ -226,7 +232,7 @@ class Outlines:
 def project_pieces(pieces: BodyParts, camera: CameraModel, T_map_optical: np.ndarray) -> Outlines:
     """Projects the pieces that are entirely before the camera and not far outside its image."""
     T = invert_transform(T_map_optical)
-    points = piece_outlines(pieces).reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
+    points = transform_points(T, piece_outlines(pieces).reshape(-1, 3))
     pixels = camera.project(points).reshape(len(pieces), -1, 2)
     depths = points[:, 2].reshape(len(pieces), -1)
     # the distortion model is invalid far outside the image

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Callable, Dict, List, Optional, Tuple
+from typing import Callable, Dict, List, Optional, Tuple, Union
 
 import numpy as np
 
 from vb_core.camera_model import CameraModel
 from vb_core.geometry import Pose
 from vb_sim.lab_history import Snapshot
-from vb_sim.model_params import Models, make_generator
+from vb_sim.model_params import CameraNoise, Models, RobotCamera, make_generator
 from vb_sim.rendering import bodies
 from vb_sim.rendering.laser_spot import SpotImage, add_spot, render_spot
 
@@ -44,9 +44,9 @@ class View:
         model: the camera.
         encoding: the images' encoding, as named in sensor_msgs.
         radii: radius [m] of each robot by its name.
-        models: parameters of optics and noise.
+        models: parameters of optics and people.
+        noise: of the camera's sensor.
         seed: seed of the noise.
-        full_well_e: [electrons] at 255, which determines the photon noise.
     """
 
     def __init__(
@@ -56,13 +56,17 @@ class View:
         encoding: str,
         radii: Dict[str, float],
         models: Models,
+        noise: Union[CameraNoise, RobotCamera],
         seed: int,
-        full_well_e: float,
     ) -> None:
-        self.model, self.encoding = model, encoding
-        self._radii, self._optics, self._full_well_e = radii, models.optics, full_well_e
-        self._body, self._hand_height = models.body, models.hand_height
+        self.model = model
+        self.encoding = encoding
+        self._radii = radii
+        self._models = models
+        self._optics = models.optics
+        self._noise_model = noise
         self._rng = make_generator(seed, name)
+        self._object_ids = np.zeros((model.height, model.width), np.uint8)  # 0 where nothing hides the floor
 
     def frame(self, snapshot: Snapshot) -> np.ndarray:
         """Renders the image of a scene, (H, W) or (H, W, 3) uint8. The next call may change it."""
@@ -74,7 +78,7 @@ class View:
 
     def restart(self, models: Models) -> None:
         """Resets the moving objects for another person in the same room. `models` may differ only in the body."""
-        self._body, self._hand_height = models.body, models.hand_height
+        self._models = models
 
     def set_noise_generator(self, source: np.random.Generator) -> None:
         """Replaces the noise's random generator, so that frames do not depend on earlier ones."""
@@ -87,12 +91,12 @@ class View:
             radius = self._radii.get(name, 0.18)
             build = partial(bodies.robot_pieces, pose, radius)
             result.append(Body(name, bodies.robot_key(pose), build, pose, radius))
-        person, laser = snapshot.person, snapshot.laser
+        person = snapshot.person
         if person is not None:
-            key = bodies.person_key(person, laser)
-            radius = _PERSON_RADIUS * self._body.breadth
-            build = partial(bodies.person_pieces, person, laser, self._hand_height, self._body)
-            result.append(Body("person", key, build, person, radius))
+            key = bodies.person_key(person, snapshot.laser)
+            proportions = self._models.body
+            build = partial(bodies.person_pieces, person, snapshot.laser, self._models.hand_height, proportions)
+            result.append(Body("person", key, build, person, _PERSON_RADIUS * proportions.breadth))
         return result
 
     # ------------------------------------------------------------- the laser
@@ -100,8 +104,10 @@ class View:
         """Renders the light of the spot as if nothing hid it. Returns None if the laser is off or out of view."""
         if snapshot.laser is None:
             return None
-        person, pose = snapshot.person, self.camera_pose(snapshot)
-        source = bodies.hand_position(person, snapshot.laser, self._hand_height) if person is not None else None
+        source = None
+        if snapshot.person is not None:
+            source = bodies.hand_position(snapshot.person, snapshot.laser, self._models.hand_height)
+        pose = self.camera_pose(snapshot)
         return render_spot(snapshot.laser, snapshot.laser_velocity, source, self.model, pose, self._optics)
 
     def spot_share(self, snapshot: Snapshot) -> float:
@@ -112,14 +118,11 @@ class View:
     def _visible(self, spot: SpotImage) -> float:
         """Returns the visible share of a spot's light; 0 if its centre is hidden or outside the image."""
         column, row = spot.pixel
-        floor = self._floor_is_free()
-        if not (0 <= column < self.model.width and 0 <= row < self.model.height and floor[row, column]):
+        is_in_image = 0 <= column < self.model.width and 0 <= row < self.model.height
+        if not is_in_image or self._object_ids[row, column] != 0:
             return 0.0
-        return float(floor[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2].mean())
-
-    def _floor_is_free(self) -> np.ndarray:
-        """Returns (H, W): the pixels in which nothing hides the floor."""
-        raise NotImplementedError
+        neighborhood = self._object_ids[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
+        return float((neighborhood == 0).mean())
 
     def _albedo(self, spot: SpotImage) -> np.ndarray:
         """Returns the colour (3,) of the floor below a spot; 1 is white."""
@@ -137,7 +140,7 @@ class View:
             return
         weights = visible * exposure * self._albedo(spot) * self._optics.response(snapshot.laser_color)
         self._before_change(image, spot.area)
-        add_spot(image, spot, weights, self.encoding, self._full_well_e, self._rng)
+        add_spot(image, spot, weights, self.encoding, self._noise_model.full_well_e, self._rng)
 
     def _before_change(self, image: np.ndarray, area: Tuple[slice, slice]) -> None:
         """Is called before an area of an image is changed."""

@@ -13,7 +13,7 @@ from typing import Dict, List, Optional, Tuple
 import cv2
 import numpy as np
 
-from vb_core.geometry import Pose
+from vb_core.geometry import Pose, invert_transform, transform_points
 from vb_sim.rendering.camera_view import Body, View
 from vb_sim.lab_history import Snapshot
 from vb_sim.model_params import Models
@@ -37,25 +37,23 @@ def _to_fixed_point(points: np.ndarray) -> np.ndarray:
 def encode(rgb: np.ndarray, encoding: str) -> np.ndarray:
     """Encodes rgb (H, W, 3) as (H, W) or (H, W, 3) in a sensor_msgs encoding. For Bayer, H and W must be even."""
     if encoding == "bgr8":
-        return np.ascontiguousarray(rgb[..., ::-1])
+        return cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
     if encoding == "mono8":
         return cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
-    return _mosaic(rgb[0::2, 0::2, 0], rgb[0::2, 1::2, 1], rgb[1::2, 0::2, 1], rgb[1::2, 1::2, 2])
+    red, mosaic, blue = cv2.split(rgb)  # green wherever it is neither red nor blue
+    mosaic[0::2, 0::2] = red[0::2, 0::2]
+    mosaic[1::2, 1::2] = blue[1::2, 1::2]
+    return mosaic
 
 
 def encode_doubled(rgb: np.ndarray, encoding: str) -> np.ndarray:
     """Encodes an image (h, w, 3) at twice its size: (2h, 2w) or (2h, 2w, 3)."""
-    if encoding == "bayer_rggb8":
-        red, green, blue = cv2.split(rgb)
-        return _mosaic(red, green, green, blue)
-    return encode(cv2.resize(rgb, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR), encoding)
-
-
-def _mosaic(red: np.ndarray, right: np.ndarray, below: np.ndarray, blue: np.ndarray) -> np.ndarray:
-    """Builds a Bayer pattern (2h, 2w) from red, green to its right, green below it, and blue, each (h, w)."""
-    mosaic = np.empty((2 * red.shape[0], 2 * red.shape[1]), red.dtype)
-    mosaic[0::2, 0::2], mosaic[0::2, 1::2] = red, right
-    mosaic[1::2, 0::2], mosaic[1::2, 1::2] = below, blue
+    if encoding != "bayer_rggb8":
+        return encode(cv2.resize(rgb, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR), encoding)
+    red, green, blue = cv2.split(rgb)
+    mosaic = cv2.resize(green, None, fx=2, fy=2, interpolation=cv2.INTER_NEAREST)
+    mosaic[0::2, 0::2] = red
+    mosaic[1::2, 1::2] = blue
     return mosaic
 
 
@@ -82,11 +80,14 @@ def _draw_shadow(outline: np.ndarray, blur_px: float, shape: Tuple[int, int]) ->
     """Draws the light that remains in a soft shadow, (h, w) uint8; 255 is all light."""
     lit = np.full(shape, 255, np.uint8)
     if len(outline):
+        # at a quarter of the size, as the shadow is blurred anyway
         small = np.zeros((shape[0] // 4 + 1, shape[1] // 4 + 1), np.uint8)
         cv2.fillConvexPoly(small, _to_fixed_point(outline * 0.25), 110, cv2.LINE_AA, _SHIFT)
         box = 2 * int(max(1.0, blur_px / 4.0)) + 1
-        small = cv2.blur(cv2.blur(small, (box, box)), (box, box))
-        cv2.subtract(lit, cv2.resize(small, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR), dst=lit)
+        for _ in range(2):
+            small = cv2.blur(small, (box, box))
+        shadow = cv2.resize(small, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR)
+        cv2.subtract(lit, shadow, dst=lit)
     return lit
 
 
@@ -94,19 +95,14 @@ class CeilingView(View):
     """Renders one ceiling camera.
 
     Args:
-        camera: the camera.
-        radii: radius [m] of each robot by its name.
-        floor, mesh: the world's floor, walls and furniture.
-        models: parameters of optics and noise.
-        seed: seed of the noise.
+        floor, mesh: the world's floor, walls and furniture. The other arguments are as for `View`.
     """
 
     def __init__(
         self, camera: CeilingCamera, radii: Dict[str, float], floor: FloorTexture, mesh: Mesh, models: Models, seed: int
     ) -> None:
-        self._noise = models.camera_noise
-        well = self._noise.full_well_e
-        super().__init__(f"ceiling camera {camera.name}", camera.model(), camera.encoding, radii, models, seed, well)
+        name = f"ceiling camera {camera.name}"
+        super().__init__(name, camera.model(), camera.encoding, radii, models, models.camera_noise, seed)
         self.pose = camera.pose()
         background = self._draw_background(floor, mesh)
         self._images = self._make_noisy_images(background)
@@ -124,35 +120,36 @@ class CeilingView(View):
 
     # ------------------------------------------------------------- static parts
     def _draw_background(self, floor: FloorTexture, mesh: Mesh) -> np.ndarray:
-        grid, to_texture = RayGrid(self.model), floor.matrix()
-        rotation, origin = self.pose[:3, :3].astype(np.float32), self.pose[:3, 3]
+        grid = RayGrid(self.model)
+        to_texture = floor.matrix().astype(np.float32)
+        rotation = self.pose[:3, :3].astype(np.float32)
+        x, y, z = self.pose[:3, 3].astype(np.float32)
         # where each pixel's ray intersects the floor; far away for pixels at and above the horizon
-        steps = np.float32(-origin[2]) / np.minimum(grid.combine(*rotation[2]), np.float32(-1e-4))
-        columns, rows = (
-            (grid.combine(*rotation[axis]) * steps + np.float32(origin[axis])) * np.float32(to_texture[axis, axis])
-            + np.float32(to_texture[axis, 2])
-            for axis in (0, 1)
-        )
+        steps = -z / np.minimum(grid.combine(*rotation[2]), np.float32(-1e-4))
+        floor_x = grid.combine(*rotation[0]) * steps + x
+        floor_y = grid.combine(*rotation[1]) * steps + y
+        columns = floor_x * to_texture[0, 0] + to_texture[0, 2]
+        rows = floor_y * to_texture[1, 1] + to_texture[1, 2]
         image = cv2.remap(floor.rgb, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         buffer = DepthBuffer(grid)
         buffer.draw_mesh(mesh, self.pose)
         buffer.paint(image)
         image = cv2.GaussianBlur(image, (0, 0), 0.6)
-        half = (slice(_HALF // 2, None, _HALF), slice(_HALF // 2, None, _HALF))
         height, width = self.model.height // _HALF, self.model.width // _HALF
-        self._inverse_half = np.ascontiguousarray(buffer.inverse[half][:height, :width])
-        self._floor_mask = (buffer.ids == 0).view(np.uint8)
-        radius2 = (grid.x * grid.x + grid.y * grid.y) * np.ones_like(columns)
-        corner = max(1e-9, float(radius2.max()))
-        shade = self._optics.exposure_gain * (1.0 - self._optics.vignetting * radius2 / corner)
+        odd = buffer.inverse[1::_HALF, 1::_HALF]
+        self._inverse_half = np.ascontiguousarray(odd[:height, :width])
+        self._object_ids = buffer.ids
+        squared_radii = grid.x * grid.x + grid.y * grid.y
+        vignetting = self._optics.vignetting * squared_radii / float(squared_radii.max())
+        shade = self._optics.exposure_gain * (1.0 - vignetting)
         return np.clip(image * shade[..., None] + 0.5, 0, 255).astype(np.uint8)
 
     def _make_noisy_images(self, background: np.ndarray) -> List[np.ndarray]:
         values = np.ascontiguousarray(encode(background, self.encoding)).astype(np.float32)
-        values *= 1.0 + self._noise.prnu * self._rng.standard_normal(values.shape, dtype=np.float32)
-        sigma = self._noise.sigma(values).astype(np.float32)
+        values *= 1.0 + self._noise_model.prnu * self._rng.standard_normal(values.shape, dtype=np.float32)
+        sigma = self._noise_model.sigma(values).astype(np.float32)
         images = []
-        for _ in range(self._noise.frames):
+        for _ in range(self._noise_model.frames):
             noisy = values + sigma * self._rng.standard_normal(values.shape, dtype=np.float32)
             images.append(np.clip(noisy + 0.5, 0, 255).astype(np.uint8))
         return images
@@ -162,7 +159,7 @@ class CeilingView(View):
         shape = (self.model.height + 64, self.model.width + 64)
         if self._images[0].ndim == 3:
             shape += (3,)
-        noise = float(self._noise.sigma(100.0)) * self._rng.standard_normal(shape, dtype=np.float32)
+        noise = float(self._noise_model.sigma(100.0)) * self._rng.standard_normal(shape, dtype=np.float32)
         return np.clip(noise + _NOISE_OFFSET + 0.5, 0, 255).astype(np.uint8)
 
     # ------------------------------------------------------------- moving parts
@@ -247,7 +244,8 @@ class CeilingView(View):
             offset: (2,) [px] to add to the halved outlines.
             static_inverse: (h, w) [1/m] inverse depth of the static scene, which may hide the body.
         """
-        color, inverse = np.zeros((*static_inverse.shape, 3), np.uint8), np.zeros(static_inverse.shape, np.float32)
+        color = np.zeros((*static_inverse.shape, 3), np.uint8)
+        inverse = np.zeros(static_inverse.shape, np.float32)
         outer = outlines.points / _HALF + offset
         centers = 0.5 * (outer.min(axis=1, keepdims=True) + outer.max(axis=1, keepdims=True))
         inner = _to_fixed_point(centers + 0.72 * (outer - centers))
@@ -261,7 +259,8 @@ class CeilingView(View):
             cv2.fillConvexPoly(inverse, outer[index][hull], 1.0 / depth, cv2.LINE_8, _SHIFT)
         opacity = np.where(inverse > 0.0, np.uint8(255), np.uint8(0))
         # both get the same soft edges, because the colour is premultiplied by the opacity
-        color, opacity = cv2.blur(color, (3, 3)), cv2.blur(opacity, (3, 3))
+        color = cv2.blur(color, (3, 3))
+        opacity = cv2.blur(opacity, (3, 3))
         hidden = cv2.compare(static_inverse, np.maximum(inverse * 1.02, 1e-6), cv2.CMP_GT)
         if cv2.countNonZero(hidden):
             visible = cv2.bitwise_not(hidden)
@@ -275,21 +274,23 @@ class CeilingView(View):
 
     def _shadow_outline(self, pose: Pose, radius: float) -> np.ndarray:
         """Returns the outline (N, 2) [px] of a shadow on the floor. It is small, as lamps are all over the ceiling."""
-        circle = bodies.UNIT_CIRCLE * radius * 1.1 + (pose[0] + 0.05, pose[1] - 0.04)
-        points = np.column_stack([circle, np.zeros(len(circle))]) - self.pose[:3, 3]
-        in_camera = points @ self.pose[:3, :3]
+        nothing = np.zeros((0, 2))
+        center = (pose[0] + 0.05, pose[1] - 0.04)
+        circle = center + 1.1 * radius * bodies.UNIT_CIRCLE
+        points = np.column_stack([circle, np.zeros(len(circle))])
+        in_camera = transform_points(invert_transform(self.pose), points)
         if (in_camera[:, 2] < 0.15).any():
-            return np.zeros((0, 2))
+            return nothing
         outline = self.model.project(in_camera)
         limit = 3.0 * max(self.model.width, self.model.height)
-        return outline if np.abs(outline).max() < limit else np.zeros((0, 2))
+        return outline if np.abs(outline).max() < limit else nothing
 
     def _blend(self, image: np.ndarray, sprite: _Sprite) -> None:
         self._before_change(image, (sprite.rows, sprite.columns))
         part = image[sprite.rows, sprite.columns]
         blended = cv2.multiply(part, sprite.keep, scale=1.0 / 255.0)
         cv2.add(blended, sprite.color, dst=blended)
-        top, left = (int(value) for value in self._rng.integers(0, 64, 2))
+        top, left = self._rng.integers(0, 64, 2)
         tile = self._noise_tile[top : top + part.shape[0], left : left + part.shape[1]]
         cv2.add(blended, tile, dst=blended, mask=sprite.solid)
         part[...] = blended
@@ -298,15 +299,15 @@ class CeilingView(View):
         self._undo.append((image[area], image[area].copy()))
 
     # ------------------------------------------------------------- the laser
-    def _floor_is_free(self) -> np.ndarray:
-        return self._floor_mask
-
     def _visible(self, spot: SpotImage) -> float:
-        visible, (column, row) = super()._visible(spot), spot.pixel
+        visible = super()._visible(spot)
+        column, row = spot.pixel
         for sprite in self._visible_sprites:
-            if sprite.rows.start <= row < sprite.rows.stop and sprite.columns.start <= column < sprite.columns.stop:
-                cell = sprite.opacity[(row - sprite.rows.start) // _HALF, (column - sprite.columns.start) // _HALF]
-                visible *= 1.0 - float(cell) / 255.0
+            cell_row = (row - sprite.rows.start) // _HALF
+            cell_column = (column - sprite.columns.start) // _HALF
+            height, width = sprite.opacity.shape
+            if 0 <= cell_row < height and 0 <= cell_column < width:
+                visible *= 1.0 - float(sprite.opacity[cell_row, cell_column]) / 255.0
         return visible
 
     def _albedo(self, spot: SpotImage) -> np.ndarray:

@@ -15,8 +15,9 @@ from typing import Optional, Tuple
 import numpy as np
 
 from vb_core.camera_model import CameraModel
-from vb_core.geometry import invert_transform
+from vb_core.geometry import invert_transform, transform_points
 from vb_sim.model_params import Optics
+from vb_sim.world import Point2
 
 _MAX_PX = 56
 
@@ -49,8 +50,8 @@ class SpotImage:
 
 
 def render_spot(
-    point: Tuple[float, float],
-    velocity: Tuple[float, float],
+    point: Point2,
+    velocity: Point2,
     source: Optional[np.ndarray],
     camera: CameraModel,
     T_map_optical: np.ndarray,
@@ -77,19 +78,18 @@ def render_spot(
     total = optics.laser_power_mw * 1e-3 * pixels_per_m2 / optics.ambient_w_m2
     total *= optics.white_level * optics.exposure_gain
     radius = _light_radius(total, covariance, optics) + float(np.linalg.norm(smear)) / 2.0
-    half = int(min(_MAX_PX, math.ceil(radius)))
-    column, row = int(round(center[0])) - half, int(round(center[1])) - half
-    first_column, first_row = max(column, 0), max(row, 0)
-    last_column, last_row = min(column + 2 * half + 1, camera.width), min(row + 2 * half + 1, camera.height)
-    if last_column <= first_column or last_row <= first_row:
+    half = min(_MAX_PX, math.ceil(radius))
+    column, row = (int(value) for value in np.rint(center))
+    left, right = max(column - half, 0), min(column + half + 1, camera.width)
+    top, bottom = max(row - half, 0), min(row + half + 1, camera.height)
+    if right <= left or bottom <= top:
         return None
-    u = np.arange(first_column, last_column, dtype=np.float32)[None, :] - np.float32(center[0])
-    v = np.arange(first_row, last_row, dtype=np.float32)[:, None] - np.float32(center[1])
+    u = np.arange(left, right, dtype=np.float32)[None, :] - np.float32(center[0])
+    v = np.arange(top, bottom, dtype=np.float32)[:, None] - np.float32(center[1])
     light = _spread_light(u, v, (1.0 - optics.halo_share) * total, covariance, smear)
-    scale = optics.halo_scale_px
-    halo = optics.halo_share * total / (2.0 * math.pi * scale**2)
-    light += np.float32(halo) * np.exp(-np.sqrt(u * u + v * v) / np.float32(scale))
-    return SpotImage(first_column, first_row, (float(center[0]), float(center[1])), light)
+    distance = np.sqrt(u * u + v * v)
+    light += np.float32(_halo_peak(total, optics)) * np.exp(-distance / np.float32(optics.halo_scale_px))
+    return SpotImage(left, top, (float(center[0]), float(center[1])), light)
 
 
 def add_spot(
@@ -123,54 +123,69 @@ def apply_color_filters(values: np.ndarray, weights: np.ndarray, encoding: str, 
     if encoding == "mono8":
         return values * np.float32(0.299 * red + 0.587 * green + 0.114 * blue)
     result = values * green
-    even_row, even_column, odd_row, odd_column = row % 2, column % 2, 1 - row % 2, 1 - column % 2
-    result[even_row::2, even_column::2] = values[even_row::2, even_column::2] * red
-    result[odd_row::2, odd_column::2] = values[odd_row::2, odd_column::2] * blue
+    red_pixels = np.s_[row % 2 :: 2, column % 2 :: 2]
+    blue_pixels = np.s_[1 - row % 2 :: 2, 1 - column % 2 :: 2]
+    result[red_pixels] = values[red_pixels] * red
+    result[blue_pixels] = values[blue_pixels] * blue
     return result
 
 
 def _project(
-    point: Tuple[float, float],
-    velocity: Tuple[float, float],
-    camera: CameraModel,
-    T_map_optical: np.ndarray,
-    optics: Optics,
+    point: Point2, velocity: Point2, camera: CameraModel, T_map_optical: np.ndarray, optics: Optics
 ) -> Optional[Tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Returns the spot's centre (2,) [px], the Jacobian there (2, 2) [px/m], and the spot's motion blur (2,) [px]."""
-    step, border = 1e-3, 30.0
+    step = 1e-3  # [m]
+    border = 30.0  # [px] round the image
     half_exposure = optics.exposure_ms * 1e-3 / 2.0
     x, y = point
     dx, dy = velocity[0] * half_exposure, velocity[1] * half_exposure
     probes = np.array([(x, y, 0), (x + step, y, 0), (x, y + step, 0), (x - dx, y - dy, 0), (x + dx, y + dy, 0)])
-    T = invert_transform(T_map_optical)
-    in_camera = probes @ T[:3, :3].T + T[:3, 3]
+    in_camera = transform_points(invert_transform(T_map_optical), probes)
     if (in_camera[:, 2] < 0.05).any():
         return None
-    center, along_x, along_y, first, last = camera.project(in_camera)
-    if not (-border < center[0] < camera.width + border and -border < center[1] < camera.height + border):
+    center, beside_x, beside_y, first, last = camera.project(in_camera)
+    if (center <= -border).any() or (center >= (camera.width + border, camera.height + border)).any():
         return None
-    return center, np.column_stack([along_x - center, along_y - center]) / step, last - first
+    jacobian = np.column_stack([beside_x - center, beside_y - center]) / step
+    return center, jacobian, last - first
 
 
 def _spread_light(u: np.ndarray, v: np.ndarray, total: float, covariance: np.ndarray, smear: np.ndarray) -> np.ndarray:
-    """Returns the light (h, w) of an ellipse that moves by `smear` (2,) [px], at offsets u (1, w) and v (h, 1) [px]."""
+    """Returns the light (h, w) of an ellipse that moves by `smear` (2,) [px], at offsets u (1, w) and v (h, 1) [px].
+
+    It is the mean of Gaussians exp(-d^T C^-1 d / 2) at several instants of the exposure, with covariance C.
+    """
     determinant = _determinant(covariance)
-    uu, uv, vv = (np.float32(value / determinant) for value in (covariance[1, 1], -covariance[0, 1], covariance[0, 0]))
+    # the elements of C^-1
+    uu = np.float32(covariance[1, 1] / determinant)
+    uv = np.float32(-covariance[0, 1] / determinant)
+    vv = np.float32(covariance[0, 0] / determinant)
     length = float(np.linalg.norm(smear))
     count = 1 if length < 0.5 else min(11, 2 + int(length / 0.8))
-    # all instants of the exposure at once
-    shares = ((np.arange(count) + 0.5) / count - 0.5)[:, None, None]
-    du, dv = u - (shares * smear[0]).astype(np.float32), v - (shares * smear[1]).astype(np.float32)
-    light = np.exp(np.float32(-0.5) * (uu * du * du + (np.float32(2) * uv * du) * dv + vv * dv * dv)).sum(axis=0)
-    light *= np.float32(total / (2.0 * math.pi * math.sqrt(determinant)) / count)
+    instants = ((np.arange(count) + 0.5) / count - 0.5)[:, None, None]
+    du = u - (instants * smear[0]).astype(np.float32)
+    dv = v - (instants * smear[1]).astype(np.float32)
+    squared_distance = uu * du * du + (np.float32(2) * uv * du) * dv + vv * dv * dv
+    light = np.exp(np.float32(-0.5) * squared_distance).sum(axis=0)
+    light *= np.float32(_core_peak(total, covariance) / count)
     return light
+
+
+def _core_peak(total: float, covariance: np.ndarray) -> float:
+    """Returns the light [grey levels] in the centre of an ellipse with a covariance (2, 2) [px^2]."""
+    return total / (2.0 * math.pi * math.sqrt(_determinant(covariance)))
+
+
+def _halo_peak(total: float, optics: Optics) -> float:
+    """Returns the halo's light [grey levels] at its centre, from which it decays exponentially."""
+    return optics.halo_share * total / (2.0 * math.pi * optics.halo_scale_px**2)
 
 
 def _determinant(matrix: np.ndarray) -> float:
     return float(matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0])
 
 
-def _footprint_covariance(point: Tuple[float, float], source: Optional[np.ndarray], optics: Optics) -> np.ndarray:
+def _footprint_covariance(point: Point2, source: Optional[np.ndarray], optics: Optics) -> np.ndarray:
     """Computes the covariance (2, 2) [m^2] of the light on the floor, an ellipse if the beam is oblique."""
     distance = 1.5
     covariance = np.eye(2)
@@ -189,8 +204,9 @@ def _footprint_covariance(point: Tuple[float, float], source: Optional[np.ndarra
 def _light_radius(total: float, covariance: np.ndarray, optics: Optics) -> float:
     """Computes the radius [px] beyond which the spot adds less than half a grey level."""
     half_trace = 0.5 * float(covariance[0, 0] + covariance[1, 1])
-    sigma = math.sqrt(half_trace + math.sqrt(max(0.0, half_trace**2 - _determinant(covariance))))
-    peak = max(1.0, total / (2.0 * math.pi * math.sqrt(_determinant(covariance))))
-    core = sigma * math.sqrt(2.0 * math.log(2.0 * peak + 1.0))
-    halo = optics.halo_share * total / (2.0 * math.pi * optics.halo_scale_px**2)
-    return max(core, optics.halo_scale_px * math.log(max(1.0, 2.0 * halo))) + 2.0
+    squared_difference = half_trace**2 - _determinant(covariance)
+    largest_eigenvalue = half_trace + math.sqrt(max(0.0, squared_difference))
+    peak = max(1.0, _core_peak(total, covariance))
+    core_radius = math.sqrt(largest_eigenvalue) * math.sqrt(2.0 * math.log(2.0 * peak + 1.0))
+    halo_radius = optics.halo_scale_px * math.log(max(1.0, 2.0 * _halo_peak(total, optics)))
+    return max(core_radius, halo_radius) + 2.0

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from vb_core.camera_model import CameraModel
-from vb_core.geometry import invert_transform
+from vb_core.geometry import invert_transform, transform_points
 from vb_sim.floor_plan import wall_outline
 from vb_sim.world import Furniture, World
 
@@ -28,18 +28,24 @@ class Mesh:
     """Flat convex faces in the map frame: their normals (N, 3), colours (N, 3), and all their corners (M, 3) [m].
 
     Args:
-        faces: corners (K, 3) [m] of each face, counter-clockwise seen from outside, and its colour.
+        faces: at least one; corners (K, 3) [m] of each face, counter-clockwise seen from outside, and its colour.
     """
 
     def __init__(self, faces: Sequence[Face]) -> None:
-        corners = [np.asarray(face, dtype=float) for face, _ in faces]
-        normals = [np.cross(face[1] - face[0], face[2] - face[0]) for face in corners]
-        normals = [normal / float(np.linalg.norm(normal)) for normal in normals]
-        brightness = [_AMBIENT + _DIRECT * max(0.0, float(normal @ _LIGHT)) for normal in normals]
-        colors = [np.clip(np.array(color, dtype=float) * light, 0, 255) for (_, color), light in zip(faces, brightness)]
-        self.normals, self.colors = np.array(normals).reshape(-1, 3), np.array(colors).reshape(-1, 3)
-        self.corners = np.concatenate(corners) if corners else np.zeros((0, 3))
-        self.starts = np.concatenate([[0], np.cumsum([len(face) for face in corners])]).astype(int)
+        corners = [np.asarray(outline, dtype=float) for outline, _ in faces]
+        normals = []
+        colors = []
+        for outline, (_, color) in zip(corners, faces):
+            normal = np.cross(outline[1] - outline[0], outline[2] - outline[0])
+            normal /= float(np.linalg.norm(normal))
+            brightness = _AMBIENT + _DIRECT * max(0.0, float(normal @ _LIGHT))
+            normals.append(normal)
+            colors.append(np.clip(np.array(color, dtype=float) * brightness, 0, 255))
+        self.normals = np.array(normals)
+        self.colors = np.array(colors)
+        self.corners = np.concatenate(corners)
+        # index of each face's first corner, and the number of all corners
+        self.starts = np.cumsum([0, *map(len, corners)])
 
 
 def prism(
@@ -86,13 +92,17 @@ def world_mesh(world: World) -> Mesh:
 
 
 def _furniture_faces(thing: Furniture) -> List[Face]:
-    if thing.kind == "table":
-        board = min(0.04, thing.height / 4)
-        legs = [prism(leg, 0.0, thing.height - board, np.array(thing.color) * 0.8) for leg in thing.contact_outlines()]
-        return sum(legs, []) + prism(thing.footprint(), thing.height - board, thing.height, thing.color)
-    # objects are darker near the floor
-    bands = [(share * thing.height, brightness) for share, brightness in ((0.06, 0.55), (0.3, 0.86), (0.65, 0.94))]
-    return prism(thing.footprint(), 0.0, thing.height, thing.color, [] if thing.kind == "cylinder" else bands)
+    if thing.kind == "cylinder":
+        return prism(thing.footprint(), 0.0, thing.height, thing.color)
+    if thing.kind == "box":
+        # boxes are darker near the floor
+        bands = [(0.06 * thing.height, 0.55), (0.3 * thing.height, 0.86), (0.65 * thing.height, 0.94)]
+        return prism(thing.footprint(), 0.0, thing.height, thing.color, bands)
+    board_bottom = thing.height - min(0.04, thing.height / 4)
+    faces: List[Face] = []
+    for leg in thing.contact_outlines():
+        faces += prism(leg, 0.0, board_bottom, 0.8 * np.array(thing.color))
+    return faces + prism(thing.footprint(), board_bottom, thing.height, thing.color)
 
 
 class RayGrid:
@@ -114,11 +124,12 @@ class RayGrid:
 
     @staticmethod
     def _distorted_rays(camera: CameraModel) -> Tuple[np.ndarray, np.ndarray]:
-        # exact at every eighth pixel; linear interpolation between them is accurate enough
+        # exact in the middle of each square of 8 x 8 pixels; linear interpolation between them is accurate enough
         step = 8
-        columns, rows = (int(np.ceil(size / step)) + 2 for size in (camera.width, camera.height))
-        centers = [(np.arange(count) - 1) * step + (step - 1) / 2 for count in (columns, rows)]
-        u, v = np.meshgrid(*centers)
+        columns = math.ceil(camera.width / step) + 2  # one more square at each edge
+        rows = math.ceil(camera.height / step) + 2
+        middle = (step - 1) / 2 - step  # of the first square
+        u, v = np.meshgrid(middle + step * np.arange(columns), middle + step * np.arange(rows))
         rays = camera.pixels_to_rays(np.column_stack([u.ravel(), v.ravel()]))
         grids = []
         for axis in range(2):
@@ -131,8 +142,11 @@ class RayGrid:
         self, a: float, b: float, c: float, rows: slice = slice(None), columns: slice = slice(None)
     ) -> np.ndarray:
         """Computes a x + b y + c, (h, w) float32, over a part of the image."""
-        x, y = (self.x[rows, columns], self.y[rows, columns]) if self.distorted else (self.x[:, columns], self.y[rows])
-        return np.add(np.float32(a) * x, np.float32(b) * y + np.float32(c))
+        if self.distorted:
+            x, y = self.x[rows, columns], self.y[rows, columns]
+        else:
+            x, y = self.x[:, columns], self.y[rows]
+        return np.float32(a) * x + (np.float32(b) * y + np.float32(c))
 
 
 class DepthBuffer:
@@ -161,65 +175,81 @@ class DepthBuffer:
 
     def draw_mesh(self, mesh: Mesh, T_map_optical: np.ndarray, gain: float = 1.0) -> None:
         """Draws the faces of a mesh that the camera sees, with their colours multiplied by a gain."""
-        if not len(mesh.corners):
-            return
         T = invert_transform(T_map_optical)
-        corners = mesh.corners @ T[:3, :3].T + T[:3, 3]
+        corners = transform_points(T, mesh.corners)
         normals = mesh.normals @ T[:3, :3].T
         starts = mesh.starts[:-1]
         offsets = np.einsum("ij,ij->i", normals, corners[starts])
-        x0, x1, y0, y1 = self.grid.limits
-        x, y, z = corners.T
-        sides = np.stack([z - _NEAR, x - x0 * z, x1 * z - x, y - y0 * z, y1 * z - y])
-        reachable = (np.maximum.reduceat(sides, starts, axis=1) > 0).all(axis=0) & (offsets < -1e-9)
-        inside = np.minimum.reduceat(sides, starts, axis=1).T >= 0
-        visible = np.nonzero(reachable)[0]
-        if len(visible) > 255 - self._count:
-            visible = visible[np.argsort(np.minimum.reduceat(z, starts)[visible])][: 255 - self._count]
+        distances = self._distances_inside(corners)
+        faces_camera = offsets < -1e-9
+        is_partly_inside = (np.maximum.reduceat(distances, starts, axis=1) > 0).all(axis=0)
+        is_inside = np.minimum.reduceat(distances, starts, axis=1) >= 0
+        visible = np.flatnonzero(faces_camera & is_partly_inside)
+        free_ids = 255 - self._count
+        if len(visible) > free_ids:
+            nearest_depths = np.minimum.reduceat(corners[:, 2], starts)
+            visible = visible[np.argsort(nearest_depths[visible])][:free_ids]
         # the near plane comes first; without distortion it is enough, as drawing clips faces to the image
         planes = 5 if self.grid.distorted else 1
         for index in visible:
             face = corners[mesh.starts[index] : mesh.starts[index + 1]]
-            for side in np.flatnonzero(~inside[index, :planes]):
-                face = self._clip(face, int(side))
+            for plane in np.flatnonzero(~is_inside[:planes, index]):
+                face = self._clip(face, plane)
                 if len(face) < 3:
                     break
-            if len(face) >= 3:
-                a, b, c = normals[index] / offsets[index]
-                self._fill(self._outline(face), (a, b, c), mesh.colors[index] * gain, normals[index])
+            else:
+                plane_of_face = normals[index] / offsets[index]
+                self._fill(self._outline(face), plane_of_face, mesh.colors[index] * gain, normals[index])
 
-    def draw_flat(self, outline_px: np.ndarray, depth: float, color: Sequence[float], normal: np.ndarray) -> None:
+    def draw_flat(self, outline_px: np.ndarray, depth: float, color: np.ndarray, normal: np.ndarray) -> None:
         """Draws the convex hull of points (N, 2) [px] as a face at one depth [m]."""
         if self._count < 255:
             hull = cv2.convexHull(np.asarray(outline_px, dtype=np.float32))[:, 0]
-            self._fill(hull, (0.0, 0.0, 1.0 / depth), color, normal)
+            self._fill(hull, np.array([0.0, 0.0, 1.0 / depth]), color, normal)
 
-    def _clip(self, face: np.ndarray, side: int) -> np.ndarray:
+    def _distances_inside(self, points: np.ndarray) -> np.ndarray:
+        """Returns the distances (5, N) of points (N, 3) [m] from the near plane and the view's sides, positive inside.
+
+        Distances from the sides are scaled. Points are in the optical frame.
+        """
         x0, x1, y0, y1 = self.grid.limits
-        plane = [(0, 0, 1), (1, 0, -x0), (-1, 0, x1), (0, 1, -y0), (0, -1, y1)][side]
-        offset = _NEAR if side == 0 else 0.0
-        distances = face @ np.array(plane, dtype=float) - offset
+        x, y, z = points.T
+        return np.stack([z - _NEAR, x - x0 * z, x1 * z - x, y - y0 * z, y1 * z - y])
+
+    def _clip(self, face: np.ndarray, plane: int) -> np.ndarray:
+        """Returns the part of a face (N, 3) [m] inside one plane of the view (Sutherland and Hodgman)."""
+        distances = self._distances_inside(face)[plane]
         clipped = []
         for i in range(len(face)):
             j = (i + 1) % len(face)
             if distances[i] >= 0:
                 clipped.append(face[i])
             if (distances[i] >= 0) != (distances[j] >= 0):
-                clipped.append(face[i] + distances[i] / (distances[i] - distances[j]) * (face[j] - face[i]))
+                share = distances[i] / (distances[i] - distances[j])
+                clipped.append(face[i] + share * (face[j] - face[i]))
         return np.array(clipped).reshape(-1, 3)
 
     def _outline(self, face: np.ndarray) -> np.ndarray:
+        """Projects a face (N, 3) [m] in the optical frame to an outline (M, 2) [px]."""
         if self.grid.distorted:
             # samples the edges, because the lens bends them
-            steps = np.linspace(0, 1, 12, endpoint=False)[None, :, None]
-            face = (face[:, None, :] * (1 - steps) + np.roll(face, -1, axis=0)[:, None, :] * steps).reshape(-1, 3)
-            return self.grid.camera.project(face)
+            shares = np.linspace(0, 1, 12, endpoint=False)[None, :, None]
+            starts = face[:, None, :]
+            ends = np.roll(face, -1, axis=0)[:, None, :]
+            samples = starts * (1 - shares) + ends * shares
+            return self.grid.camera.project(samples.reshape(-1, 3))
         matrix = self.grid.camera.matrix
-        return face[:, :2] / face[:, 2:] * (matrix[0, 0], matrix[1, 1]) + (matrix[0, 2], matrix[1, 2])
+        focal = (matrix[0, 0], matrix[1, 1])
+        center = (matrix[0, 2], matrix[1, 2])
+        return face[:, :2] / face[:, 2:] * focal + center
 
-    def _fill(
-        self, outline: np.ndarray, plane: Tuple[float, float, float], color: Sequence[float], normal: np.ndarray
-    ) -> None:
+    def _fill(self, outline: np.ndarray, plane: np.ndarray, color: np.ndarray, normal: np.ndarray) -> None:
+        """Draws a face where it is the nearest surface so far.
+
+        Args:
+            outline: (N, 2) [px].
+            plane: (3,) (a, b, c) [1/m]: a x + b y + c is the inverse depth of the face along a ray (x, y, 1).
+        """
         height, width = self.ids.shape
         (min_x, min_y), (max_x, max_y) = outline.min(axis=0), outline.max(axis=0)
         left, top = max(math.floor(min_x), 0), max(math.floor(min_y), 0)
@@ -237,8 +267,7 @@ class DepthBuffer:
         self.normals[self._count] = normal
         rows, columns = slice(top, bottom), slice(left, right)
         inverse = self.inverse[rows, columns]
-        flat = plane[:2] == (0.0, 0.0)
-        candidate = np.float32(plane[2]) if flat else self.grid.combine(*plane, rows, columns)
+        candidate = self.grid.combine(*plane, rows, columns)
         nearer = mask.astype(bool) & (candidate > inverse)
         np.copyto(inverse, candidate, where=nearer)
         self.ids[rows, columns][nearer] = self._count

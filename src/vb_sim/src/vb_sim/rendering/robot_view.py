@@ -31,9 +31,8 @@ class RobotView(View):
     def __init__(
         self, robot: Robot, radii: Dict[str, float], floor: FloorTexture, mesh: Mesh, models: Models, seed: int
     ) -> None:
-        self._noise_model = models.robot_camera
-        well = self._noise_model.full_well_e
-        super().__init__(f"camera of robot {robot.name}", robot.color_model(), "rgb8", radii, models, seed, well)
+        name = f"camera of robot {robot.name}"
+        super().__init__(name, robot.color_model(), "rgb8", radii, models, models.robot_camera, seed)
         self.robot = robot
         self.depth_model = robot.depth_model()
         self._own_names = {robot.name, robot.namespace.strip("/")}
@@ -44,12 +43,13 @@ class RobotView(View):
             self._floors.append(self._floors[-1].halved())
         self._pose: Pose = robot.start_pose()
         self._buffer = DepthBuffer(RayGrid(self.model))
+        self._object_ids = self._buffer.ids
         self._depth_grid = RayGrid(self.depth_model)
         x, y = self._depth_grid.x, self._depth_grid.y
         self._slant = np.sqrt(1.0 + x * x + y * y)
-        # the colour pixel nearest to the centre of each depth pixel
-        sizes = (self.depth_model.height, self.model.height), (self.depth_model.width, self.model.width)
-        self._sampled = [np.floor((np.arange(coarse) + 0.5) * fine / coarse).astype(int) for coarse, fine in sizes]
+        # rows and columns of the colour pixels nearest to the centres of the depth pixels
+        shapes = zip((self.depth_model.height, self.depth_model.width), (self.model.height, self.model.width))
+        self._sampled = np.ix_(*[((np.arange(few) + 0.5) * many / few).astype(int) for few, many in shapes])
         self._drawn_key: Optional[Tuple] = None  # identifies the scene in the buffers
         self._make_noise()
 
@@ -60,15 +60,17 @@ class RobotView(View):
         self._drawn_key = None
 
     def _make_noise(self) -> None:
+        figures = self._noise_model
         shape = (self.model.height + 32, self.model.width + 32, 3)
-        sigma = math.sqrt(self._noise_model.read_sigma**2 + 110.0 * 255.0 / self._noise_model.full_well_e)
+        # of read and photon noise at a medium brightness
+        sigma = math.sqrt(figures.read_sigma**2 + 110.0 * 255.0 / figures.full_well_e)
         noise = sigma * self._rng.standard_normal(shape, dtype=np.float32)
         # the positive and negative parts, because saturating addition and subtraction are fast
         self._brighter = np.clip(noise + 0.5, 0, 255).astype(np.uint8)
         self._darker = np.clip(0.5 - noise, 0, 255).astype(np.uint8)
-        size = (self.depth_model.height, self.depth_model.width)
-        self._depth_noise = self._rng.standard_normal((_TILES, *size), dtype=np.float32)
-        self._depth_holes = self._rng.random((_TILES, *size)) < self._noise_model.depth_holes
+        depth_shape = (_TILES, self.depth_model.height, self.depth_model.width)
+        self._depth_noise = self._rng.standard_normal(depth_shape, dtype=np.float32)
+        self._depth_holes = self._rng.random(depth_shape) < figures.depth_holes
 
     def camera_pose(self, snapshot: Snapshot) -> np.ndarray:
         """Returns T_map_optical, 4x4. A robot that is missing from the scene keeps its last pose."""
@@ -99,17 +101,20 @@ class RobotView(View):
         self._true_depth, self._depth_missing = self._compute_depth(pose)
 
     def _draw_bodies(self, others: List[Body], pose: np.ndarray, gain: float) -> None:
-        buffer, camera = self._buffer, self.model
-        outlines = bodies.project_pieces(bodies.join_pieces([body.build() for body in others]), camera, pose)
-        normal = np.array([0.0, 0.0, -1.0])
-        lows, highs = outlines.points.min(axis=1), outlines.points.max(axis=1)
-        visible = (highs >= 0).all(axis=1) & (lows <= (camera.width, camera.height)).all(axis=1)
-        for index in np.nonzero(visible)[0]:
-            points, color = outlines.points[index], outlines.colors[index]
-            depth = max(0.1, float(outlines.depths[index]) - _FRONT_OFFSET)
-            buffer.draw_flat(points, depth, 0.74 * gain * color, normal)
-            center = 0.5 * (lows[index] + highs[index])
-            buffer.draw_flat(center + 0.7 * (points - center), depth - 0.001, 0.95 * gain * color, normal)
+        pieces = bodies.join_pieces([body.build() for body in others])
+        outlines = bodies.project_pieces(pieces, self.model, pose)
+        towards_camera = np.array([0.0, 0.0, -1.0])
+        for points, depth, color in zip(outlines.points, outlines.depths, outlines.colors):
+            low = points.min(axis=0)
+            high = points.max(axis=0)
+            if (high < 0).any() or (low > (self.model.width, self.model.height)).any():
+                continue
+            front = max(0.1, float(depth) - _FRONT_OFFSET)
+            self._buffer.draw_flat(points, front, 0.74 * gain * color, towards_camera)
+            # lighter inside than at the rim, so that pieces look round
+            center = 0.5 * (low + high)
+            inner = center + 0.7 * (points - center)
+            self._buffer.draw_flat(inner, front - 0.001, 0.95 * gain * color, towards_camera)
 
     # ------------------------------------------------------------- colour
     def frame(self, snapshot: Snapshot) -> np.ndarray:
@@ -117,14 +122,11 @@ class RobotView(View):
         self._draw(snapshot)
         image = self._noiseless.copy()
         self._add_light(image, snapshot)
-        top, left = (int(value) for value in self._rng.integers(0, 32, 2))
+        top, left = self._rng.integers(0, 32, 2)
         part = (slice(top, top + image.shape[0]), slice(left, left + image.shape[1]))
         cv2.add(image, self._brighter[part], dst=image)
         cv2.subtract(image, self._darker[part], dst=image)
         return image
-
-    def _floor_is_free(self) -> np.ndarray:
-        return self._buffer.ids == 0
 
     def _albedo(self, spot: SpotImage) -> np.ndarray:
         column, row = spot.pixel
@@ -132,17 +134,19 @@ class RobotView(View):
 
     def _draw_floor(self, pose: np.ndarray) -> np.ndarray:
         """Draws the floor by its homography, with coarser textures for more distant rows."""
-        camera, rotation, origin = self.model, pose[:3, :3], pose[:3, 3]
+        camera = self.model
         height, width = camera.height, camera.width
+        rotation = pose[:3, :3]
+        x, y, z = pose[:3, 3]
         # from homogeneous (column, row) [px] to map coordinates [m] on the floor
-        level = [origin[axis] * rotation[2] - origin[2] * rotation[axis] for axis in (0, 1)]
-        to_floor = np.array([*level, rotation[2]]) @ np.linalg.inv(camera.matrix)
+        ray_to_floor = np.array([x * rotation[2] - z * rotation[0], y * rotation[2] - z * rotation[1], rotation[2]])
+        to_floor = ray_to_floor @ np.linalg.inv(camera.matrix)
         image = np.empty((height, width, 3), np.uint8)
         # each row's downward slope per unit of depth gives the distance of its floor; 0 is the horizon
         ahead = (np.arange(height) - camera.matrix[1, 2]) / camera.matrix[1, 1]
         down = -(rotation[2, 1] * ahead + rotation[2, 2])
         with np.errstate(divide="ignore"):
-            depth = np.where(down > 1e-3, origin[2] / down, np.inf)
+            depth = np.where(down > 1e-3, z / down, np.inf)
         # a pixel covers depth/f across the view and 1/down times that along it; takes the geometric mean
         footprint = depth / camera.focal_px / np.sqrt(np.clip(down, 1e-3, 1.0))
         texels = np.maximum(footprint / self._floors[0].resolution, 1.0)
@@ -171,7 +175,8 @@ class RobotView(View):
     def depth(self, snapshot: Snapshot) -> np.ndarray:
         """Renders the depth image, (120, 160) uint16 [mm] along the optical axis, 0 if unknown."""
         self._draw(snapshot)
-        depth, figures = self._true_depth, self._noise_model
+        depth = self._true_depth
+        figures = self._noise_model
         tile = int(self._rng.integers(_TILES))
         growth = np.float32(figures.depth_sigma_quadratic) * (depth - np.float32(0.4)) ** 2
         sigma = np.float32(figures.depth_sigma) + growth
@@ -187,11 +192,11 @@ class RobotView(View):
     def _compute_depth(self, pose: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """Computes the true depth (120, 160) float32 [m], and where the sensor cannot measure it, (120, 160) bool."""
         grid, figures = self._depth_grid, self._noise_model
-        sampled = np.ix_(*self._sampled)
-        ids = self._buffer.ids[sampled]
+        ids = self._buffer.ids[self._sampled]
         down = -grid.combine(*pose[2, :3])
         is_floor = ids == 0
-        inverse = np.where(is_floor, down / np.float32(pose[2, 3]), self._buffer.inverse[sampled])
+        floor_inverse = down / np.float32(pose[2, 3])
+        inverse = np.where(is_floor, floor_inverse, self._buffer.inverse[self._sampled])
         depth = np.float32(1.0) / np.maximum(inverse, np.float32(1e-3))
         # cosine of the angle between ray and surface normal
         normals = self._buffer.normals[ids]

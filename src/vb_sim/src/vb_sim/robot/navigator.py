@@ -55,36 +55,31 @@ class Motion:
 
 
 class PathFollower:
-    """Follows one path at a time by pure pursuit, and turns in place where the path requires it.
+    """Follows paths to one goal by pure pursuit, and turns in place where a path requires it.
 
-    A new path to the same goal does not reset its state.
+    A new path does not reset its state.
 
     Args:
-        radius: [m] radius of the robot.
-        max_speed, max_turn_rate: [m/s], [rad/s] the robot's limits.
+        profile: the robot's radius and limits.
+        goal: (x, y, yaw) [m, m, rad].
     """
 
-    def __init__(self, radius: float = 0.18, max_speed: float = 0.5, max_turn_rate: float = MAX_TURN_RATE) -> None:
-        self._radius, self._max_speed = radius, max_speed
-        self._max_turn_rate = min(max_turn_rate, MAX_TURN_RATE)
+    def __init__(self, profile: RobotProfile, goal: Pose) -> None:
+        self._radius = profile.radius
+        self._max_speed = profile.limits.max_speed
+        self._max_turn_rate = min(profile.limits.max_turn_rate, MAX_TURN_RATE)
+        self._goal = goal
         self._path = np.zeros((0, 2))
-        self._goal: Optional[Pose] = None
         self._turning = False
         self._at_goal = False
         self._speed = 0.0
-
-    def set_goal(self, goal: Pose) -> None:
-        """Sets a new goal (x, y, yaw) [m, m, rad]."""
-        self._goal = goal
-        self._path = np.zeros((0, 2))
-        self._turning = self._at_goal = False
 
     def set_path(self, path: np.ndarray) -> None:
         """Sets the path (N, 2) [m], N >= 1, from about the robot's position to the goal."""
         self._path = np.asarray(path, dtype=float)
 
     def halt(self) -> None:
-        """Records that another node stopped the robot."""
+        """Records that the robot was stopped."""
         self._speed = 0.0
 
     def step(self, pose: Pose, obstacles: np.ndarray, dt: float) -> Motion:
@@ -95,35 +90,36 @@ class PathFollower:
             obstacles: (N, 2) [m] points that the scanner sees, robot's frame.
             dt: [s] since the last step.
         """
-        if self._goal is None or not len(self._path):
-            self._speed = 0.0
+        if not len(self._path):
             return Motion()
-        end = self._path[-1]
-        to_end = math.hypot(end[0] - pose[0], end[1] - pose[1])
+        to_end = math.dist(self._path[-1], pose[:2])
         # hysteresis, because turning in place shifts the estimated position by about a centimetre
         self._at_goal = to_end < (3.0 * GOAL_DISTANCE if self._at_goal else GOAL_DISTANCE)
         if self._at_goal:
             self._speed = 0.0
             error = geometry.wrap_angle(self._goal[2] - pose[2])
-            return Motion(arrived=True) if abs(error) < GOAL_ANGLE else Motion(0.0, self._turn_rate(error))
+            if abs(error) < GOAL_ANGLE:
+                return Motion(arrived=True)
+            return Motion(0.0, self._turn_rate(error))
         target, off_path, remaining = look_ahead(self._path, pose[:2], _LOOKAHEAD)
         error = geometry.wrap_angle(math.atan2(target[1] - pose[1], target[0] - pose[0]) - pose[2])
         self._turning = abs(error) > (_DRIVE_AGAIN_BELOW if self._turning else _TURN_ON_SPOT_ABOVE)
         if self._turning:
             self._speed = 0.0
             return Motion(0.0, self._turn_rate(error), off_path=off_path)
-        distance = max(math.hypot(target[0] - pose[0], target[1] - pose[1]), 1e-3)
+        distance = max(math.dist(target, pose[:2]), 1e-3)
         curvature = 2.0 * math.sin(error) / distance
         braking_speed = math.sqrt(2.0 * DECELERATION * max(remaining, 0.01))
         speed = min(self._max_speed, self._speed + ACCELERATION * dt, braking_speed)
         if abs(curvature) > 1e-6:
             speed = min(speed, self._max_turn_rate / abs(curvature))
         free_distance = self._free_distance(obstacles, curvature)
-        safe_speed = math.sqrt(2.0 * DECELERATION * free_distance) if free_distance > 0.0 else 0.0
+        safe_speed = math.sqrt(2.0 * DECELERATION * max(free_distance, 0.0))
         if safe_speed < 0.02:
             self._speed = 0.0
             # turning in place is safe for a round robot, and may free the path
-            return Motion(0.0, self._turn_rate(error) if abs(error) > 0.1 else 0.0, blocked=True, off_path=off_path)
+            turn_rate = self._turn_rate(error) if abs(error) > 0.1 else 0.0
+            return Motion(0.0, turn_rate, blocked=True, off_path=off_path)
         self._speed = max(min(speed, safe_speed), 0.03)
         return Motion(self._speed, self._speed * curvature, off_path=off_path)
 
@@ -136,34 +132,25 @@ class PathFollower:
         """Returns the distance [m] that the robot may drive along the arc before an obstacle; inf without one."""
         half_width = self._radius + _OBSTACLE_MARGIN
         along, across = geometry.arc_coordinates(obstacles, curvature)
-        ahead = (along > 0.0) & (along < _BRAKING_RANGE) & (np.abs(across) < half_width)
-        # where a disc of that radius first touches a point
-        touched = along[ahead] - np.sqrt(np.maximum(half_width**2 - across[ahead] ** 2, 0.0))
-        return float(touched.min(initial=math.inf))
+        is_in_way = (along > 0.0) & (along < _BRAKING_RANGE) & (np.abs(across) < half_width)
+        along = along[is_in_way]
+        across = across[is_in_way]
+        # a disc of that radius touches a point before its centre is beside it
+        touching_distances = along - np.sqrt(half_width**2 - across**2)
+        return float(touching_distances.min(initial=math.inf))
 
 
 class Navigator:
     """Plans paths on the map with the virtual borders and follows them. Another thread may set maps."""
 
     def __init__(self, profile: RobotProfile) -> None:
-        radius, limits = profile.radius, profile.limits
-        self._radius = radius
-        self._follower = PathFollower(radius, limits.max_speed, limits.max_turn_rate)
+        self._profile = profile
         self._planner: Optional[Planner] = None  # on the static map
-        self._goal: Pose = (0.0, 0.0, 0.0)
-        self._reset()
-
-    def _reset(self) -> None:
-        self._planned_at: Optional[float] = None
-        self._last_plan_at: Optional[float] = None  # when planning last succeeded
-        self._last_moved_at: Optional[float] = None
-        self._planned_on: Optional[Planner] = None
-        self._failed = False
 
     # ------------------------------------------------------------ maps
     def set_map(self, grid: GridMap) -> Costmap:
         """Sets the static map and returns its costs."""
-        costmap = Costmap(grid, self._radius)
+        costmap = Costmap(grid, self._profile.radius)
         self._planner = Planner(costmap)
         return costmap
 
@@ -185,19 +172,19 @@ class Navigator:
             return static
         new_obstacles = np.zeros(grid.shape, bool)
         new_obstacles[tuple(cells.T)] = True
-        return Planner(Costmap(grid, self._radius, new_obstacles))
+        return Planner(Costmap(grid, self._profile.radius, new_obstacles))
 
     # ------------------------------------------------------------ driving
     def begin(self, goal: Pose) -> None:
         """Sets a new goal (x, y, yaw) [m, m, rad], map frame. Raises CodedError "no_map"."""
         self.static()  # checks for a map before the robot's pose is looked up, which may fail too
-        self._goal = goal
-        self._follower.set_goal(goal)
-        self._reset()
-
-    def halt(self) -> None:
-        """Records that another node stopped the robot."""
-        self._follower.halt()
+        self._goal = np.array(goal[:2])
+        self._follower = PathFollower(self._profile, goal)
+        self._planned_at: Optional[float] = None
+        self._last_plan_at: Optional[float] = None  # when planning last succeeded
+        self._last_moved_at: Optional[float] = None
+        self._planned_on: Optional[Planner] = None
+        self._failed = False
 
     def step(self, now: float, pose: Pose, obstacles: np.ndarray, dt: float) -> Motion:
         """Plans if due, and computes the next command.
@@ -223,9 +210,8 @@ class Navigator:
             self._follower.halt()
             return Motion()
         motion = self._follower.step(pose, obstacles, dt)
-        if motion.arrived:
-            return replace(motion, path=path)
-        self._last_moved_at = now if self._last_moved_at is None or not motion.blocked else self._last_moved_at
+        if self._last_moved_at is None or not motion.blocked:
+            self._last_moved_at = now
         if now - self._last_moved_at >= _CONTROLLER_PATIENCE:
             raise CodedError("blocked", "something has been standing in the way for too long")
         if motion.off_path > _REPLAN_DISTANCE:
@@ -234,13 +220,13 @@ class Navigator:
 
     def _replan(self, static: Planner, pose: Pose, obstacles: np.ndarray, now: float) -> Optional[np.ndarray]:
         """Plans the follower's new path. Raises CodedError if planning has failed for too long."""
-        start, end = np.array(pose[:2]), np.array(self._goal[:2])
+        start = np.array(pose[:2])
         try:
             try:
-                path = self._planner_with_obstacles(static, pose, obstacles).plan(start, end)
+                path = self._planner_with_obstacles(static, pose, obstacles).plan(start, self._goal)
             except CodedError:
                 # if a person is at the goal or beside the robot, plans without them; the follower stops before them
-                path = static.plan(start, end)
+                path = static.plan(start, self._goal)
         except CodedError:
             self._failed = True
             self._last_plan_at = now if self._last_plan_at is None else self._last_plan_at

@@ -53,10 +53,6 @@ class Costmap:
         self.distance = distance_transform(static == LETHAL) * np.float32(grid.resolution)
         self.costs = inflate(static, self.distance, radius, inflation)
 
-    def traversable(self) -> np.ndarray:
-        """Returns (H, W) bool: whether the robot's centre may be in each cell; unknown cells are not traversable."""
-        return self.costs < INSCRIBED
-
     def occupancy(self) -> np.ndarray:
         """Returns (H, W) int8 as costmap_2d publishes it: 100 lethal, 99 inscribed, 98 to 0, -1 unknown."""
         table = np.zeros(256, np.int16)
@@ -93,8 +89,10 @@ class Planner:
     """Plans paths on one costmap. It stores the search from the last start, so further goals from there are fast."""
 
     def __init__(self, costmap: Costmap) -> None:
-        self.costmap, self._grid = costmap, costmap.grid
-        self._free = costmap.traversable()
+        self.costmap = costmap
+        self._grid = costmap.grid
+        # where the robot's centre may be; not in unknown cells
+        self._free = costmap.costs < INSCRIBED
         self._weights = NEUTRAL_COST + COST_FACTOR * costmap.costs.astype(np.float64)
         # a start, and the result of `_search` from there
         self._last_search: Optional[Tuple[Cell, np.ndarray, np.ndarray]] = None
@@ -119,12 +117,12 @@ class Planner:
         while predecessors[nodes[-1]] >= 0:
             nodes.append(int(predecessors[nodes[-1]]))
         cells = np.column_stack(np.unravel_index(nodes[::-1], costs.shape))
-        points = self._grid.cell_to_world(self._simplify(cells, costs))
+        centers = self._grid.cell_to_world(self._simplify(cells, costs))
         # the exact start and end replace the centres of their cells, or precede the first if it is another cell
-        path = np.vstack([start[None], points[1:-1], end[None]])
-        if not np.allclose(points[0], path[0], atol=self._grid.resolution):
-            path = np.vstack([path[:1], points[:1], path[1:]])
-        if np.allclose(path[0], path[-1]) and len(path) == 2:
+        is_near_first = np.allclose(centers[0], start, atol=self._grid.resolution)
+        between = centers[1:-1] if is_near_first else np.vstack([centers[:1], centers[1:-1]])
+        path = np.vstack([start, between, end])
+        if len(path) == 2 and np.allclose(start, end):
             return path[:1]
         return geometry.resample_chain(path, _SPACING)
 
@@ -134,11 +132,12 @@ class Planner:
 
     # ------------------------------------------------------------ ends of the path
     def _cell(self, point: np.ndarray, role: str) -> Cell:
-        finite = bool(np.isfinite(point).all())
-        cell = self._grid.world_to_cell(point if finite else np.full(2, -1e9))[0]
-        if not finite or not self._grid.contains_cells(cell)[0]:
-            raise CodedError("off_map", f"the {role} ({point[0]:.2f}, {point[1]:.2f}) is not on the map")
-        return int(cell[0]), int(cell[1])
+        if np.isfinite(point).all():
+            cells = self._grid.world_to_cell(point)
+            if self._grid.contains_cells(cells)[0]:
+                row, column = cells[0]
+                return int(row), int(column)
+        raise CodedError("off_map", f"the {role} ({point[0]:.2f}, {point[1]:.2f}) is not on the map")
 
     def _start_cell(self, start: np.ndarray) -> Cell:
         cell = self._cell(start, "start")
@@ -179,21 +178,22 @@ class Planner:
         """The cost of moving from each cell to its neighbours. Cells are numbered row by row."""
         rows, columns = self._free.shape
         nodes = np.arange(self._free.size).reshape(self._free.shape)
-        sources: List[np.ndarray] = []
-        targets: List[np.ndarray] = []
-        weights: List[np.ndarray] = []
+        edges: List[Tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
-            a = (slice(0, rows - dy), slice(max(0, -dx), columns - max(0, dx)))
-            b = (slice(dy, rows), slice(max(0, dx), columns + min(0, dx)))
+            from_rows = slice(0, rows - dy)
+            to_rows = slice(dy, rows)
+            from_columns = slice(max(0, -dx), columns - max(0, dx))
+            to_columns = slice(max(0, dx), columns + min(0, dx))
+            a = (from_rows, from_columns)
+            b = (to_rows, to_columns)
             # a diagonal step must not pass a blocked cell
-            passable = self._free[a] & self._free[b] & self._free[a[0], b[1]] & self._free[b[0], a[1]]
-            i, j = nodes[a][passable], nodes[b][passable]
-            w = (self._weights[a][passable] + self._weights[b][passable]) / 2.0 * np.hypot(dx, dy)
-            sources += [i, j]
-            targets += [j, i]
-            weights += [w, w]
-        edges = (np.concatenate(weights), (np.concatenate(sources), np.concatenate(targets)))
-        return csr_matrix(edges, shape=(nodes.size, nodes.size))
+            beside_is_free = self._free[from_rows, to_columns] & self._free[to_rows, from_columns]
+            passable = self._free[a] & self._free[b] & beside_is_free
+            costs = (self._weights[a] + self._weights[b]) / 2.0 * np.hypot(dx, dy)
+            edges.append((costs[passable], nodes[a][passable], nodes[b][passable]))
+        costs, sources, targets = (np.concatenate(column) for column in zip(*edges))
+        one_way = csr_matrix((costs, (sources, targets)), shape=(nodes.size, nodes.size))
+        return one_way + one_way.T
 
     # ------------------------------------------------------------ shape of the path
     def _simplify(self, cells: np.ndarray, costs: np.ndarray) -> np.ndarray:
@@ -205,11 +205,13 @@ class Planner:
         def line_is_cheap(a: int, b: int) -> bool:
             start, end = cells[[a, b]].astype(float)
             length = float(np.hypot(*(end - start)))
-            count = max(2, int(2 * length) + 1)
-            points = np.rint(start + (end - start) * np.linspace(0.0, 1.0, count)[:, None]).astype(int)
-            if not self._free[tuple(points.T)].all():
+            shares = np.linspace(0.0, 1.0, max(2, int(2 * length) + 1))
+            line = np.rint(start + (end - start) * shares[:, None]).astype(int)
+            crossed = tuple(line.T)
+            if not self._free[crossed].all():
                 return False
-            return float(self._weights[tuple(points.T)].mean()) * length <= (spent[b] - spent[a]) * (1.0 + 1e-9)
+            line_cost = float(self._weights[crossed].mean()) * length
+            return line_cost <= (spent[b] - spent[a]) * (1.0 + 1e-9)
 
         while corners[-1] < last:
             current = corners[-1]

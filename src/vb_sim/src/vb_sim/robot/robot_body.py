@@ -10,6 +10,7 @@ import numpy as np
 from vb_core import geometry
 from vb_core.geometry import Pose
 from vb_sim.model_params import Models
+from vb_sim.world import Robot
 
 
 def advance(pose: Pose, distance: float, turn: float) -> Pose:
@@ -31,27 +32,20 @@ class RobotBody:
     """A differential drive on the floor of a room.
 
     Args:
-        start: true start pose, (x, y, yaw) [m, m, rad], map frame.
-        radius: [m] radius of the round body.
         clearance: returns the distance [m] from a point to the nearest obstacle.
         rng: generates all noise.
     """
 
     def __init__(
-        self,
-        start: Pose,
-        radius: float,
-        models: Models,
-        clearance: Callable[[float, float], float],
-        rng: np.random.Generator,
+        self, robot: Robot, models: Models, clearance: Callable[[float, float], float], rng: np.random.Generator
     ) -> None:
-        self._radius = radius
+        self._radius = robot.radius
         self._model, localisation = models.robot, models.localisation
         self._sigmas = np.array([localisation.position_sigma, localisation.position_sigma, localisation.yaw_sigma])
         self._correlation_time = localisation.correlation_time
         self._clearance = clearance
         self._rng = rng
-        self.pose: Pose = start
+        self.pose: Pose = robot.start_pose()
         self.odometry: Pose = (0.0, 0.0, 0.0)
         self.velocity: Tuple[float, float] = (0.0, 0.0)  # [m/s, rad/s]
         self.collisions = 0
@@ -102,11 +96,14 @@ class RobotBody:
 
     def _update_odometry(self, distance: float, turn: float) -> None:
         model = self._model
-        noise = self._rng.standard_normal(3)
-        measured = distance * self._scale[0] + model.odometry_distance_noise * math.sqrt(abs(distance)) * noise[0]
-        turned = turn * self._scale[1] + model.odometry_turn_noise * math.sqrt(abs(turn)) * noise[1]
-        turned += model.odometry_drift_noise * math.sqrt(abs(distance)) * noise[2]
-        self.odometry = advance(self.odometry, measured, turned)
+        distance_noise, turn_noise, drift_noise = self._rng.standard_normal(3)
+        # random walks: their variance grows in proportion to distance and turn
+        root_distance = math.sqrt(abs(distance))
+        root_turn = math.sqrt(abs(turn))
+        measured_distance = distance * self._scale[0] + model.odometry_distance_noise * root_distance * distance_noise
+        measured_turn = turn * self._scale[1] + model.odometry_turn_noise * root_turn * turn_noise
+        measured_turn += model.odometry_drift_noise * root_distance * drift_noise
+        self.odometry = advance(self.odometry, measured_distance, measured_turn)
 
     # ------------------------------------------------------------ localisation
     def _update_error(self, dt: float) -> None:
