@@ -36,6 +36,7 @@ from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
+from vb_core.request_origin import may_use_local_page
 from vb_core.ros import commands
 from vb_evaluation.navigation_check.plan_observer import wait_until
 from vb_laser_detect.calibration import pose_file
@@ -140,10 +141,8 @@ class CornerPage:
         """Serves the page until somebody accepts a floor. Returns the camera's view of it."""
         self._accepted: asyncio.Queue = asyncio.Queue()
         handlers = {r"/": _Page, r"/image\.jpg": _Picture, r"/(floor|start)": _Floor}
-        application = tornado.web.Application(log_function=lambda _handler: None)
-        # other sites' pages must not get at the camera by a host name of theirs (DNS rebinding)
         routes = [(path, handler, {"page": self}) for path, handler in handlers.items()]
-        application.add_handlers(r"(localhost|127\.0\.0\.1)", routes)
+        application = tornado.web.Application(routes, log_function=lambda _handler: None)
         server = application.listen(port, "127.0.0.1")
         view = await self._accepted.get()
         await asyncio.sleep(0.3)  # the browser still needs the answer
@@ -167,6 +166,11 @@ class _Handler(tornado.web.RequestHandler):
     def initialize(self, page: CornerPage) -> None:
         self.page = page
         self.set_header("Cache-Control", "no-store")
+
+    def prepare(self) -> None:
+        request = self.request
+        if not may_use_local_page(request.method, request.host, request.headers.get("Origin")):
+            raise tornado.web.HTTPError(403)
 
 
 class _Page(_Handler):
