@@ -116,7 +116,8 @@ class HalvedPicture:
     color_format, is_bayer, scale = "bgr", False, 2
 
     def __init__(self, size: Tuple[int, int], decode: Callable[[int, int], np.ndarray]) -> None:
-        self.size, self._decode = size, decode
+        self.size = size
+        self._decode = decode
 
     @property
     def is_fully_decoded(self) -> bool:

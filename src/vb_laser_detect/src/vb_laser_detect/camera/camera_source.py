@@ -138,9 +138,11 @@ class CameraSource:
         handle: Callable[[CapturedImage], None],
         report: Callable[[Optional[CodedError]], None],
     ) -> None:
-        self.address, self.params = address, params
+        self.address = address
+        self.params = params
         self._shown_address = without_password(address)
-        self._handle, self._report = handle, report
+        self._handle = handle
+        self._report = report
         self._skipped_codes: List[str] = []
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)

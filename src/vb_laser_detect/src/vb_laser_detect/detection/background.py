@@ -87,7 +87,8 @@ class Background:
         self.motion = None
         self._brightest: Optional[np.ndarray] = None  # maxima of 3 x 3 pixels
         self._limit: Optional[np.ndarray] = None  # smallest rise that is clear, and exceeds the noise
-        self._age, self._images = 0.0, 0
+        self._age = 0.0
+        self._images = 0
         # the room's brightest surfaces: single lamps are less than a hundredth of the image. Neighbouring pixels of a
         # Bayer image see different colours
         cells = image if image.ndim == 3 else cv2.dilate(image, np.ones((2, 2), np.uint8), anchor=(0, 0))
@@ -120,7 +121,8 @@ class Background:
                 floor = self._moved_part(part, keyframe)
                 keyframe[part] = match_lighting(floor, keyframe[part], spot.max_width / picture.scale)
         self._noise, self._deviation, self._changed_s, self.ghost_s = np.zeros((4,) + blocks, np.float32)
-        self._noise_s, self._noise_known = 0.0, False
+        self._noise_s = 0.0
+        self._noise_known = False
         self._adopt(keyframe)
 
     def _compare(self, image: np.ndarray, motion: Optional[np.ndarray]) -> Changes:

@@ -197,8 +197,12 @@ class ImageGeometry:
         stamp: Any = None,
     ) -> None:
         self.pose_error: Optional[CodedError] = None
-        self._camera, self._floor_projection, self._pose = camera, floor_projection, pose
-        self._lookups, self._frame_id, self._stamp = lookups, frame_id, stamp
+        self._camera = camera
+        self._floor_projection = floor_projection
+        self._pose = pose
+        self._lookups = lookups
+        self._frame_id = frame_id
+        self._stamp = stamp
         self._robots: Optional[Sequence[RobotCylinder]] = () if lookups is None else None  # None: to be looked up
 
     def meters_per_pixel(self, pixels: np.ndarray) -> np.ndarray:
