@@ -305,10 +305,7 @@ def start_lab(folder: Path, port: int) -> ChildProcess:
 
 
 def run(arguments: Optional[List[str]] = None) -> int:
-    """Finds the floor, starts the lab, and keeps the borders' file until Ctrl-C. Returns the exit status.
-
-    A camera's floor is asked for on a page. The supplied video's floor is known, and its commands are given.
-    """
+    """Finds the floor, starts the lab, and keeps the borders' file until Ctrl-C. Returns the exit status."""
     parser = argparse.ArgumentParser(prog="try_camera", description=__doc__.split("\n")[0])
     parser.add_argument("--camera", default="", help="number, device, address or file; left out: plays a video of ours")
     parser.add_argument("--out", type=Path, default=Path("out/try"), help="folder for the lab and the borders")

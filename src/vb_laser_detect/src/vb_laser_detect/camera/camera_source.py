@@ -141,8 +141,7 @@ class CameraSource:
         self.address = address
         self.params = params
         self._shown_address = without_password(address)
-        self._handle = handle
-        self._report = report
+        self._handle, self._report = handle, report
         self._skipped_codes: List[str] = []
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Callable, List
+from typing import Callable, Dict
 
 import numpy as np
 
@@ -40,15 +40,14 @@ def find_exposure(take_image: Callable[[int], np.ndarray], report: Callable[[str
             with the longest one that is not; "exposure_ignored" if none changes the image.
     """
     low, high = math.log(_MIN_EXPOSURE), math.log(_MAX_EXPOSURE)
-    medians: List[float] = []
+    medians: Dict[int, float] = {}  # [grey levels] of each exposure time
     longest = 0  # [0.1 ms] of those that are not too bright
-    longest_median = 0.0
     for _ in range(_MAX_TRIALS):
         exposure = max(1, round(math.exp((low + high) / 2.0)))
         image = take_image(exposure)
         median = float(np.median(image[::_SPACING, ::_SPACING]))
         white_share = saturated_share(image)
-        medians.append(median)
+        medians[exposure] = median
         white = f"{100 * white_share:.1f} % of the image is white"
         report(f"{exposure / 10.0:g} ms: the floor is at {median:.0f} of 255, {white}")
         if white_share > _MAX_WHITE_SHARE or median > _FLOOR_LEVEL + _FLOOR_TOLERANCE:
@@ -57,13 +56,13 @@ def find_exposure(take_image: Callable[[int], np.ndarray], report: Callable[[str
             return exposure
         else:
             low = math.log(exposure)
-            longest, longest_median = exposure, median
+            longest = exposure
         if high - low < 0.02:
             break
-    if max(medians) - min(medians) < 3.0:
+    if max(medians.values()) - min(medians.values()) < 3.0:
         raise CodedError("exposure_ignored")
     if not longest:
         raise CodedError("too_bright")
-    if longest_median < _FLOOR_LEVEL / 2.0:
+    if medians[longest] < _FLOOR_LEVEL / 2.0:
         raise CodedError("too_dark")
     return longest

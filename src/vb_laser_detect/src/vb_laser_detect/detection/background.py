@@ -87,8 +87,7 @@ class Background:
         self.motion = None
         self._brightest: Optional[np.ndarray] = None  # maxima of 3 x 3 pixels
         self._limit: Optional[np.ndarray] = None  # smallest rise that is clear, and exceeds the noise
-        self._age = 0.0
-        self._images = 0
+        self._age, self._images = 0.0, 0
         # the room's brightest surfaces: single lamps are less than a hundredth of the image. Neighbouring pixels of a
         # Bayer image see different colours
         cells = image if image.ndim == 3 else cv2.dilate(image, np.ones((2, 2), np.uint8), anchor=(0, 0))

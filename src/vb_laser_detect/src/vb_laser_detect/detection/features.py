@@ -358,17 +358,17 @@ def _gradient(image: np.ndarray, channel: int) -> np.ndarray:
 
 
 # ------------------------------------------------------------------ judgement
+@dataclass(frozen=True, eq=False)
 class SpotClassifier:
     """An additive logistic model with a curve for each feature.
 
-    Args:
+    Attributes:
         curves: knots and values [logits], both (K,), by feature.
         intercept: [logits] log-odds of a typical spot.
     """
 
-    def __init__(self, curves: Dict[str, Tuple[np.ndarray, np.ndarray]], intercept: float) -> None:
-        self.curves = curves
-        self.intercept = intercept
+    curves: Dict[str, Tuple[np.ndarray, np.ndarray]]
+    intercept: float
 
     def classify(self, blob: Blob, expected: bool) -> Tuple[float, str]:
         """Returns the probability that a blob is a spot, 0 ... 1, and the feature that speaks most against it.
@@ -376,8 +376,7 @@ class SpotClassifier:
         A feature that says nothing (NaN) adds nothing. `expected`: whether a tracked spot should be there.
         """
         logit = self.intercept
-        smallest_part = math.inf
-        reason = ""
+        smallest_part, reason = math.inf, ""
         for name, curve in self.curves.items():
             value = blob.features[name]
             if not math.isnan(value):
