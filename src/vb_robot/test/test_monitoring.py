@@ -18,12 +18,12 @@ from vb_testing import wait_until
 from vb_core.errors import CodedError
 from vb_core.node_graph import NodeGraph
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray
-from vb_robot.subscriptions import keep_out_borders_for
-from vb_robot.monitoring import planner_speed
 from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, find_border_name, is_inside
-from vb_robot.monitoring.planner_speed import PlannerSpeed, cap_speeds
-from vb_robot.monitoring.watched_robot import WatchedRobot
 from vb_robot.monitoring.navigation_connections import PLANNERS, NavigationWiring, find_wiring, resolve_name
+from vb_robot.ros import planner_speed
+from vb_robot.ros.planner_speed import PlannerSpeed, cap_speeds
+from vb_robot.ros.subscriptions import keep_out_borders_for
+from vb_robot.ros.watched_robot import WatchedRobot
 
 
 def graph(maps, robot="", missing=(), heard=True):
