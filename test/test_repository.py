@@ -100,7 +100,6 @@ for name in sys.argv[2:]:
 """
 IMPORT_WITHOUT = """
 import importlib, sys
-
 sys.modules.update(dict.fromkeys(sys.argv[1].split(",")))
 for module in sys.argv[2:]:
     importlib.import_module(module)

@@ -80,7 +80,8 @@ class WatchedRobot:
     # ------------------------------------------------------------- inputs
     def update_driver(self, message: DriverState, now: float) -> None:
         """Stores the driver's report, which arrived at time `now` [s]."""
-        self._driver_heard_at, self._in_control = now, message.code != OTHER_PUBLISHER
+        self._driver_heard_at = now
+        self._in_control = message.code != OTHER_PUBLISHER
 
     def set_map(self, layer: str, grid: GridMap) -> None:
         """Stores a map: "physical", with all "borders", only "robot_borders", or "keep_out", the driver's with a margin."""
