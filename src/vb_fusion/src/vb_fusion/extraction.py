@@ -43,7 +43,10 @@ __all__ = ["BorderChain", "DrawnBorder", "ExtractionParams", "LiveExtractor", "e
 # ------------------------------------------------------------------ one border
 @dataclass(frozen=True)
 class ExtractionParams(Parameters):
-    """Parameters of the extraction, with the names and values of the paper's Table 1 where it lists them."""
+    """Parameters of the extraction, with the names and values of the paper's Table 1 where it lists them.
+
+    Only the paper's mode uses `min_pts`, `thinning_dist` and `polygon_dist`.
+    """
 
     mode: str = param("robust", choices=("robust", "paper"))
     eps: float = param(0.5, "m", above=0.0, high=5.0)
@@ -102,13 +105,14 @@ def extract_border(
     Args:
         points: (N, 2) float [m], map frame, any order. Non-finite points are left out.
         params: `ExtractionParams()` if None.
-        stamps: (N,) [s] time at which each spot was seen; the paper's mode does not use them.
+        stamps: (N,) [s] time at which each spot was seen. Only the paper's mode can do without them.
         cameras: (N,) the camera that saw each spot: names or numbers.
         confidences: (N,) 0 .. 1.
         mobile: (N,) true for a camera on a robot, whose pose is less certain.
 
     Raises:
         CodedError: "no_spots", "too_few_spots", "no_line", "figure_too_small", "line_self_intersects" or "too_many_spots".
+        ValueError: without stamps, except in the paper's mode.
     """
     params = params or ExtractionParams()
     if params.mode == "paper":
@@ -186,7 +190,7 @@ class DrawnBorder:
 class LiveExtractor:
     """Repeats the extraction on all spots of an interaction when there are new ones, using at most a share of one core.
 
-    It takes 0.1 s for five minutes of drawing.
+    The longer a drawing lasts, the longer one extraction takes, and the less often it is repeated.
 
     Args:
         params: parameters of the extraction.
