@@ -28,7 +28,7 @@ from vb_msgs.srv import Command, CommandRequest, CommandResponse
 from vb_voice_wizard.border_preview import PreviewPublisher
 from vb_voice_wizard.border_services import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, BorderServices
 from vb_voice_wizard.command_answers import Answer, AnswerCache
-from vb_voice_wizard.interaction import Interaction, InteractionParams, InteractionRecord
+from vb_voice_wizard.interaction import Interaction, InteractionParams
 
 _PUBLISH_PERIOD = 0.1  # [s] of wall time: robots stop half a second after the last state (vb_msgs/InteractionState)
 _STORE_PERIOD = 2.0  # [s] between attempts to store the stop: a full disk may have room again
@@ -156,6 +156,8 @@ class InteractionManagerNode:
         with self._lock:
             self._interaction.end_if_idle(rospy.get_time())
             self._publish()
+            log_line = self._take_log_line()
+        self._append_to_log(log_line)
 
     # ------------------------------------------------------------------ commands
     def _on_command(self, request: CommandRequest) -> CommandResponse:
@@ -195,6 +197,8 @@ class InteractionManagerNode:
             interaction_id = interaction.interaction_id
             if not is_delegated or command != SAVE:  # a save usually has its final answer before the next state is due
                 self._publish()
+            log_line = self._take_log_line()
+        self._append_to_log(log_line)
         if command == RESUME:
             self._latch.store()
         if is_delegated:
@@ -224,6 +228,8 @@ class InteractionManagerNode:
         with self._lock:
             answer = self._interaction.finish_pending(answer, rospy.get_time(), border_id, is_sent)
             self._publish()
+            log_line = self._take_log_line()
+        self._append_to_log(log_line)
         return answer
 
     def _undo_or_redo(self, command: str, request_id: str) -> Answer:
@@ -235,18 +241,32 @@ class InteractionManagerNode:
         except CodedError:
             return Answer(True, "borders_changed")
 
-    # ------------------------------------------------------------------ outputs; the lock is held
-    def _record(self, ended: InteractionRecord) -> None:
-        """Appends an interaction that has ended to the log."""
-        cameras = self._contributing_cameras.get(ended.interaction_id, [])
-        rospy.loginfo("interaction %s %s after %.1f s", ended.interaction_id, ended.outcome, ended.total_s)
+    def _append_to_log(self, line: str) -> None:
+        """Appends a line, if it is not empty, to the log; without the lock, as states must not wait for the disk."""
+        if not line:
+            return
         try:
-            append_line(self._log_file, ended.to_json(self._params.method, cameras))
+            append_line(self._log_file, line)
         except OSError as error:
             rospy.logwarn("interaction_manager: cannot write %s: %s", self._log_file, error)
 
+    # ------------------------------------------------------------------ outputs; the lock is held
+    def _take_log_line(self) -> str:
+        """Returns the log's line on an interaction that has just ended, once; empty if none has."""
+        ended = self._interaction.take_record()
+        if ended is None:
+            return ""
+        rospy.loginfo("interaction %s %s after %.1f s", ended.interaction_id, ended.outcome, ended.total_s)
+        return ended.to_json(self._params.method, self._contributing_cameras.get(ended.interaction_id, []))
+
     def _publish(self) -> None:
-        """Publishes state and notices, tells the preview of the current interaction, and records one that has just ended."""
+        """Publishes state and notices, and tells the preview of the current interaction."""
+        interaction = self._interaction
+        self._state_publisher.publish(self._make_state())
+        self._preview_publisher.on_interaction(interaction.interaction_id, interaction.pending == SAVE)
+        self._notices.set(self._list_notices())
+
+    def _make_state(self) -> InteractionState:
         interaction = self._interaction
         now = rospy.get_time()
         durations = interaction.durations(now)
@@ -273,12 +293,7 @@ class InteractionManagerNode:
         message.last_answered = rospy.Time.from_sec(interaction.last_answered)
         message.last_outcome = interaction.last_outcome
         message.last_border_id = interaction.last_border_id
-        self._state_publisher.publish(message)
-        self._preview_publisher.on_interaction(interaction.interaction_id, interaction.pending == SAVE)
-        self._notices.set(self._list_notices())
-        ended = interaction.take_record()
-        if ended is not None:
-            self._record(ended)
+        return message
 
     def _list_notices(self) -> List[Notice]:
         notices = []
