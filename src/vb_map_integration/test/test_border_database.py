@@ -267,8 +267,7 @@ def test_a_database_of_a_newer_version_is_refused_and_left_alone(restart, tmp_pa
 @pytest.mark.parametrize("fault", ["deleted", "overwritten"])
 def test_files_lost_at_run_time_return_with_the_next_change(restart, tmp_path, fault):
     """Otherwise an addition is acknowledged, and after a restart no border is there."""
-    keeper = restart()
-    keeper.add(square(10, 10), 1.0)
+    keeper = restart(borders=[square(10, 10)])
     if fault == "deleted":
         shutil.rmtree(str(tmp_path))
     else:
@@ -332,8 +331,7 @@ def test_a_file_that_cannot_be_read_now_is_not_damaged(restart, tmp_path, monkey
 @pytest.mark.parametrize("written", [0, 1, 2])
 def test_an_answer_about_the_place_is_atomic(restart, monkeypatch, written):
     """The disk is full after `written` writes: the answer is stored as a whole or not at all."""
-    keeper = restart()
-    keeper.add(square(10, 10), 1.0)
+    keeper = restart(borders=[square(10, 10)])
     other = GRID.with_data(np.roll(GRID.data, 1, axis=0))
     keeper.set_map(other)
     before, write, count = (keeper.borders, keeper.map_name), files.write_together, []

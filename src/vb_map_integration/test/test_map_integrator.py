@@ -69,8 +69,7 @@ def test_the_map_shows_the_remaining_borders_after_any_history(commands):
 
 
 def test_refusals_change_nothing(restart, tmp_path):
-    keeper = restart()
-    keeper.add(square(10, 10), 1.0)
+    keeper = restart(borders=[square(10, 10)])
     before, cells, revision = keeper.borders, keeper.map_with_borders.data.copy(), keeper.revision
 
     def read_files():
@@ -178,8 +177,7 @@ def test_regions_with_different_windows_compare_and_join_by_cell(seed):
 
 
 def test_each_robot_has_the_borders_that_name_it_or_nobody():
-    keeper = integrator()
-    keeper.add(square(30, 30), 1.0)
+    keeper = integrator(borders=[square(30, 30)])
     common = keeper.map_with_borders.data.copy()
     keeper.add(square(80, 30, robots=("ada",)), 2.0)
     keeper.add(square(80, 60, robots=("bob", "eve")), 3.0)

@@ -89,8 +89,7 @@ def test_maps_without_walls_are_not_registered():
 # ----------------------------------------------------------------- recognition
 def test_ten_seconds_of_slam_do_not_lose_the_border(restart):
     """Day 1: a static map. Day 2: SLAM from scratch. Day 3: the static map must still have its border."""
-    keeper = restart(flat())
-    keeper.add(keep_out(), 1.0)
+    restart(flat(), borders=[keep_out()])
     slam = restart(None)
     for width in (0.6, 2.0):
         slam.set_map(flat(Transform(5.0, 5.0, 1.0), seed=2, known=(4.0, 4.0 + width)))
@@ -105,8 +104,7 @@ def test_ten_seconds_of_slam_do_not_lose_the_border(restart):
 @pytest.mark.parametrize("truth", [Transform(0.25, 0.0, 0.0), Transform(0.0, 0.0, np.radians(3.0))])
 def test_borders_move_with_the_map(restart, truth):
     """Otherwise a map moved by 0.25 m or turned by 3 degrees has no border at all."""
-    keeper = restart(flat())
-    keeper.add(keep_out(), 1.0)
+    keeper = restart(flat(), borders=[keep_out()])
     keeper.set_map(flat(truth, seed=3))
     assert not keeper.needs_confirmation and closed_off(keeper, truth)
     assert np.abs(keeper.borders[0].points - truth.apply(keep_out().points)).max() < 0.05
@@ -119,8 +117,7 @@ def test_borders_move_with_the_map(restart, truth):
 
 def test_many_small_shifts_never_leave_the_walls(restart):
     """Otherwise thirty shifts of two cells each pass as the same place, with the border 3 m away from its walls."""
-    keeper = restart(flat())
-    keeper.add(keep_out(), 1.0)
+    keeper = restart(flat(), borders=[keep_out()])
     for step in (1, 2, 15, 30):
         truth = Transform(0.1 * step, 0.0, 0.0)
         keeper.set_map(flat(truth, seed=step))
@@ -130,8 +127,7 @@ def test_many_small_shifts_never_leave_the_walls(restart):
 
 
 def test_in_doubt_borders_stay_in_force_until_somebody_confirms(restart):
-    keeper = restart(flat())
-    keeper.add(keep_out(), 1.0)
+    keeper = restart(flat(), borders=[keep_out()])
     keeper.set_map(flat(plan=1, seed=4))
     assert keeper.needs_confirmation and closed_off(keeper)
     with refused("confirm_map_first"):
@@ -176,8 +172,7 @@ def test_a_place_without_borders_keeps_neither_its_name_nor_the_named_place_from
 
 
 def test_a_map_that_grows_cell_by_cell_stays_confirmed(restart):
-    keeper = restart(flat(known=(0.0, 4.0)))
-    keeper.add(keep_out(), 1.0)
+    keeper = restart(flat(known=(0.0, 4.0)), borders=[keep_out()])
     for width in (5.0, 6.0, 7.0, 9.0):
         keeper.set_map(flat(known=(0.0, width)))
         assert closed_off(keeper) and not keeper.needs_confirmation
@@ -189,9 +184,7 @@ def test_a_map_that_grows_cell_by_cell_stays_confirmed(restart):
 # ----------------------------------------------------------------- borders in force, or why not
 def test_undo_and_switches_keep_what_does_not_act():
     """Otherwise they answer "changed back", and the display shows in red a border that restricts not one cell."""
-    keeper = integrator(grid=flat())
-    keeper.add(keep_out(), 1.0)
-    keeper.add(keep_out(Transform(5.0, -3.0, 0.0)), 1.0)
+    keeper = integrator(grid=flat(), borders=[keep_out(), keep_out(Transform(5.0, -3.0, 0.0))])
     keeper.remove("b1")
     walled = flat()
     walled.data[walled.world_to_cell(ROOM.apply([(-0.4, -0.4)]))[0][0] :, :] = 100
@@ -211,8 +204,7 @@ def test_undo_and_switches_keep_what_does_not_act():
 
 
 def test_a_changed_border_is_not_overwritten():
-    keeper = integrator(grid=flat())
-    keeper.add(keep_out(), 1.0)
+    keeper = integrator(grid=flat(), borders=[keep_out()])
     seen = keeper.revision
     keeper.rename("b1", "rug", 2.0, expected_revision=seen)
     for action in (
@@ -227,8 +219,7 @@ def test_a_changed_border_is_not_overwritten():
 
 
 def test_slow_zones_limit_speeds_and_leave_the_map_alone():
-    keeper = integrator(grid=flat())
-    keeper.add(keep_out(zone="slow", max_speed=0.3), 1.0)
+    keeper = integrator(grid=flat(), borders=[keep_out(zone="slow", max_speed=0.3)])
     keeper.add(keep_out(zone="slow", max_speed=0.15), 2.0)
     assert np.array_equal(keeper.map_with_borders.data, keeper.physical_map.data)
     limits = keeper.borders_in_force.speed_limits
@@ -243,6 +234,5 @@ def test_slow_zones_limit_speeds_and_leave_the_map_alone():
 
 
 def test_a_zone_to_avoid_is_a_cost():
-    keeper = integrator(grid=flat())
-    keeper.add(keep_out(zone="avoid", occupancy=0.4), 1.0)
+    keeper = integrator(grid=flat(), borders=[keep_out(zone="avoid", occupancy=0.4)])
     assert (keeper.map_with_borders.data == 40).sum() == 400

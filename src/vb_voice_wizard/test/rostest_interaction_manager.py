@@ -149,8 +149,7 @@ class InteractionManagerTest(unittest.TestCase):
     def test_a_moved_seed_and_borders_that_others_change_cause_a_new_preview(self):
         identity = self.begin_and_draw().interaction_id
         with self.stub.refusing("preview", "no_separation"):
-            issue = BorderIssue(severity=BorderIssue.ERROR, code="no_separation")
-            self.stub.preview.issues = [issue]
+            self.stub.preview.issues = [BorderIssue(severity=BorderIssue.ERROR, code="no_separation")]
             self.draw(identity, dx=0.2)
             refused = self.preview.wait(lambda message: message.code == "no_separation", "the refusal")
             self.assertEqual((refused.available, refused.success, len(refused.issues)), (True, False, 1))
