@@ -43,18 +43,15 @@ __all__ = ["BorderChain", "DrawnBorder", "ExtractionParams", "LiveExtractor", "e
 # ------------------------------------------------------------------ one border
 @dataclass(frozen=True)
 class ExtractionParams(Parameters):
-    """Parameters of the extraction, with the names and values of the paper's Table 1 where it lists them.
-
-    Only the paper's mode uses `min_pts`, `thinning_dist` and `polygon_dist`.
-    """
+    """Parameters of the extraction, with the names and values of the paper's Table 1 where it lists them."""
 
     mode: str = param("robust", choices=("robust", "paper"))
     eps: float = param(0.5, "m", above=0.0, high=5.0)
-    min_pts: int = param(1, low=1, high=1000)
+    min_pts: int = param(1, low=1, high=1000)  # paper mode only
     min_exp: float = param(0.3, "m", low=0.0, high=100.0)
     min_size: int = param(10, low=2, high=100000)
-    thinning_dist: float = param(0.1, "m", above=0.0, high=1.0)
-    polygon_dist: float = param(0.5, "m", above=0.0, high=5.0)
+    thinning_dist: float = param(0.1, "m", above=0.0, high=1.0)  # paper mode only
+    polygon_dist: float = param(0.5, "m", above=0.0, high=5.0)  # paper mode only
 
 
 @dataclass(frozen=True)

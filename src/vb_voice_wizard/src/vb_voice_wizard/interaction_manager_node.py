@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import threading
 import traceback
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, List, Mapping
+from typing import Dict, Iterator, List, Mapping
 
 import rospy
 from vb_core import names
@@ -153,11 +154,9 @@ class InteractionManagerNode:
                 self._stop_robots(identity, message.robot or "robot_driver")
 
     def _publish_again(self) -> None:
-        with self._lock:
+        with self._lock_and_record():
             self._interaction.end_if_idle(rospy.get_time())
             self._publish()
-            log_line = self._take_log_line()
-        self._append_to_log(log_line)
 
     # ------------------------------------------------------------------ commands
     def _on_command(self, request: CommandRequest) -> CommandResponse:
@@ -183,7 +182,7 @@ class InteractionManagerNode:
 
     def _run_command(self, command: str, phrase: str, request: CommandRequest) -> Answer:
         """Carries out a command, which a person gave or confirmed by a phrase."""
-        with self._lock:
+        with self._lock_and_record():
             interaction = self._interaction
             now = rospy.get_time()
             if not request.expires.is_zero() and now > request.expires.to_sec():
@@ -197,8 +196,6 @@ class InteractionManagerNode:
             interaction_id = interaction.interaction_id
             if not is_delegated or command != SAVE:  # a save usually has its final answer before the next state is due
                 self._publish()
-            log_line = self._take_log_line()
-        self._append_to_log(log_line)
         if command == RESUME:
             self._latch.store()
         if is_delegated:
@@ -225,11 +222,9 @@ class InteractionManagerNode:
             # a fault of this program must not leave it answering "busy" forever
             rospy.logerr("interaction_manager: %s failed:\n%s", pending, traceback.format_exc())
             answer = Answer.from_error(CodedError("internal_error"))
-        with self._lock:
+        with self._lock_and_record():
             answer = self._interaction.finish_pending(answer, rospy.get_time(), border_id, is_sent)
             self._publish()
-            log_line = self._take_log_line()
-        self._append_to_log(log_line)
         return answer
 
     def _undo_or_redo(self, command: str, request_id: str) -> Answer:
@@ -241,24 +236,22 @@ class InteractionManagerNode:
         except CodedError:
             return Answer(True, "borders_changed")
 
-    def _append_to_log(self, line: str) -> None:
-        """Appends a line, if it is not empty, to the log; without the lock, as states must not wait for the disk."""
-        if not line:
+    @contextmanager
+    def _lock_and_record(self) -> Iterator[None]:
+        """Holds the lock in its block; then appends an interaction that has ended to the log, as no state may wait for a disk."""
+        with self._lock:
+            yield
+            ended = self._interaction.take_record()
+            cameras = self._contributing_cameras
+        if ended is None:
             return
+        rospy.loginfo("interaction %s %s after %.1f s", ended.interaction_id, ended.outcome, ended.total_s)
         try:
-            append_line(self._log_file, line)
+            append_line(self._log_file, ended.to_json(self._params.method, cameras.get(ended.interaction_id, [])))
         except OSError as error:
             rospy.logwarn("interaction_manager: cannot write %s: %s", self._log_file, error)
 
     # ------------------------------------------------------------------ outputs; the lock is held
-    def _take_log_line(self) -> str:
-        """Returns the log's line on an interaction that has just ended, once; empty if none has."""
-        ended = self._interaction.take_record()
-        if ended is None:
-            return ""
-        rospy.loginfo("interaction %s %s after %.1f s", ended.interaction_id, ended.outcome, ended.total_s)
-        return ended.to_json(self._params.method, self._contributing_cameras.get(ended.interaction_id, []))
-
     def _publish(self) -> None:
         """Publishes state and notices, and tells the preview of the current interaction."""
         interaction = self._interaction

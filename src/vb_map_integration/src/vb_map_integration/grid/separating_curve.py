@@ -61,10 +61,7 @@ class CurveCut:
     line: np.ndarray
 
     def direction_to(self, seed: np.ndarray) -> Optional[np.ndarray]:
-        """Returns the unit vector (2,) from the curve to a seed (2,) in one of its cells.
-
-        None for a seed in any other cell, or within a hundredth of a cell of the line, as it is on neither side.
-        """
+        """Returns the unit vector (2,) from the curve to a seed (2,) in one of its cells; None elsewhere, and on the line."""
         seed_cell = np.floor(seed[::-1] + 0.5)
         hits = np.flatnonzero((self.trace.cells == seed_cell).all(axis=1))
         if not len(hits):
@@ -72,6 +69,7 @@ class CurveCut:
         segment = self.trace.segment[hits[0]]
         normal = self.normals[segment]
         height = float((seed - self.chain[segment]) @ normal)
+        # within a hundredth of a cell of the line, a seed is on neither side
         return math.copysign(1.0, height) * normal if abs(height) > 0.01 else None
 
     def fill_side(self, start: Tuple[int, int]) -> Tuple[raster.CellWindow, np.ndarray]:
