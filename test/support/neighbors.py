@@ -13,10 +13,6 @@ def point(x, y):
     return Point(float(x), float(y), 0.0)
 
 
-def _proceed():
-    """Lets a service answer."""
-
-
 class StubNeighbors:
     """Stubs of border_fusion and map_integrator, as far as tests need them."""
 
@@ -28,7 +24,7 @@ class StubNeighbors:
         self.preview = srv.PreviewBorderResponse(success=True, code="ok", area_m2=0.5, free_parts=1)
         self.preview.region.info.width, self.preview.region.info.height = 2, 1
         self.preview.region.data = [100, 0]
-        self.before = {"preview": _proceed, "add": _proceed}  # called before these services answer
+        self.before = {"preview": lambda: None, "add": lambda: None}  # called before these services answer
         self.candidates, self.added, self.previews = [], [], []
         self.services = []
 
@@ -94,9 +90,9 @@ class StubNeighbors:
             called.set()
             ended.wait(60)
 
-        self.before[name] = hang
+        proceed, self.before[name] = self.before[name], hang
         try:
             yield called
         finally:
-            self.before[name] = _proceed
+            self.before[name] = proceed
             ended.set()

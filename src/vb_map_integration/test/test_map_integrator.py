@@ -92,9 +92,7 @@ def test_refusals_change_nothing(restart, tmp_path):
 
 
 def test_an_unnamed_border_is_numbered_by_those_that_are_there(restart):
-    keeper = restart()
-    for place in (10, 60):
-        keeper.add(square(place, 10, name=""), 1.0)
+    keeper = restart(borders=[square(column, 10, name="") for column in (10, 60)])
     keeper.remove("b1")
     keeper.add(square(10, 60, name=""), 3.0)
     assert [(border.id, border.name) for border in keeper.borders] == [("b2", "border 2"), ("b3", "border 1")]

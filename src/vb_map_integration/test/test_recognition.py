@@ -219,8 +219,7 @@ def test_a_changed_border_is_not_overwritten():
 
 
 def test_slow_zones_limit_speeds_and_leave_the_map_alone():
-    keeper = integrator(grid=flat(), borders=[keep_out(zone="slow", max_speed=0.3)])
-    keeper.add(keep_out(zone="slow", max_speed=0.15), 2.0)
+    keeper = integrator(grid=flat(), borders=[keep_out(zone="slow", max_speed=speed) for speed in (0.3, 0.15)])
     assert np.array_equal(keeper.map_with_borders.data, keeper.physical_map.data)
     limits = keeper.borders_in_force.speed_limits
     assert sorted(np.unique(limits.data)) == [0, 15] and (limits.data == 15).sum() == 400

@@ -254,9 +254,8 @@ class InteractionManagerNode:
     # ------------------------------------------------------------------ outputs; the lock is held
     def _publish(self) -> None:
         """Publishes state and notices, and tells the preview of the current interaction."""
-        interaction = self._interaction
         self._state_publisher.publish(self._make_state())
-        self._preview_publisher.on_interaction(interaction.interaction_id, interaction.pending == SAVE)
+        self._preview_publisher.on_interaction(self._interaction.interaction_id, self._interaction.pending == SAVE)
         self._notices.set(self._list_notices())
 
     def _make_state(self) -> InteractionState:
