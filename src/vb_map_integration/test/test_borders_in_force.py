@@ -31,7 +31,7 @@ def with_walls(grid, *walls, transform=Transform()):
 def grown(restart):
     """Returns an integrator on whose map a line closes off far more than where it was accepted, and that area [m^2]."""
     keeper = restart(with_walls(flat(), ((0.0, 2.4), (3.1, 2.4))), borders=[DOOR])
-    assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0)
+    assert (closed_at(keeper, 1.0, 1.0), closed_at(keeper, 1.0, 5.0)) == (True, False)
     accepted = keeper.borders_in_force.statuses["b1"].area_m2
     keeper.set_map(flat(seed=1))
     return keeper, accepted
@@ -40,7 +40,7 @@ def grown(restart):
 def test_a_line_with_another_effect_waits_and_keeps_its_old_effect(grown):
     """On real maps 22 of 99 lines across doorways closed off something else on the next map, and nobody was told."""
     keeper, _ = grown
-    assert status_of_first(keeper) == (True, "to_be_confirmed") and keeper.needs_confirmation
+    assert (status_of_first(keeper), keeper.needs_confirmation) == ((True, "to_be_confirmed"), True)
     assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0)  # not twice as much as was wanted
 
 
@@ -58,12 +58,12 @@ def test_a_border_to_be_confirmed_shows_both_areas(grown):
 def test_what_was_confirmed_is_in_force_also_after_a_restart_until_it_is_undone(grown, restart):
     keeper, accepted = grown
     keeper.confirm(True, "")
-    assert status_of_first(keeper) == (True, "") and not keeper.needs_confirmation
+    assert (status_of_first(keeper), keeper.needs_confirmation) == ((True, ""), False)
     assert [len(outline) for outline in keeper.borders_in_force.outlines("b1")] == [0, 0]
     assert closed_at(keeper, 1.0, 5.0) and keeper.borders_in_force.statuses["b1"].area_m2 > 2.0 * accepted
     cells = keeper.map_with_borders.data.copy()
     again = restart(flat(seed=1))
-    assert status_of_first(again) == (True, "") and np.array_equal(again.map_with_borders.data, cells)
+    assert (status_of_first(again), np.array_equal(again.map_with_borders.data, cells)) == ((True, ""), True)
     again.undo()
     assert status_of_first(again) == (True, "to_be_confirmed")
 
@@ -72,7 +72,7 @@ def test_floor_that_the_next_map_does_not_know_yet_is_no_other_effect():
     """Otherwise a line is to be confirmed on each new map of which little is known."""
     keeper = integrator(grid=flat(), borders=[DOOR])
     keeper.set_map(flat(seed=1, known=(1.8, 9.0)))
-    assert status_of_first(keeper) == (True, "") and closed_at(keeper, 2.5, 5.0)
+    assert (status_of_first(keeper), closed_at(keeper, 2.5, 5.0)) == ((True, ""), True)
     region = transfer_accepted_region(keeper._locator.locate(keeper.borders[0]), keeper.physical_map)
     assert (keeper.physical_map.data[region.window][region.mask > 0] == 0).all()
 
@@ -85,12 +85,12 @@ def test_a_line_that_no_longer_integrates_keeps_its_old_effect():
     furnished.data[low[0] : high[0], low[1] : high[1]] = 100  # an obstacle on the seed
     keeper.set_map(furnished)
     assert status_of_first(keeper) == (True, "to_be_confirmed")
-    assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 5.0, 1.0)
+    assert (closed_at(keeper, 1.0, 1.0), closed_at(keeper, 5.0, 1.0)) == (True, False)
     assert keeper.borders_in_force.statuses["b1"].area_m2 == pytest.approx(before, rel=0.1)
     # nobody can accept it: it has to be drawn again or removed
     assert next(notice for notice in keeper.notices if notice.border_id).values["why"] == "seed_on_obstacle"
     keeper.confirm(True, "")
-    assert status_of_first(keeper) == (True, "to_be_confirmed") and not keeper.needs_confirmation
+    assert (status_of_first(keeper), keeper.needs_confirmation) == ((True, "to_be_confirmed"), False)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -145,9 +145,9 @@ def test_a_known_map_with_the_name_of_another_place_is_a_question(restart):
     """Otherwise map_name:=upstairs with the file of downstairs is silently downstairs."""
     for name, plan in (("downstairs", 0), ("upstairs", 1)):
         keeper = restart(flat(plan=plan), map_name=name, borders=[keep_out(name=name)])
-        assert keeper.map_name == name and not keeper.needs_confirmation
+        assert (keeper.map_name, keeper.needs_confirmation) == (name, False)
     keeper = restart(flat(plan=0), map_name="upstairs")
-    assert keeper.needs_confirmation and closed_off(keeper)
+    assert (keeper.needs_confirmation, closed_off(keeper)) == (True, True)
 
 
 @pytest.mark.parametrize("name", ["x" * 1_000_000, "a\nb"], ids=["too long", "two lines"])
