@@ -7,6 +7,7 @@ its own slots for connections, and within a role the client that holds the most 
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import hashlib
 import ipaddress
@@ -89,16 +90,15 @@ class Sessions:
     """
 
     def __init__(self, codes: Dict[str, str], path: Optional[Path] = None, on_fault: Callable = print) -> None:
-        self._path, self._on_fault = path, on_fault
+        self._path = path
+        self._on_fault = on_fault
         self._roles = {_digest(normalize_code(code)): Role[name.upper()] for name, code in codes.items()}
         self._lock = threading.Lock()
         self._open: Dict[str, Tuple[str, float]] = {}  # each session's (digest of the code, time of opening [s])
-        try:
+        with contextlib.suppress(OSError, ValueError, TypeError, AttributeError):  # then everybody logs in again
             if path is not None and path.exists():
                 entries = json.loads(path.read_text()).items()
                 self._open = {str(name): (str(code), float(opened_at)) for name, (code, opened_at) in entries}
-        except (OSError, ValueError, TypeError, AttributeError):
-            pass  # everybody logs in again
 
     def open(self, typed: str) -> Optional[str]:
         """Opens a session with a code as typed, and returns its cookie's value, or None if the code is wrong.
