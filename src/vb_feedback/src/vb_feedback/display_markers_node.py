@@ -199,7 +199,7 @@ class DisplayMarkersNode:
 
     def _border_shapes(self, layout: Layout, messages: Sequence[VirtualBorder]) -> List[scene.Shape]:
         language = self._params.language
-        borders = [display_messages.border_from_message(message, language) for message in messages]
+        borders = [display_messages.displayed_border_from_message(message, language) for message in messages]
         return scene.border_shapes(layout, borders, sentences.translate("display_off", {}, language))
 
 
