@@ -147,9 +147,6 @@ def test_a_map_of_the_wrong_size_does_not_end_the_check(height, width, monkeypat
     assert codes(lines) == ["lab_map_without_borders"]
 
 
-SCAN = LaserScan(angle_min=-1.5, angle_max=1.5)
-
-
 @pytest.mark.parametrize(
     "driver, scanner, heard, expected",
     [
@@ -165,7 +162,7 @@ def test_a_scan_is_expected_where_the_profile_says(monkeypatch, driver, scanner,
     profile = {"/ada/robot_profile": {"scanner": scanner}}
     monkeypatch.setattr(check_lab.rospy, "get_param", lambda name, default: profile.get(name, default))
     status = RobotStatus(robot="ada", driver=driver, plans_round_borders=not driver)
-    lines = check_lab._check_robot(status, {heard: SCAN})
+    lines = check_lab._check_robot(status, {heard: LaserScan(angle_min=-1.5, angle_max=1.5)})
     assert [(line.code, line.values["topic"]) for line in lines] == expected
 
 

@@ -162,9 +162,7 @@ def test_parameters_are_taken_or_refused_with_their_key(data):
 
 
 # ---------------------------------------------------------------------- files
-WORLD = (TOP / "src/vb_sim/worlds/lab.yaml").read_bytes()
 BORDERS = [square(20, 20, id="b1", name="rug"), square(60, 60, id="b2", zone="slow", max_speed=0.2)]
-PROFILE = (TOP / "robots/turtlebot2.yaml").read_bytes()
 POSE = b"camera: red\nframe: map\nchild_frame: red_optical_frame\n"
 POSE += b"position: [1.0, 2.0, 2.5]\norientation: [1.0, 0.0, 0.0, 0.0]\n"
 
@@ -175,8 +173,8 @@ def read_borders(path):
 
 READERS = {
     "borders.geojson": (read_borders, borders_to_geojson(BORDERS).encode()),
-    "world.yaml": (lambda path: load_world(str(path)), WORLD),
-    "robot.yaml": (lambda path: RobotProfile.load(path), PROFILE),
+    "world.yaml": (lambda path: load_world(str(path)), (TOP / "src/vb_sim/worlds/lab.yaml").read_bytes()),
+    "robot.yaml": (RobotProfile.load, (TOP / "robots/turtlebot2.yaml").read_bytes()),
     "camera.yaml": (pose_file.read_pose, POSE),
 }
 

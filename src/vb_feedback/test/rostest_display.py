@@ -30,7 +30,6 @@ from vb_msgs.msg import BorderIssue, BorderProgress, InteractionState, LaserSpot
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 from visualization_msgs.msg import Marker, MarkerArray
 
-
 SIZE = (320, 200)
 # the projected picture covers 3.2 m x 2.0 m of the map, axis-aligned, its lower left corner at (1, 1)
 SCALE = 100.0

@@ -41,11 +41,10 @@ def contains(outer, inner, tolerance=1e-9):
 # ------------------------------------------------------------------ layout
 sizes = st.floats(0.5, 200.0)
 places = st.floats(-1000.0, 1000.0)
-aspects = st.floats(1.0, 3.0)
 
 
 @settings(max_examples=40, deadline=None)
-@given(places, places, sizes, sizes, aspects)
+@given(places, places, sizes, sizes, st.floats(1.0, 3.0))
 def test_the_map_is_whole_and_nothing_overlaps_it(x, y, width, height, aspect):
     extent = Box(x, y, x + width, y + height)
     layout = fit_view(extent, aspect)

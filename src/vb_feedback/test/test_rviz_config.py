@@ -46,7 +46,6 @@ def test_the_screens_size_is_read():
 def test_other_files_are_refused(text, tmp_path):
     source = tmp_path / "other.rviz"
     source.write_text(text)
-    with refused("bad_config"):
-        write_fitted_config(str(source), tmp_path / "fitted.rviz", LAB, 1920, 1080)
-    with refused("bad_config"):
-        write_fitted_config(str(tmp_path / "none.rviz"), tmp_path / "fitted.rviz", LAB, 1920, 1080)
+    for path in (source, tmp_path / "none.rviz"):
+        with refused("bad_config"):
+            write_fitted_config(str(path), tmp_path / "fitted.rviz", LAB, 1920, 1080)

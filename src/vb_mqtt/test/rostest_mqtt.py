@@ -25,8 +25,7 @@ from vb_core.notices import Notice, Severity
 from vb_core.ros.notices import NoticePublisher
 from vb_mqtt.incoming_requests import MAX_AGE
 from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, Stop, VirtualBorder, VirtualBorderArray
-from vb_msgs.srv import AddBorder, Command, CommandResponse, GetDrawnBorder, GetDrawnBorderResponse
-from vb_msgs.srv import RemoveBorder
+from vb_msgs.srv import AddBorder, Command, CommandResponse, GetDrawnBorder, GetDrawnBorderResponse, RemoveBorder
 
 KILLS = int(os.environ.get("VB_BROKER_KILLS", "3"))
 SEED = int(os.environ.get("VB_BROKER_SEED", "1"))

@@ -127,13 +127,6 @@ def test_a_robot_that_moves_or_has_no_goal_begins_to_wait_again(options):
     assert robot.helped_at(102.4, 102.6) == [False, True]
 
 
-def test_a_person_who_intervenes_lets_the_escape_wait_anew_without_a_rest():
-    robot = Pinched(0.0)
-    assert robot.helped_at(100.0, 101.5) == [False, True]
-    robot.escape.interrupt(103.0)
-    assert robot.helped_at(104.4, 104.6) == [False, True]
-
-
 @pytest.mark.parametrize("distance, v", [(0.01, 0.038), (0.1, 0.11), (0.5, 0.2)])
 @pytest.mark.parametrize("bearing, share, w", [(0.0, 1.0, 0.0), (12.5, 0.5, 0.3927), (-30.0, 0.0, -0.8)])
 def test_escape_drives_to_the_place_and_slows_down_before_it(distance, v, bearing, share, w):
