@@ -17,8 +17,7 @@ import pytest
 import rospy
 import yaml
 from geometry_msgs.msg import Pose, Transform
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 from nav_msgs.msg import OccupancyGrid
 from roslib.message import get_message_class
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
@@ -35,6 +34,7 @@ from vb_map_integration.border import borders_from_geojson, borders_to_geojson
 from vb_msgs.msg import VirtualBorder
 from vb_sim.world import load_world
 
+from examples import ANYTHING
 from integrators import square
 from vb_testing import TOP
 
@@ -43,8 +43,7 @@ EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "25"))
 
 def bounded(share=1.0):
     """Returns the settings of one test; `share` scales the number of examples, for slow or fast tests."""
-    count = max(3, int(EXAMPLES * share))
-    return settings(max_examples=count, deadline=None, database=None, suppress_health_check=list(HealthCheck))
+    return settings(max_examples=max(3, int(EXAMPLES * share)), database=None, suppress_health_check=list(HealthCheck))
 
 
 # ---------------------------------------------------------------------- strategies from schemas
@@ -77,13 +76,6 @@ def message(cls):
     # the old type "Header" stands for std_msgs/Header
     kinds = ["std_msgs/Header" if kind == "Header" else kind for kind in cls._slot_types]
     return st.builds(cls, **{name: field(kind) for name, kind in zip(cls.__slots__, kinds)})
-
-
-ANYTHING = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=12),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4),
-    max_leaves=8,
-)
 
 
 def damaged(good):

@@ -1,12 +1,18 @@
-"""Drawn examples: settings, and numbers."""
+"""Drawn examples: settings, numbers, and values of any kind."""
 
 import math
 
-from hypothesis import HealthCheck, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, settings, strategies as st
 
 # the same examples whenever the same code runs, however busy the computer
 STEADY = settings(derandomize=True, suppress_health_check=list(HealthCheck))
+
+# whatever JSON and YAML can hold
+ANYTHING = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4),
+    max_leaves=8,
+)
 
 _STEP = 1e-4 * math.pi
 

@@ -14,6 +14,7 @@ import rostest
 import yaml
 from geometry_msgs.msg import Point, PointStamped
 from sensor_msgs.msg import Image
+from std_msgs.msg import Header
 
 from vb_testing import TOP, Newest, Process, assert_ends_with_one_line, run_command, wait_until, write_program
 from vb_core import sentences
@@ -183,9 +184,7 @@ class DisplayTest(unittest.TestCase):
         def point():
             # repeatedly, as from a camera: on a busy machine a single spot may expire before it is drawn
             for camera, x in (("red", 1.0), ("blue", float("nan"))):
-                spot = LaserSpot(camera=camera, position=Point(x, 2.0, 0.0))
-                spot.header.stamp = rospy.Time.now()
-                self.spots.publish(spot)
+                self.spots.publish(header=Header(stamp=rospy.Time.now()), camera=camera, position=Point(x, 2.0, 0.0))
             return self.screen.has("spots/red")
 
         discs = wait_until(point, "the spot")
@@ -217,12 +216,10 @@ class DisplayTest(unittest.TestCase):
                 [sys.executable, str(TOP / "src/vb_feedback/scripts/smart_display"), "__name:=bare"],
                 env={**os.environ, "PATH": folder},
             )
-            try:
-                wait_until(lambda: rospy.get_param("/bare/lacking", "") == "no_rviz", "the code that check_lab reads")
-                self.assertIsNone(node.poll(), "a required node that ends would end the whole lab")
-            finally:
-                node.terminate()
-                node.wait(120)
+            self.addCleanup(node.wait, 120)
+            self.addCleanup(node.terminate)
+            wait_until(lambda: rospy.get_param("/bare/lacking", "") == "no_rviz", "the code that check_lab reads")
+            self.assertIsNone(node.poll(), "a required node that ends would end the whole lab")
         self.assertIn("8420", sentences.translate("no_rviz"))
 
     def test_a_newcomer_gets_everything(self):
@@ -260,9 +257,7 @@ class DisplayTest(unittest.TestCase):
             return self.shown()[row, column].max() == 255
 
         def click(x, y, frame="map"):
-            message = PointStamped(point=Point(x, y, 0.0))
-            message.header.frame_id = frame
-            clicks.publish(message)
+            clicks.publish(Header(frame_id=frame), Point(x, y, 0.0))
 
         click(0.0, 0.0, "odom")  # in another frame: its marker stays
         # after four clicks on one line, the markers come again
@@ -298,9 +293,7 @@ class DisplayTest(unittest.TestCase):
         wait_until(lambda: self.at(3.0, 2.0) > 100 and self.shown()[0, 0].max() > 100, "drawing and frame")
 
         def dark():
-            spot = LaserSpot(camera="red", position=Point(3.0, 2.5, 0))
-            spot.header.stamp = rospy.Time.now()
-            self.spots.publish(spot)
+            self.spots.publish(header=Header(stamp=rospy.Time.now()), camera="red", position=Point(3.0, 2.5, 0))
             return self.at(3.0, 2.4) == 0 and self.at(3.0, 1.6) > 100
 
         wait_until(dark, "the dark place about the spot")

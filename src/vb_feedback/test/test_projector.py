@@ -6,11 +6,10 @@ import subprocess
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from refusals import refused
-from vb_testing import wait_until
+from vb_testing import run_command, wait_until
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.ros import node
@@ -191,9 +190,7 @@ def screen():
     display = f":{1000 + os.getpid() % 50000}"
     options = ["-screen", "0", "800x600x24", "-nolisten", "tcp"]
     server = subprocess.Popen(["Xvfb", display, *options], stderr=subprocess.DEVNULL)
-    look = ["xwininfo", "-root", "-display", display]
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    wait_until(lambda: subprocess.run(look, **quiet).returncode == 0, "Xvfb to come up")
+    wait_until(lambda: run_command("xwininfo", "-root", "-display", display).returncode == 0, "Xvfb to come up")
     yield display
     server.terminate()
     server.wait()

@@ -7,8 +7,7 @@ import cv2
 import numpy as np
 import pytest
 import rospy
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from vb_core.vocabulary import STATES
 from vb_feedback.display import colors

@@ -181,15 +181,13 @@ class DriverTest(unittest.TestCase):
 
     def test_a_command_that_goes_sideways_stops_the_robot(self):
         self.drive()
-        navigation = rospy.Publisher("cmd_vel/navigation", Twist, queue_size=1)
         type(self).wish = None
 
         def stops():
-            navigation.publish(linear=Vector3(x=0.05, y=0.1))
+            self.navigation.publish(linear=Vector3(x=0.05, y=0.1))
             return self.drivers[""][1] == "bad_command" and self.stimulus.velocity == (0.0, 0.0)
 
         wait_until(stops, lambda: f"the robot to stop; {self.drivers}")
-        navigation.unregister()
 
     def test_the_active_source_and_its_code_are_reported_twice_a_second(self):
         self.drive()

@@ -5,8 +5,7 @@ from collections import namedtuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from driving_rig import DT, PROFILE, Rig
 from plain_rooms import VIEW, empty, with_border
@@ -62,9 +61,9 @@ def test_another_publisher_stops_the_robot_and_is_named():
 
 
 @pytest.mark.parametrize("channel", ["state", "topic"])
-def test_stop_is_latched_until_released(channel):
-    rig = Rig()
-    rig.navigation = rig.teleop = (0.3, 0.0)
+def test_stop_is_latched_until_released_and_keeps_the_goal(channel):
+    rig = Rig().drives()
+    rig.teleop, rig.goal = (0.3, 0.0), True
     rig.step()
     if channel == "state":
         rig.latch.stop("a", "test")
@@ -72,9 +71,11 @@ def test_stop_is_latched_until_released(channel):
         rig.arbiter.stops.add("a")
     assert rig.step(5.0).source == "stop"
     rig.latch.stop("a", "the robot, which tells")
-    assert rig.step(5.0).source == "stop"
+    assert rig.step(5.0).code == "stopped"
+    assert rig.cancelled == 0
+    rig.teleop = None
     rig.latch.resume(rig.latch.number)
-    assert rig.step(0.6).v == 0.3
+    assert rig.step(1.0).v == 0.3
 
 
 def test_a_restarted_driver_stays_stopped(tmp_path):

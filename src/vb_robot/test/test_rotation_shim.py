@@ -58,10 +58,7 @@ def test_it_turns_the_shorter_way_and_keeps_to_it(side):
         assert v == 0.0 and -side * w >= 0.5
     for degrees in (20, 80):  # it has turned round; and a path to the side is not behind
         assert align(shim, 0.1, side * 0.3, side * math.radians(degrees)) == (0.1, side * 0.3)
-
-
-def test_a_faster_turn_keeps_its_speed():
-    assert abs(align(shim_with(), 0.0, 1.2, 3.0)[1]) == 1.2
+    assert align(shim, 0.0, 1.2, side * 3.0)[1] == -side * 1.2, "a faster turn keeps its speed"
 
 
 def test_a_stop_is_a_stop():

@@ -4,8 +4,7 @@ import stat
 
 import pytest
 import yaml
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from refusals import refused
 from vb_web import access_control

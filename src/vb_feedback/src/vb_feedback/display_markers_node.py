@@ -56,15 +56,11 @@ class DisplayMarkersNode:
         /virtual_borders/spots (vb_msgs/LaserSpot)
         /virtual_borders/notices (vb_msgs/NoticeArray): notices of all nodes.
         /virtual_borders/robots (vb_msgs/RobotStatusArray): commands that would have no effect are not shown
-
     Published topics:
         /virtual_borders/markers (visualization_msgs/MarkerArray): only what changed, at most 25 times a second;
             everything to a new subscriber.
         /virtual_borders/display/restricted (nav_msgs/OccupancyGrid, latched): stripes where borders
             restrict the map and where saving now would, in RViz's colour scheme "costmap".
-
-    Args:
-        params: see config/display_markers.yaml.
     """
 
     def __init__(self, params: DisplayParams) -> None:

@@ -20,7 +20,6 @@ class FeedbackNode:
     Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState)
         /virtual_borders/spots (vb_msgs/LaserSpot)
-
     Published topics:
         /virtual_borders/led (std_msgs/ColorRGBA, latched): one colour per state, red while robots are stopped.
         /virtual_borders/sound (vb_msgs/Sound): the state's name at each change of state, "success", "error",

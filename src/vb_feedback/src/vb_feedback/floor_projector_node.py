@@ -62,13 +62,11 @@ class FloorProjectorNode:
         /virtual_borders/spots (vb_msgs/LaserSpot)
         /clicked_point (geometry_msgs/PointStamped): RViz's tool "Publish Point", in the map frame, clicked where the
             bright marker is on the floor; only while there is no calibration.
-
     Published topics:
         /virtual_borders/projector (sensor_msgs/Image, rgb8, latched): the projector's image, only when it changes,
             at most ~max_rate times a second.
 
     Args:
-        params: see config/floor_projector.yaml.
         calibration: None if it is to be computed from four clicks.
         window: shows the image too. None if it is only published.
     """

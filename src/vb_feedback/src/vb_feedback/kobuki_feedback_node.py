@@ -18,7 +18,6 @@ class KobukiFeedbackNode:
 
     Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/sound (vb_msgs/Sound)
-
     Published topics:
         mobile_base/commands/led1 (kobuki_msgs/Led, latched): the state
         mobile_base/commands/led2 (kobuki_msgs/Led, latched): red while robots are stopped

@@ -38,9 +38,6 @@ class SoundPlayerNode:
 
     Subscribed topics:
         /virtual_borders/sound (vb_msgs/Sound): names from vb_core.sounds, which defines the sounds.
-
-    Args:
-        params: see config/sound_player.yaml.
     """
 
     def __init__(self, params: SoundParams) -> None:

@@ -269,8 +269,7 @@ def draw_map(prior: GridMap, posterior: GridMap, borders: Sequence[Any]) -> byte
     """Draws the map with walls, restricted areas and borders as a PNG of at most MAX_SIDE pixels in each direction.
 
     Args:
-        prior: the map without borders.
-        posterior: the map with borders, of the same geometry.
+        prior, posterior: the map without and with borders, of the same geometry.
         borders: vb_msgs/VirtualBorder; disabled ones become grey.
     """
     added = posterior.data > prior.data

@@ -56,11 +56,7 @@ class ActionExecutor:
         self._command_sender = CommandSender("page", self._on_answer)
 
     def carry_out(self, request: ActionRequest, source: str) -> Dict[str, Any]:
-        """Carries out a request and returns its answer.
-
-        Raises:
-            CodedError: if it was not carried out.
-        """
+        """Carries out a request. Returns its answer, or raises a CodedError if it was not carried out."""
         return getattr(self, f"_{request.action}")(request, source)
 
     # ------------------------------------------------------------- commands

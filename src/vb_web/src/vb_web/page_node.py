@@ -7,6 +7,7 @@ import socket
 import threading
 import time
 from collections import deque
+from functools import partial
 from pathlib import Path
 from typing import Any, Deque, Dict, List, NamedTuple, Optional
 
@@ -131,7 +132,7 @@ class PageNode:
             sessions_file = codes_file.with_name(_SESSIONS)
             node.keep_private(codes_file, sessions_file, codes_file.with_name("page.key"))
             self._codes = load_codes(codes_file)
-            sessions = Sessions(self._codes, sessions_file, _warn)
+            sessions = Sessions(self._codes, sessions_file, partial(rospy.logwarn, "%s: %s", rospy.get_name()))
             hint = f"; its codes are in {codes_file}"
         parts = (self._view, self._images, self._actions, self._camera_images, self._find_bounds)
         fault = CodedError("internal_error")
@@ -311,10 +312,6 @@ class PageNode:
 
 def _by_id(message: Optional[VirtualBorderArray]) -> Dict[str, VirtualBorder]:
     return {border.id: border for border in message.borders} if message is not None else {}
-
-
-def _warn(error: CodedError) -> None:
-    rospy.logwarn("%s: %s", rospy.get_name(), error)
 
 
 def _own_addresses() -> List[str]:

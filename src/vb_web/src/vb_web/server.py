@@ -276,11 +276,7 @@ class _BoundedServer(HTTPServer):
 
 
 def page_urls(params: PageParams, port: int, own_addresses: List[str]) -> List[str]:
-    """Returns the page's URLs, the most useful first.
-
-    Args:
-        own_addresses: this computer's addresses in the network.
-    """
+    """Returns the page's URLs, the most useful first, given this computer's own addresses in the network."""
     hosts = own_addresses if params.address in ("0.0.0.0", "::", "") else [params.address]
     scheme = "https" if params.certificate else "http"
     return [f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}/" for host in hosts]

@@ -87,7 +87,6 @@ def fit_view(extent: Box, aspect: float) -> Layout:
     """Returns the smallest view that shows the whole map beside panel and strip.
 
     Args:
-        extent: extent of the map.
         aspect: the screen's width divided by its height.
 
     Raises:

@@ -48,7 +48,6 @@ class FloorImage:
     """Renders a projector's image.
 
     Args:
-        calibration: calibration of the projector.
         brightness: 0 .. 1, share of the full light.
     """
 

@@ -98,11 +98,7 @@ def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> 
 
 
 def write_calibration(calibration: ProjectorCalibration, path: Path) -> None:
-    """Writes a calibration's YAML file. Inverse of `read_calibration`.
-
-    Raises:
-        CodedError: "cannot_write".
-    """
+    """Writes a calibration's YAML file. Inverse of `read_calibration`. Raises CodedError "cannot_write"."""
     values = {"width": calibration.width, "height": calibration.height, "map_to_pixels": calibration.matrix.tolist()}
     head = "# Written by floor_projector, which makes another one if this is deleted: map coordinates [m] to pixels.\n"
     write_atomically(path, (head + yaml.safe_dump(values, sort_keys=False)).encode("utf-8"))

@@ -18,11 +18,7 @@ _PARTIALS = (1.0, 0.3, 0.12)
 
 
 def synthesize(name: str, volume: float = 1.0) -> np.ndarray:
-    """Synthesises one of vb_core.sounds as (N,) int16 at `SAMPLE_RATE`, mono.
-
-    Args:
-        volume: 0 .. 1.
-    """
+    """Synthesises one of vb_core.sounds at a volume of 0 .. 1, as (N,) int16 at `SAMPLE_RATE`, mono."""
     wave = np.concatenate([_synthesize_note(note) for note in SOUNDS[name].notes])
     return np.rint(wave * (_PEAK * volume * 32767.0)).astype(np.int16)
 
@@ -33,9 +29,7 @@ def _synthesize_note(note: Note) -> np.ndarray:
     if not note.pitch:
         return np.zeros(len(time))
     phase = PITCHES[note.pitch] * time
-    wave = np.zeros(len(time))
-    for order, share in enumerate(_PARTIALS, start=1):
-        wave += share * np.sin(2.0 * np.pi * order * phase)
+    wave = sum(share * np.sin(2.0 * np.pi * order * phase) for order, share in enumerate(_PARTIALS, start=1))
     # a sharp attack, then a decay like a struck bar's
     attack = np.minimum(1.0, time / _FADE)
     release = np.minimum(1.0, (note.seconds - time) / _FADE)

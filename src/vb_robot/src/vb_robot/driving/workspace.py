@@ -65,8 +65,7 @@ class Workspace:
     Restrictions are derived from the maps, so that they always agree with navigation.
 
     Args:
-        borders: the map with borders.
-        physical: the map without borders, of the same geometry.
+        borders, physical: the map with and without borders, of the same geometry.
         radius: [m] of the robot.
         uncertainty: [m] of its localisation.
 
