@@ -46,10 +46,9 @@ def test_a_mistyped_argument_is_refused_with_a_suggestion():
 
 def test_only_a_files_own_arguments_count(tmp_path):
     path = tmp_path / "lab.launch"
-    arguments = (
-        '<arg name="rviz" default="true"/><arg name="fixed" value="1"/><group><arg name="inner" default=""/></group>'
-    )
-    path.write_text(f'<launch>{arguments}<include file="x"><arg name="cameras" value="north"/></include></launch>')
+    own = '<arg name="rviz" default="true"/><arg name="fixed" value="1"/>'
+    inner = '<group><arg name="inner" default=""/></group>'
+    path.write_text(f'<launch>{own}{inner}<include file="x"><arg name="cameras" value="north"/></include></launch>')
     assert declared_arguments([path]) == ["inner", "rviz"]
 
 

@@ -46,10 +46,8 @@ def test_a_new_labs_files_can_be_read_and_are_complete(tmp_path):
 def test_cameras_are_read_with_and_without_a_source(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     sources = parse_cameras("north=/dev/video0 south=rtsp://a:b@1.2.3.4/x?y=1 hall clip=room.mp4 desk=2")
-    clip = str(tmp_path / "room.mp4")
-    assert sources == dict(
-        north="/dev/video0", south="rtsp://a:b@1.2.3.4/x?y=1", hall="", clip=clip, desk="/dev/video2"
-    )
+    others = {"north": "/dev/video0", "south": "rtsp://a:b@1.2.3.4/x?y=1", "hall": "", "desk": "/dev/video2"}
+    assert sources == {**others, "clip": str(tmp_path / "room.mp4")}
     with refused("bad_camera_name"):
         parse_cameras("a=1 a=2")
 

@@ -174,8 +174,7 @@ LAYOUT = fit_view(Box(0, 0, 8, 5), 16 / 9)
 
 def border(**changes):
     values = dict(name="Carpet", points=((1, 1), (3, 1), (3, 2), (1, 2)), closed=True, seed=(2, 1.5), area_m2=2.0)
-    values.update(changes)
-    return scene.DisplayedBorder(**values)
+    return scene.DisplayedBorder(**{**values, **changes})
 
 
 def test_borders_differ_by_kind():

@@ -316,8 +316,7 @@ def test_a_robot_that_the_gate_holds_is_helped_away_too(wish, yaw):
 def test_escape_does_not_drive_into_the_unknown():
     rig = beside(0.02)
     grid = with_border(empty(), EDGE, 0.0, 8.0, 5.0)
-    x = grid.cell_to_world(np.argwhere(np.ones(grid.shape)))[:, 0].reshape(grid.shape)
-    rig.set_grid(grid.with_data(np.where(x < EDGE - RADIUS - 0.04, np.int8(-1), grid.data)))
+    rig.set_grid(with_border(grid, 0.0, 0.0, EDGE - RADIUS - 0.04, 5.0, value=-1))
     rig.step(10.0)
     assert {command.source for command in rig.commands} == {"none"}, "navigation plans nothing from there either"
 

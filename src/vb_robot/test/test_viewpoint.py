@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 from shapely.geometry import LineString, Point, Polygon
 
-from plain_rooms import VIEW, room
+from plain_rooms import VIEW, room, with_border
 from vb_core.grid_map import clearance_grid
 from vb_core.geometry import map_to_base
 from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap
@@ -66,12 +66,11 @@ def test_paths_lead_only_through_a_doorway_that_is_wide_enough(width, is_passabl
 
 def test_walls_hide_floor_and_borders_do_not():
     grid = two_rooms()
-    data = grid.data.copy()
-    data[:, 200:210] = 100
-    clearance_map = ClearanceMap(grid.with_data(data), 0.18, physical=grid)
+    borders = with_border(grid, 5.0, 0.0, 5.25, 5.0)
+    clearance_map = ClearanceMap(borders, 0.18, physical=grid)
     assert clearance_map.has_line_of_sight(np.array([[4.5, 1.0]]), (6.0, 1.0))[0]
     assert not clearance_map.has_line_of_sight(np.array([[3.5, 1.0]]), (4.8, 1.0))[0]
-    assert not ClearanceMap(grid.with_data(data), 0.18).has_line_of_sight(np.array([[4.5, 1.0]]), (6.0, 1.0))[0]
+    assert not ClearanceMap(borders, 0.18).has_line_of_sight(np.array([[4.5, 1.0]]), (6.0, 1.0))[0]
 
 
 def test_sides_of_polygon_and_curve():

@@ -24,8 +24,7 @@ class StopTest(PageTest):
         wait_until(lambda: self.heard[names.STATE].stopped and names.STOP in self.heard, "stop")
         self.browser.wait_text("#banners", "All robots are stopped")
         self.browser.run("window.scrollTo(0, 300)")  # the banner is seen wherever the page is scrolled
-        banners = "return document.getElementById('banners').getBoundingClientRect().top"
-        self.assertGreaterEqual(self.browser.run(banners), 0)
+        self.assertGreaterEqual(self.browser.boxes("#banners")[0]["top"], 0)
         self.browser.run("window.scrollTo(0, 0)")
         # the banner shows the stop of all robots, so neither the answer nor a notice repeats it
         self.browser.wait("document.getElementById('toast').dataset.code == 'stopped'", what="the answer")
