@@ -25,7 +25,8 @@ from vb_core.geometry import chain_length
 from vb_core.grid_map import distance_transform
 from vb_core.ros import messages, services
 from vb_evaluation.navigation_check.move_base_goals import GoalRunner
-from vb_evaluation.navigation_check.plan_observer import Observer, wait_until
+from vb_core.ros.node import wait_until
+from vb_evaluation.system_observer import SystemObserver
 from vb_msgs.msg import DriverState, LabState, ParticipantState, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
 from vb_sim.world import load_world
@@ -58,7 +59,7 @@ class Lab:
         # waits for the parameters, because this node would use wall time without /use_sim_time
         wait(lambda: rosgraph.Master("/robot_drives").hasParam("/use_sim_time"), "roslaunch's parameters")
         rospy.init_node("robot_drives", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
-        self.observer = Observer()
+        self.observer = SystemObserver()
         self._pace = rospy.Publisher(names.PACE, Float64, queue_size=1, latch=True)
         self.set_slow(False)
         self.runner = GoalRunner()

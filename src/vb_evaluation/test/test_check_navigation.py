@@ -36,7 +36,7 @@ class Planner:
         self.posterior = GridMap(np.zeros((100, 100), np.int8), 0.05)
         monkeypatch.setattr(rospy, "wait_for_service", lambda *_, **__: None)
         monkeypatch.setattr(rospy, "get_param", lambda name, default: default)
-        monkeypatch.setattr(check_navigation, "Observer", lambda: self)
+        monkeypatch.setattr(check_navigation, "SystemObserver", lambda: self)
         transforms = SimpleNamespace(lookup=lambda *_, **__: np.eye(4))
         monkeypatch.setattr(check_navigation, "TransformLookup", lambda: transforms)
         monkeypatch.setattr(check_navigation, "call", self.call)

@@ -36,7 +36,8 @@ from vb_evaluation import metrics
 from vb_evaluation.repository_revision import repository_root
 from vb_evaluation.report.paper_results import METHOD_TITLES
 from vb_evaluation.navigation_check.move_base_goals import GoalOutcome, GoalRunner
-from vb_evaluation.navigation_check.plan_observer import Observer, wait_until
+from vb_core.ros.node import wait_until
+from vb_evaluation.system_observer import SystemObserver
 from vb_msgs.srv import SaveMap, SaveMapRequest
 from vb_sim import floor_plan
 from vb_sim.world import load_world
@@ -127,7 +128,7 @@ class Demo:
         self.console.rule(f"[bold]{options.scenario.title}[/bold], {METHOD_TITLES[options.method].lower()}")
         self._launch()
         self._register()
-        observer = Observer()
+        observer = SystemObserver()
         self._wait_until_ready(observer)
         start, goal = ((x, y, math.radians(yaw)) for x, y, yaw in (proof.start, proof.goal))
         plan_before = observer.plan(start, goal, "/move_base/make_plan")
@@ -192,7 +193,7 @@ class Demo:
         self._stack.callback(child.stop)
         return child
 
-    def _wait_until_ready(self, observer: Observer) -> None:
+    def _wait_until_ready(self, observer: SystemObserver) -> None:
         """Waits until every part of the system has published, or raises an error that names those that have not."""
         ready_conditions = {
             "the interaction manager (/virtual_borders/state)": lambda: observer.state is not None,
@@ -217,7 +218,7 @@ class Demo:
     def _print(self, text: str) -> None:
         self.console.print(f"[dim]{time.monotonic() - self._started:6.1f} s[/dim]  {text}")
 
-    def _follow(self, observer: Observer) -> None:
+    def _follow(self, observer: SystemObserver) -> None:
         """Starts the participant, and prints what happens until the person is done."""
         self._roslaunch(["parts/participant.launch"], scenario=self.options.scenario.key)
         if not wait_until(
@@ -232,7 +233,7 @@ class Demo:
         if outcome is not None and outcome.get("outcome") != "saved":
             self._print(f"the participant ended with '{outcome.get('outcome')}': {outcome.get('reason', '')}")
 
-    def _print_progress(self, observer: Observer) -> None:
+    def _print_progress(self, observer: SystemObserver) -> None:
         """Prints what has changed since the last call."""
         state, progress, lab = observer.state, observer.progress, observer.lab
         news = {
@@ -251,7 +252,7 @@ class Demo:
                     self._print(text)
 
     @staticmethod
-    def _plan_round_border(observer: Observer, start: Pose, goal: Pose) -> np.ndarray:
+    def _plan_round_border(observer: SystemObserver, start: Pose, goal: Pose) -> np.ndarray:
         """Asks for plans until one (N, 2) [m] does not cross the saved border, or for 5 s. Returns the last one.
 
         The map with the border was published before the state became "saved"; move_base's costmap has it a little later.
@@ -289,7 +290,7 @@ class Demo:
             self._print(f"the map could not be saved: {failed}")
 
     # ------------------------------------------------------------- the end
-    def _conclude(self, observer: Observer, plans: Dict[str, np.ndarray], drives: Sequence[GoalOutcome]) -> int:
+    def _conclude(self, observer: SystemObserver, plans: Dict[str, np.ndarray], drives: Sequence[GoalOutcome]) -> int:
         """Writes the summary, and says whether the border is respected. Returns the exit code.
 
         Args:

@@ -104,6 +104,16 @@ def wait_for_publishers(subscribers: Iterable[rospy.Subscriber], timeout: float)
         rospy.rostime.wallsleep(0.05)
 
 
+def wait_until(condition: Callable[[], bool], timeout: float, period: float = 0.05) -> bool:
+    """Waits until a condition holds. Returns False after `timeout` of wall time or at shutdown."""
+    deadline = time.monotonic() + timeout
+    while time.monotonic() < deadline and not rospy.is_shutdown():
+        if condition():
+            return True
+        time.sleep(period)
+    return condition()
+
+
 def has_exited(master: rosgraph.Master, name: str) -> bool:
     """Returns whether a registered node no longer answers at its address: the master lists killed nodes too.
 

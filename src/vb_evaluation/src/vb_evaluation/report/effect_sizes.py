@@ -12,12 +12,6 @@ from vb_evaluation.report.study_files import pairs, select
 from vb_evaluation.statistics import CONFIDENCE, Interval
 
 
-def paired_shift(differences: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
-    """Computes the Hodges-Lehmann difference, without an interval where there are too few pairs for one of 90 %."""
-    interval = statistics.hodges_lehmann(differences, confidence)
-    return interval if interval.confidence >= 0.89 else Interval(interval.estimate)
-
-
 def speed_up(runs: pandas.DataFrame, methods: Tuple[str, str]) -> Interval:
     """Computes how many times as fast the first method is: the second's mean time over its own."""
     first, second = pairs(runs, "time_total_s", methods)
