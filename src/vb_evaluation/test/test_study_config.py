@@ -176,7 +176,7 @@ def test_worlds_are_a_latin_hypercube_of_everything():
 def test_the_corners_of_every_range_are_possible():
     for index in (0, 1):
         factors = {key: entry.range[index] for key, entry in run_plan.varied_assumptions(STUDY).items()}
-        assert STUDY.changed(run_plan.world_changes(STUDY, factors)).traits(1) != STUDY.traits(1)
+        assert STUDY.changed(run_plan.scaled_values(STUDY, factors)).traits(1) != STUDY.traits(1)
 
 
 def test_worlds_cover_all_scenarios_and_both_methods():

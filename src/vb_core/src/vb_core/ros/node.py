@@ -27,7 +27,7 @@ T = TypeVar("T")
 _failures: List[CodedError] = []
 
 
-def run(name: str, build: Callable[[], Any]) -> None:
+def run_node(name: str, build: Callable[[], Any]) -> None:
     """Runs a node until it is shut down; with --help prints its interface instead, without a ROS master.
 
     Args:
@@ -140,7 +140,7 @@ def keep_private(*paths: Path) -> None:
 
 
 def shut_down_with_error(error: CodedError) -> None:
-    """Ends a running node that cannot do its work: logs a line, and `run` exits with status 1."""
+    """Ends a running node that cannot do its work: logs a line, and `run_node` exits with status 1."""
     rospy.logfatal("%s: %s", rospy.get_name(), error)
     _failures.append(error)
     rospy.signal_shutdown(error.code)

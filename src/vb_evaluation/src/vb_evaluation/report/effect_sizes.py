@@ -18,7 +18,7 @@ def speed_up(runs: pandas.DataFrame, methods: Tuple[str, str]) -> Interval:
     return statistics.ratio_of_means(second, first)
 
 
-def completed_more(runs: pandas.DataFrame, methods: Tuple[str, str], confidence: float = CONFIDENCE) -> Interval:
+def completion_difference(runs: pandas.DataFrame, methods: Tuple[str, str], confidence: float = CONFIDENCE) -> Interval:
     """Computes by how much the first method's share of completed runs is larger [percentage points]."""
     first = select(runs, method=methods[0]).completed.dropna()
     second = select(runs, method=methods[1]).completed.dropna()

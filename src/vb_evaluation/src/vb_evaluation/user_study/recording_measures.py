@@ -68,9 +68,7 @@ def measure_study(protocol_file: Path, ground_truths: Path, out: Path, physical:
         rows.append(row)
         notes += warnings
     if "other_map" in {row["outcome"] for row in rows} and not any(row["saved"] for row in rows):
-        raise CodedError(
-            "other_map", "all saved borders are on another map: name the map of these recordings with --map"
-        )
+        raise CodedError("other_map", "all saved borders are on another map: name that one with --map")
     _delete_maps(out, {row.get("map") for row in rows})
     write_truths(out, physical, truths)
     write_table(out / RUNS, COLUMNS, rows)
