@@ -31,7 +31,8 @@ def test_without_move_base_it_says_so_at_once(monkeypatch):
 class Planner:
     """A map integrator and a move_base in one: it plans a straight line, or round a border if there is one."""
 
-    def __init__(self, monkeypatch):
+    def __init__(self, monkeypatch, blocked=False):
+        self.blocked = blocked  # whether a border leaves no other way
         self.borders = []
         self.posterior = GridMap(np.zeros((100, 100), np.int8), 0.05)
         monkeypatch.setattr(rospy, "wait_for_service", lambda *_, **__: None)
@@ -43,6 +44,8 @@ class Planner:
         monkeypatch.setattr(check_navigation, "WATCH_TIME", 0.01)
 
     def plan(self, start, goal, _service):
+        if self.borders and self.blocked:
+            return np.zeros((0, 2))
         around = [(2.0, 1.0)] if self.borders else []
         return np.array([start[:2], *around, goal[:2]], dtype=float)
 
@@ -90,6 +93,13 @@ def test_check_names_what_a_move_base_lacks_for_soft_borders(monkeypatch, trinar
     checks = {check.name: check for check in NavigationCheck((4.0, 0.0), at_once=60.0, timeout=60.0).run()}
     soft = checks["a soft border is gone round where that is possible"]
     assert soft.passed is passed and ("trinary_costmap" in soft.result) is (passed is None)
+
+
+def test_without_another_way_round_nothing_is_claimed_of_borders(monkeypatch):
+    Planner(monkeypatch, blocked=True)
+    checks = NavigationCheck((4.0, 0.0), at_once=60.0, timeout=0.1).run()
+    assert [check.passed for check in checks] == [None, None, True, None, True]
+    assert "another way round" in checks[0].result
 
 
 def test_a_goal_that_is_too_near_is_reported(monkeypatch):

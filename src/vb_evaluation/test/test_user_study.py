@@ -210,7 +210,11 @@ def test_the_codebook_explains_every_column(codebook, tmp_path):
 def test_the_codebook_explains_every_outcome(codebook):
     flags = (True, False)
     possible = {classify_outcome(*of, noted) for of in product(flags, repeat=3) for noted in (None, *flags)}
-    assert set(codebook["values"][codebook.column == "outcome"]) == possible | {"unreadable", "not_started"}
+    assert set(codebook["values"][codebook.column == "outcome"]) == possible | {
+        "unreadable",
+        "other_map",
+        "not_started",
+    }
 
 
 # ------------------------------------------------------------------ data protection

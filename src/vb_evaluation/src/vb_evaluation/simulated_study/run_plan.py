@@ -81,7 +81,7 @@ def draw_worlds(study: Study) -> List[Dict[str, float]]:
 
 
 def scaled_values(study: Study, factors: Mapping[str, float]) -> Dict[str, Any]:
-    """Returns a world's changes, for `Study.changed`."""
+    """Returns a world's assumptions, each times its factor, for `Study.changed`."""
     return {key: scale_value(_get(study, key), factor) for key, factor in factors.items()}
 
 
