@@ -20,9 +20,8 @@ from vb_testing import TOP
 MARK = re.compile(
     r"(?P<figure>[-−]?[\d,]*\.?\d+)(?P<percent> ?%)?<!-- (?P<file>\S+) \"(?P<row>[^\"]+)\" (?P<column>\d+) -->"
 )
-WRITTEN = re.compile(
-    r"<!-- (?:table|what follows is written).*?<!-- end.*?-->", re.S
-)  # <!-- table a.csv: b -->...<!-- end -->
+# <!-- table a.csv: b --> ... <!-- end -->
+WRITTEN = re.compile(r"<!-- (?:table|what follows is written).*?<!-- end.*?-->", re.S)
 NO_FIGURE = re.compile(r"^ {4}.*$|`[^`]*`|\]\([^)]*\)", re.M)  # a command, `--worlds 0.2`, where [a link](0.2.md) leads
 TOLD = re.compile(r"^#+ (How it was measured|How the study came about|Before)\n.*?(?=^#|\Z)", re.M | re.S)
 # 3 of 4, 1,034 of its 5,956, 75 %, 0.997, .868; no 3 and no 1,034 alone

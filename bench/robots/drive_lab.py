@@ -23,9 +23,8 @@ from vb_core.child_processes import free_port, start_roslaunch
 from vb_core.errors import CodedError
 from vb_core.geometry import chain_length
 from vb_core.grid_map import distance_transform
-from vb_core.ros import messages, services
+from vb_core.ros import messages, node, services
 from vb_evaluation.navigation_check.move_base_goals import GoalRunner
-from vb_core.ros.node import wait_until
 from vb_evaluation.system_observer import SystemObserver
 from vb_msgs.msg import DriverState, LabState, ParticipantState, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
@@ -144,13 +143,13 @@ class Lab:
         reply = services.call(names.ADD_BORDER, AddBorder, request, {"who": "map_integrator"})
         if not reply.success:
             raise CodedError(reply.code, reply.message)
-        wait_until(lambda: self.observer.posterior is not previous, 10.0)
+        node.wait_until(lambda: self.observer.posterior is not previous, 10.0)
         return reply.id
 
     def remove(self, border: str) -> None:
         previous = self.observer.posterior
         services.call(names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(id=border), {"who": "map_integrator"})
-        wait_until(lambda: self.observer.posterior is not previous, 10.0)
+        node.wait_until(lambda: self.observer.posterior is not previous, 10.0)
 
     def entered(self, path) -> float:
         """Returns how far [m] the footprint entered the restricted area, minus 1.5 cells; 0 or less is permitted."""

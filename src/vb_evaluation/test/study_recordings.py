@@ -47,6 +47,13 @@ def painted_room(color):
     return picture
 
 
+def make_study(folder):
+    """Makes the folder of a study with a ground truth of the scenario carpet."""
+    (folder / "ground_truth").mkdir(parents=True)
+    cv2.imwrite(str(folder / "ground_truth" / "carpet.png"), painted_room(YELLOW))
+    return folder
+
+
 def write_protocol(study, *runs):
     """Writes a study's protocol: "participant,order,method,scenario,recording,completed,note" of each run."""
     columns = "participant,order,method,scenario,recording,completed,note"

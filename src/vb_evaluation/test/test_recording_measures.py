@@ -12,7 +12,7 @@ import pytest
 
 from refusals import refused
 from study_recordings import BLUE, EXACT, RED, ROOM, TRUTH, YELLOW, RecordedLab
-from study_recordings import measure_study, painted_room, picture_of_room, write_protocol
+from study_recordings import make_study, measure_study, painted_room, picture_of_room, write_protocol
 from vb_core.errors import CodedError
 from vb_core.files import append_line
 from vb_evaluation import metrics
@@ -76,13 +76,6 @@ def test_no_seed_is_right_where_no_floor_is_free():
 
 
 # ------------------------------------------------------------------ one recording for each run
-def make_study(folder):
-    """Makes the folder of a study with a ground truth of the scenario carpet."""
-    (folder / "ground_truth").mkdir(parents=True)
-    cv2.imwrite(str(folder / "ground_truth" / "carpet.png"), painted_room(YELLOW))
-    return folder
-
-
 @pytest.fixture(scope="module")
 def three_runs(tmp_path_factory):
     """A measured study with an exact border, one of half the area at the second try, and one in another condition."""

@@ -31,12 +31,11 @@ from vb_core import names
 from vb_core.child_processes import ChildProcess, free_port, start_roslaunch
 from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import Pose, chain_length
-from vb_core.ros import services
+from vb_core.ros import node, services
 from vb_evaluation import metrics
 from vb_evaluation.repository_revision import repository_root
 from vb_evaluation.report.paper_results import METHOD_TITLES
 from vb_evaluation.navigation_check.move_base_goals import GoalOutcome, GoalRunner
-from vb_core.ros.node import wait_until
 from vb_evaluation.system_observer import SystemObserver
 from vb_msgs.srv import SaveMap, SaveMapRequest
 from vb_sim import floor_plan
@@ -170,14 +169,14 @@ class Demo:
             rviz=options.rviz and has_screen,
         )
         # rospy would complain about a master that is not up yet
-        if not wait_until(lambda: rosgraph.is_master_online() or not self._launched.running, READY_TIMEOUT):
+        if not node.wait_until(lambda: rosgraph.is_master_online() or not self._launched.running, READY_TIMEOUT):
             raise CodedError("not_ready", "the ROS master did not come up")
         self._print(f"watch it, and take part, at http://127.0.0.1:{page}/")
 
     def _register(self) -> None:
         """Makes this process a node. If the master ended with roslaunch, rospy alone would retry forever."""
-        node = {"anonymous": True, "disable_signals": True, "log_level": rospy.ERROR}
-        attempt = threading.Thread(target=rospy.init_node, args=("demo_observer",), kwargs=node, daemon=True)
+        node_options = {"anonymous": True, "disable_signals": True, "log_level": rospy.ERROR}
+        attempt = threading.Thread(target=rospy.init_node, args=("demo_observer",), kwargs=node_options, daemon=True)
         attempt.start()
         while attempt.is_alive() and self._launched.running:
             attempt.join(0.2)
@@ -209,7 +208,7 @@ class Demo:
         def missing() -> List[str]:
             return [name for name, is_ready in ready_conditions.items() if not is_ready()]
 
-        if not wait_until(lambda: not missing() or not self._launched.running, READY_TIMEOUT) or missing():
+        if not node.wait_until(lambda: not missing() or not self._launched.running, READY_TIMEOUT) or missing():
             last_lines = f"The last lines of {self._launched.log}:\n{self._launched.tail()}"
             raise CodedError("not_ready", f"these did not come up: {'; '.join(missing())}. {last_lines}")
         self._print(f"all nodes are up: {len(self._cameras) + 1} cameras, maps, interaction, navigation")
@@ -221,7 +220,7 @@ class Demo:
     def _follow(self, observer: SystemObserver) -> None:
         """Starts the participant, and prints what happens until the person is done."""
         self._roslaunch(["parts/participant.launch"], scenario=self.options.scenario.key)
-        if not wait_until(
+        if not node.wait_until(
             lambda: self._print_progress(observer) or observer.outcome is not None or not self._launched.running,
             INTERACTION_TIMEOUT,
             0.1,
@@ -264,7 +263,7 @@ class Demo:
             plans.append(observer.plan(start, goal, "/move_base/make_plan"))
             return not metrics.path_meets_region(plans[-1], observer.prior, region)
 
-        wait_until(goes_round, 5.0, 0.25)
+        node.wait_until(goes_round, 5.0, 0.25)
         return plans[-1]
 
     def _drive(self, start: Pose, goal: Pose) -> List[GoalOutcome]:

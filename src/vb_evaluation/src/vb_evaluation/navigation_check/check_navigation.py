@@ -23,8 +23,7 @@ from std_srvs.srv import Empty, EmptyRequest
 from vb_core import geometry, names, sentences
 from vb_core.errors import CodedError
 from vb_core.navigation_parameters import is_trinary
-from vb_core.ros import messages
-from vb_core.ros.node import wait_until
+from vb_core.ros import messages, node
 from vb_core.ros.services import INTEGRATOR, call
 from vb_core.ros.transforms import TransformLookup
 from vb_evaluation.system_observer import SystemObserver
@@ -95,7 +94,7 @@ class NavigationCheck:
         except rospy.ROSException:
             raise CodedError("no_planner", f"no node offers {service}: start move_base first") from None
         observer, transforms = SystemObserver(), TransformLookup()
-        if not wait_until(lambda: observer.posterior is not None, 10.0):
+        if not node.wait_until(lambda: observer.posterior is not None, 10.0):
             raise CodedError("no_map_with_borders", topic=names.MAP_WITH_BORDERS)
         start = self._robot_pose(transforms)
         plan = partial(observer.plan, start, (*self.goal, 0.0), service)
@@ -171,9 +170,9 @@ class NavigationCheck:
         while time.monotonic() < end:
             courses.append(course())
         crossing, missing = courses.count(ACROSS), courses.count(NO_PLAN)
-        result = f"back {check.result}; {crossing} of {len(courses)} plans after that cross it"
-        if missing:
-            result += f", and {missing} requests found no plan"
+        result = (
+            f"back {check.result}; of {len(courses)} plans after that {crossing} cross it, and {missing} were not found"
+        )
         return Check(name, None if missing and not crossing else not crossing, result)
 
     def _soon(self, name: str, course: Callable[[], str], expected: str, limit: float = float("inf")) -> Check:
@@ -182,12 +181,10 @@ class NavigationCheck:
         If there is no plan while a border is on the way, nothing is known: the border may close the only way.
         """
         start = time.monotonic()
-        if not wait_until(lambda: course() == expected, self.timeout, 0.02):
-            if course() != NO_PLAN:
-                return Check(name, False, f"not within {self.timeout:g} s")
-            if expected == AROUND:
+        if not node.wait_until(lambda: course() == expected, self.timeout, 0.02):
+            if expected == AROUND and course() == NO_PLAN:
                 return Check(name, None, "move_base finds no plan: choose a --goal with another way round")
-            return Check(name, False, "move_base finds no plan")
+            return Check(name, False, f"not within {self.timeout:g} s")
         seconds = time.monotonic() - start
         is_in_time = seconds <= limit
         excess = "" if is_in_time else f", {limit:g} s are allowed"
