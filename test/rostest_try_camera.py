@@ -1,7 +1,6 @@
 #!/usr/bin/env python3
 """`make try`: a film's line becomes a border in metres, where the rendering says it is, unattended and by hand."""
 
-import os
 import shutil
 import sys
 import tempfile
@@ -23,8 +22,7 @@ from vb_map_integration.border import borders_from_geojson
 ROOM = Path(rospkg.RosPack().get_path("vb_bringup")) / "example_video"
 TRUTH = yaml.safe_load((ROOM / "room.yaml").read_text())
 CARPET = [100 * TRUTH[side] for side in ("width", "depth")]  # [cm]
-TRY = [sys.executable, "-m", "vb_bringup.try_camera", "--out"]
-ALONE = {**os.environ, "DISPLAY": "", "BROWSER": "true"}  # no browser is opened
+TRY = ["env", "DISPLAY=", "BROWSER=true", sys.executable, "-m", "vb_bringup.try_camera", "--out"]  # opens no browser
 JUDGE = "get('width').value = get('depth').value = 99; corners = arguments[0]; return ask('floor')"
 REFUSED = CodedError("bad_rectangle").message
 MISSED = (0.8, -0.6), (-0.7, 0.5), (0.4, 0.9), (-0.9, -0.4)  # [px] of the screen, by which a hand misses the corners
@@ -49,7 +47,7 @@ class TestTryCamera(unittest.TestCase):
 
     def test_the_supplied_film_becomes_a_border_unattended(self):
         with tempfile.TemporaryDirectory() as folder:
-            done = run_command(*TRY, folder, "--once", timeout=200, env=ALONE)
+            done = run_command(*TRY, folder, "--once", timeout=200)
             self.assertEqual(done.returncode, 0, done.stdout)
             self.assert_drawn(folder)
 
@@ -58,7 +56,7 @@ class TestTryCamera(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
             film = Path(folder) / "film.mp4"
             command = [*TRY, folder, "--camera", str(film), "--port", str(port)]
-            running = ChildProcess(command, Path(folder) / "said.txt", ALONE)
+            running = ChildProcess(command, Path(folder) / "said.txt")
             stack.callback(running.stop)
             wait_until(lambda: f"check_lab --camera {film}" in running.tail(), "how to describe a missing camera")
             browser = stack.enter_context(closing(Browser(f"http://127.0.0.1:{port}/", WALL)))
