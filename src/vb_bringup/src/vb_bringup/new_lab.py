@@ -119,9 +119,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
         help='ceiling cameras: "north south" from drivers, "north=/dev/video0 south=rtsp://192.168.1.7/stream" without',
     )
     parser.add_argument("--robot", default="", help="robot type, for instance turtlebot2; by default, no robot")
-    parser.add_argument(
-        "--map", default="", help="YAML file of the map, which is copied; by default, others publish /map"
-    )
+    parser.add_argument("--map", default="", help="YAML file of the map to copy; by default, others publish /map")
     options = parser.parse_args(arguments)
     import rospkg
 

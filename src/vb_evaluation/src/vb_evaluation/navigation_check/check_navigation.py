@@ -170,19 +170,15 @@ class NavigationCheck:
         while time.monotonic() < end:
             courses.append(course())
         crossing, missing = courses.count(ACROSS), courses.count(NO_PLAN)
-        result = (
-            f"back {check.result}; of {len(courses)} plans after that {crossing} cross it, and {missing} were not found"
-        )
-        return Check(name, None if missing and not crossing else not crossing, result)
+        result = f"back {check.result}; of {len(courses)} plans after that {crossing} cross it, {missing} are missing"
+        is_unknown = missing > 0 and crossing == 0
+        return Check(name, None if is_unknown else crossing == 0, result)
 
     def _soon(self, name: str, course: Callable[[], str], expected: str, limit: float = float("inf")) -> Check:
-        """Checks that plans come to take a course within a limit [s] of wall time.
-
-        If there is no plan while a border is on the way, nothing is known: the border may close the only way.
-        """
+        """Checks that plans come to take a course within a limit [s] of wall time."""
         start = time.monotonic()
         if not node.wait_until(lambda: course() == expected, self.timeout, 0.02):
-            if expected == AROUND and course() == NO_PLAN:
+            if expected == AROUND and course() == NO_PLAN:  # the border may close the only way
                 return Check(name, None, "move_base finds no plan: choose a --goal with another way round")
             return Check(name, False, f"not within {self.timeout:g} s")
         seconds = time.monotonic() - start
