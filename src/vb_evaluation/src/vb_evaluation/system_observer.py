@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Dict, Optional, Tuple
+from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -15,7 +15,7 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.ros.messages import NumpyOccupancyGrid, array_from_points, grid_from_message, message_from_pose2d
-from vb_msgs.msg import BorderProgress, DetectorStatus, InteractionState, LabState
+from vb_msgs.msg import BorderProgress, DetectorStatus, InteractionState, LabState, VirtualBorder, VirtualBorderArray
 
 
 class SystemObserver:
@@ -27,6 +27,7 @@ class SystemObserver:
     def __init__(self) -> None:
         self.state: Optional[InteractionState] = None
         self.progress: Optional[BorderProgress] = None
+        self.borders: List[VirtualBorder] = []
         self.prior: Optional[GridMap] = None
         self.posterior: Optional[GridMap] = None
         self.lab: Optional[LabState] = None
@@ -36,6 +37,7 @@ class SystemObserver:
         self._subscribers = [
             rospy.Subscriber(names.STATE, InteractionState, self._on_state),
             rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress),
+            rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders),
             rospy.Subscriber(names.PHYSICAL_MAP, NumpyOccupancyGrid, self._on_prior),
             rospy.Subscriber(names.MAP_WITH_BORDERS, NumpyOccupancyGrid, self._on_posterior),
             rospy.Subscriber(names.LAB_STATE, LabState, self._on_lab, queue_size=1),
@@ -50,6 +52,9 @@ class SystemObserver:
 
     def _on_progress(self, message: BorderProgress) -> None:
         self.progress = message
+
+    def _on_borders(self, message: VirtualBorderArray) -> None:
+        self.borders = message.borders
 
     def _on_prior(self, message: NumpyOccupancyGrid) -> None:
         self.prior = grid_from_message(message)
