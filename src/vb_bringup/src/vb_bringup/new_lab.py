@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 from typing import Dict, List, Mapping, Optional
 
+import rospkg
 import yaml
 
 from vb_core.errors import CodedError
@@ -121,8 +122,6 @@ def main(arguments: Optional[List[str]] = None) -> int:
     parser.add_argument("--robot", default="", help="robot type, for instance turtlebot2; by default, no robot")
     parser.add_argument("--map", default="", help="YAML file of the map to copy; by default, others publish /map")
     options = parser.parse_args(arguments)
-    import rospkg
-
     profiles = Path(rospkg.RosPack().get_path("vb_bringup")) / "robots"
     try:
         folder = options.folder.expanduser().resolve()
