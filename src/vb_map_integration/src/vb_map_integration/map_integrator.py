@@ -23,6 +23,7 @@ from vb_map_integration.places.border_location import BorderLocator
 from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer
 from vb_map_integration.places.transform import Transform
 from vb_map_integration.storage.border_database import BorderChange, Change, Database, fingerprint
+from vb_map_integration.storage.durable_values import DurableValues
 
 Positions = Sequence[Sequence[float]]  # x, y of each robot [m]
 
@@ -77,7 +78,8 @@ class MapIntegrator:
         self, root: Optional[Path], map_name: str = "", robots: Sequence[str] = (), robot_radius: float = 0.18
     ) -> None:
         self._expected_name, self._robots, self._robot_radius = map_name, robots, robot_radius
-        self._database = Database(root)
+        self._store = DurableValues(root)
+        self._database = Database(self._store)
         self._recognizer = PlaceRecognizer(self._database, map_name)
         self._recognition = PlaceRecognition()
         self._locator: Optional[BorderLocator] = None  # None until the first map arrives, as `_borders_in_force`
@@ -88,7 +90,7 @@ class MapIntegrator:
 
     def close(self) -> None:
         """Releases the database."""
-        self._database.close()
+        self._store.close()
 
     # ------------------------------------------------------------- state
     @property
@@ -130,7 +132,7 @@ class MapIntegrator:
     @property
     def revision(self) -> int:
         """The revision; it grows with every change."""
-        return self._database.revision
+        return self._store.revision
 
     @property
     def map_name(self) -> str:
@@ -146,7 +148,7 @@ class MapIntegrator:
     def notices(self) -> List[Notice]:
         """Notices about the database, the map's place, and borders that have changed on this map."""
         about_borders = find_notices(self._statuses, self._recognition.is_certain, self.map_name)
-        return [*self._database.notices, *self._place_notices, *about_borders]
+        return [*self._store.notices, *self._place_notices, *about_borders]
 
     # ------------------------------------------------------------- the physical map
     def set_map(self, grid: GridMap) -> bool:
