@@ -175,7 +175,7 @@ class MapIntegrator:
         """Puts a place's borders in force on a map: a new one, or the same one after a person's answer about it."""
         self._set_recognition(grid, recognition)
         self._borders_in_force = None
-        self._recompute_borders()
+        self._recompute_borders(self._database.borders(recognition.place))
 
     def _set_recognition(self, grid: GridMap, recognition: PlaceRecognition) -> None:
         """Sets what the current map was recognised as, and with it the locator of borders on it."""
@@ -183,9 +183,8 @@ class MapIntegrator:
         self._locator = BorderLocator(grid, self.map_id, maps, recognition.transform, recognition.other_transform)
         self._recognition = recognition
 
-    def _recompute_borders(self, drawn: Optional[BorderRegion] = None) -> None:
-        """Puts in force the borders that the database has now; see `compute_borders_in_force` for `drawn`."""
-        borders = self._database.borders(self._recognition.place)
+    def _recompute_borders(self, borders: Sequence[VirtualBorder], drawn: Optional[BorderRegion] = None) -> None:
+        """Puts the place's stored borders in force; see `compute_borders_in_force` for `drawn`."""
         self._borders_in_force = compute_borders_in_force(borders, self._locator, self._borders_in_force, drawn)
         self._free_parts = None
 
@@ -376,10 +375,10 @@ class MapIntegrator:
             check: the check of a single border; None for changes whose warnings are the statuses of their borders.
         """
         place = place or self._recognition.place
-        self._database.commit(place, change, kind, request_id)
+        borders = self._database.commit(place, change, kind, request_id)
         issues = ()
         if place == self._recognition.place:
-            self._recompute_borders(check.region if check else None)
+            self._recompute_borders(borders, check.region if check else None)
             statuses = [self.borders_in_force.statuses[entry.id] for entry in change if entry.after is not None]
             issues = tuple(warning(status.code, **status.sentence_values) for status in statuses if status.code)
         return ChangeResult(tuple(entry.id for entry in change), check.issues if check else issues)

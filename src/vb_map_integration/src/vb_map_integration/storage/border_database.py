@@ -190,8 +190,8 @@ class Database:
         name = border.name or next(name for name in numbered if name not in taken)
         return border.replace(id=f"b{self._store.get(_NEXT, 1)}", name=name, created=now, modified=now, map_id=map_id)
 
-    def commit(self, place: int, change: Change, kind: str = "new", request_id: str = "") -> None:
-        """Makes a change of borders of one place.
+    def commit(self, place: int, change: Change, kind: str = "new", request_id: str = "") -> Tuple[VirtualBorder, ...]:
+        """Makes a change of borders of one place; returns the place's borders, as `borders` does.
 
         Args:
             kind: "new" (undone changes are dropped), "undo" or "redo".
@@ -216,6 +216,7 @@ class Database:
         self._store.write(changes)
         borders = {**self._borders.get(place, {}), **{entry.id: entry.after for entry in change}}
         self._borders[place] = {border_id: border for border_id, border in borders.items() if border is not None}
+        return self.borders(place)
 
     def _history(self, place: int, entries: List[List[Any]], kind: str) -> Dict[str, Any]:
         """Returns the values that record a change, so that it can be undone or redone."""
