@@ -276,7 +276,9 @@ class MapIntegrator:
             return ChangeResult((earlier,))
         self._check_revision(expected_revision)
         border = self._database.new_border(border, now, self._recognition.place, self.map_id)
-        return self._store_drawn_border(border, None, robot_positions, request_id)
+        after, check = self._check_drawn(border, robot_positions)
+        self._remember_map()
+        return self._make_change((BorderChange(border.id, None, after),), request_id=request_id, check=check)
 
     def update(
         self, border: VirtualBorder, now: float, robot_positions: Positions = (), expected_revision: int = 0
@@ -291,29 +293,37 @@ class MapIntegrator:
             raise CodedError("on_another_map", id=border.id)
         name = border.name or before.name
         border = border.replace(name=name, created=before.created, modified=now, map_id=self.map_id)
-        if not border.has_same_area(self.borders_in_force.statuses[border.id].map_border):
-            return self._store_drawn_border(border, before, robot_positions)
-        self._check_robots(border)
-        after = border.replace(points=before.points, seed=before.seed, map_id=before.map_id)
-        return self._make_change((BorderChange(border.id, before, after),))
+        if border.has_same_area(self.borders_in_force.statuses[border.id].map_border):
+            self._check_robots(border)
+            after, check = border.replace(points=before.points, seed=before.seed, map_id=before.map_id), None
+        else:
+            after, check = self._check_drawn(border, robot_positions)
+            self._remember_map()
+        return self._make_change((BorderChange(border.id, before, after),), check=check)
 
-    def _store_drawn_border(
-        self, border: VirtualBorder, before: Optional[VirtualBorder], robot_positions: Positions, request_id: str = ""
-    ) -> ChangeResult:
-        """Adds a border that was drawn on the current map, or replaces `before` by it."""
+    def _check_drawn(self, border: VirtualBorder, robot_positions: Positions) -> Tuple[VirtualBorder, BorderCheck]:
+        """Checks a border that was drawn on the current map; returns it in its place's frame, with its check.
+
+        Raises:
+            CodedError: "confirm_map_first", or as `check`.
+        """
         transform = self._recognition.transform
-        after = border.transform(transform.inverse)
+        stored_border = border.transform(transform.inverse)
         # A preview is not enough: the map, the borders or the robots may have changed since. The border is checked as it
         # will be read back: a rounding error may change it on its way to its place's frame and back.
-        check = self.check(after.transform(transform), robot_positions)
+        check = self.check(stored_border.transform(transform), robot_positions)
         if not self._recognition.is_certain:  # a border would belong to no place
             raise IntegrationError("confirm_map_first")
-        place = self._recognition.place
-        if self.map_id not in self._locator.stored_maps:  # later maps are compared with those on which a person draws
-            name = "" if place or self._database.find_place(self._expected_name) else self._expected_name
-            place = self._database.add_map(self.physical_map, self.map_id, place, transform, name)
-            self._set_recognition(self.physical_map, PlaceRecognition(place, transform))
-        return self._make_change((BorderChange(border.id, before, after),), request_id=request_id, check=check)
+        return stored_border, check
+
+    def _remember_map(self) -> None:
+        """Stores the current map if it is new: later maps are compared with those on which a person draws."""
+        if self.map_id in self._locator.stored_maps:
+            return
+        place, transform = self._recognition.place, self._recognition.transform
+        name = "" if place or self._database.find_place(self._expected_name) else self._expected_name
+        place = self._database.add_map(self.physical_map, self.map_id, place, transform, name)
+        self._set_recognition(self.physical_map, PlaceRecognition(place, transform))
 
     def set_enabled(self, border_id: str, enabled: bool, now: float, expected_revision: int = 0) -> ChangeResult:
         """Turns a border of any map on or off; raises CodedError."""
