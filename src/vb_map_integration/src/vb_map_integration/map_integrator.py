@@ -45,12 +45,7 @@ class BorderCheck:
 
 @dataclass(frozen=True)
 class ChangeResult:
-    """Result of a change.
-
-    Attributes:
-        ids: ids of the borders that changed.
-        issues: warnings.
-    """
+    """Result of a change: the ids of the borders that changed, and warnings."""
 
     ids: Tuple[str, ...] = ()
     issues: Tuple[Notice, ...] = ()
@@ -302,11 +297,7 @@ class MapIntegrator:
         return self._make_change((BorderChange(border.id, before, after),), check=check)
 
     def _check_drawn(self, border: VirtualBorder, robot_positions: Positions) -> Tuple[VirtualBorder, BorderCheck]:
-        """Checks a border that was drawn on the current map; returns it in its place's frame, with its check.
-
-        Raises:
-            CodedError: "confirm_map_first", or as `check`.
-        """
+        """Checks a border drawn on the current map; returns it in its place's frame, and its check; raises CodedError."""
         transform = self._recognition.transform
         stored_border = border.transform(transform.inverse)
         # A preview is not enough: the map, the borders or the robots may have changed since. The border is checked as it

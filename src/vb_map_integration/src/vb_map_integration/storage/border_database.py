@@ -76,11 +76,7 @@ def fingerprint(grid: GridMap) -> str:
 
 
 class Database:
-    """Borders by place, with their history; each method makes its changes completely or not at all.
-
-    Args:
-        store: keeps everything on disk, and is written by nobody else.
-    """
+    """Borders by place, with their history, in a store of its own; each method makes its changes completely or not at all."""
 
     def __init__(self, store: DurableValues) -> None:
         self._store = store
@@ -210,7 +206,8 @@ class Database:
             changes[f"borders/{place}/{border_id}"] = after
         if request_id:
             changes[f"requests/{request_id}"] = change[0].id
-            changes.update({f"requests/{old}": None for old in self._store.names_of_kind("requests")[:-MAX_REQUESTS]})
+            earlier = list(self._store.values_of_kind("requests"))
+            changes.update({f"requests/{old}": None for old in earlier[:-MAX_REQUESTS]})
         next_number = max(int(entry.id[1:]) + 1 for entry in change)
         changes[_NEXT] = max(next_number, self._store.get(_NEXT, 1))
         self._store.write(changes)

@@ -97,13 +97,10 @@ class DurableValues:
         """Returns the value of a key, or the default."""
         return self._values[key].parsed if key in self._values else default
 
-    def names_of_kind(self, kind: str) -> List[str]:
-        """Lists the names of one kind, the oldest first."""
-        return [key[len(kind) + 1 :] for key in self._values if key.startswith(f"{kind}/")]
-
     def values_of_kind(self, kind: str) -> Dict[str, Any]:
-        """Returns the values of one kind by their names."""
-        return {name: self.get(f"{kind}/{name}") for name in self.names_of_kind(kind)}
+        """Returns the values of one kind by their names, the oldest first."""
+        start = f"{kind}/"
+        return {key[len(start) :]: value.parsed for key, value in self._values.items() if key.startswith(start)}
 
     def write(self, changes: Mapping[str, Any]) -> None:
         """Sets values, all or none of them; None removes a value.
