@@ -7,7 +7,7 @@ on it is a spot on the floor. As the robots' poses are known, no rules are neede
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -171,48 +171,44 @@ class RobotCylinder:
         return float(np.hypot(*offset)) <= self.radius
 
 
+@dataclass(eq=False)
 class ImageGeometry:
     """Locates the pixels of one image on the floor: first `meters_per_pixel`, then `locate`.
 
     Most images show nothing to be located, so pose, depth and robots are looked up only if they are needed.
 
-    Args:
+    Attributes:
         camera: camera model for the image's size.
         floor_projection: projection of this camera's spots.
-        pose: (4, 4) T_map_camera; None: it is looked up.
+        pose: (4, 4) T_map_camera; None: it is looked up when it is needed.
         lookups: the `CameraGeometry` that knows pose, depth and robots; None: a plane floor without robots.
         frame_id, stamp: frame and time of the image.
-
-    Attributes:
         pose_error: why the pose is unknown, although it was looked up; else None.
     """
 
-    def __init__(
-        self,
-        camera: CameraModel,
-        floor_projection: FloorProjection,
-        pose: Optional[np.ndarray] = None,
-        lookups: Any = None,
-        frame_id: str = "",
-        stamp: Any = None,
-    ) -> None:
-        self.pose_error: Optional[CodedError] = None
-        self._camera, self._floor_projection, self._pose = camera, floor_projection, pose
-        self._lookups, self._frame_id, self._stamp = lookups, frame_id, stamp
-        self._robots: Optional[Sequence[RobotCylinder]] = () if lookups is None else None  # None: to be looked up
+    camera: CameraModel
+    floor_projection: FloorProjection
+    pose: Optional[np.ndarray] = None
+    lookups: Any = None
+    frame_id: str = ""
+    stamp: Any = None
+    pose_error: Optional[CodedError] = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        self._robots: Optional[Sequence[RobotCylinder]] = () if self.lookups is None else None  # None: to be looked up
 
     def meters_per_pixel(self, pixels: np.ndarray) -> np.ndarray:
         """Returns the floor length (N,) [m/px] of pixels (N, 2). It is NaN where no floor is seen, or with a `pose_error`."""
-        if self._pose is None:
+        if self.pose is None:
             try:
-                self._pose = self._lookups.pose_at(self._frame_id, self._stamp)
+                self.pose = self.lookups.pose_at(self.frame_id, self.stamp)
             except CodedError as error:
                 if error.code not in ("no_transform", "bad_transform"):
                     raise
                 self.pose_error = error.without_traceback()
                 return np.full(len(pixels), np.nan)
         corners = (pixels[:, None] + _CORNER).reshape(-1, 2)
-        floor = project_to_floor(self._camera, self._pose, corners, self._floor_projection.params.floor_height)
+        floor = project_to_floor(self.camera, self.pose, corners, self.floor_projection.params.floor_height)
         return _scales(floor.reshape(-1, 3, 3))
 
     def locate(self, spots: Sequence[Spot]) -> List[Spot]:
@@ -231,13 +227,13 @@ class ImageGeometry:
         Raises:
             CodedError: where there is no floor point; "on_robot" if a robot hides it.
         """
-        depth = None if self._lookups is None else self._lookups.depth_at(self._frame_id, self._stamp)
+        depth = None if self.lookups is None else self.lookups.depth_at(self.frame_id, self.stamp)
         if depth is None:
-            point = self._floor_projection.project_to_plane(self._camera, self._pose, u, v)
+            point = self.floor_projection.project_to_plane(self.camera, self.pose, u, v)
         else:
-            point = self._floor_projection.project_with_depth(self._camera, self._pose, u, v, depth)
+            point = self.floor_projection.project_with_depth(self.camera, self.pose, u, v, depth)
         if self._robots is None:
-            self._robots = self._lookups.robot_cylinders(self._stamp)
-        if any(robot.occludes(self._pose[:3, 3], point.position) for robot in self._robots):
+            self._robots = self.lookups.robot_cylinders(self.stamp)
+        if any(robot.occludes(self.pose[:3, 3], point.position) for robot in self._robots):
             raise CodedError("on_robot")
         return point

@@ -50,8 +50,11 @@ class DetectorDiagnostics:
     def __init__(
         self, namespace: str, camera: str, mailbox: Mailbox, mobile: bool = False, own_source: bool = False
     ) -> None:
-        self._namespace, self._camera, self._mobile, self._own_source = namespace, camera, mobile, own_source
+        self._namespace = namespace
+        self._camera = camera
         self._mailbox = mailbox
+        self._mobile = mobile
+        self._own_source = own_source
         self._frame_id = ""
         self.focal = 0.0
         self._others: Dict[str, Tuple[str, float]] = {}  # frame of each other stationary camera, and when it arrived
@@ -119,7 +122,8 @@ class DetectorDiagnostics:
             rejected: codes that say why candidates, or the image, were rejected.
         """
         now = rospy.get_time()
-        self._frame_id, self._color = frame_id, picture.color_format != "mono"
+        self._frame_id = frame_id
+        self._color = picture.color_format != "mono"
         if abs(now - self._measured_at) > 1.0:
             self._saturated_share = saturated_share(picture.search_pixels)
             self._measured_at = now
