@@ -6,17 +6,17 @@ import re
 import subprocess
 import tempfile
 import unittest
+from functools import partial
 
 import numpy as np
 import rospy
 import rostest
-import tf2_ros
 from geometry_msgs.msg import Point, PointStamped
 from std_msgs.msg import Header
 
 from vb_core import geometry, names
 from vb_core.camera_model import project_to_floor
-from vb_core.ros import messages
+from vb_core.ros.transforms import TransformLookup
 from vb_laser_detect.calibration import pose_file
 
 from camera_players import FixedCamera
@@ -57,8 +57,7 @@ class CalibrateCameraTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("person")
-        cls.buffer = tf2_ros.Buffer()
-        cls.listener = tf2_ros.TransformListener(cls.buffer)
+        cls.transforms = TransformLookup()
         cls.clicks = rospy.Publisher("/clicked_point", PointStamped, queue_size=5)
 
     def setUp(self):
@@ -131,12 +130,8 @@ class CalibrateCameraTest(unittest.TestCase):
 
     def check_transform(self, frame, truth):
         """Waits until tf has a frame at its true pose."""
-
-        def is_there():
-            message = self.buffer.lookup_transform(names.MAP_FRAME, frame, rospy.Time(0), rospy.Duration(TIMEOUT))
-            return np.abs(messages.transform_from_message(message.transform) - truth).max() < 0.02
-
-        wait_until(is_there, f"{frame} at its place")
+        find = partial(self.transforms.lookup, names.MAP_FRAME, frame, rospy.Time(0), TIMEOUT)
+        wait_until(lambda: np.abs(find() - truth).max() < 0.02, f"{frame} at its place")
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from std_msgs.msg import Header
 
 from vb_testing import Newest, wait_until
 from vb_core import geometry
+from vb_core.camera_model import project_to_pixels
 from vb_core.ros.images import array_from_image, camera_from_info
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import LabState
@@ -81,8 +82,7 @@ class CamerasTest(unittest.TestCase):
             image = self.images[key].wait(is_lit, f"the spot in {key}")
             mount = self.transforms.lookup(parent, image.header.frame_id, rospy.Time(0), 10.0)
             camera = camera_from_info(self.infos[key].message)
-            to_camera = geometry.invert_transform(inverse @ mount)
-            u, v = camera.project(geometry.transform_points(to_camera, np.array([[*SPOT, 0.0]])))[0]
+            u, v = project_to_pixels(camera, inverse @ mount, np.array([[*SPOT, 0.0]]))[0]
             bright = array_from_image(image).astype(float)
             bright = bright if bright.ndim == 2 else bright.max(axis=2)
             rows, columns = np.nonzero(bright > 240)

@@ -53,9 +53,8 @@ class LabSimulatorTest(unittest.TestCase):
         cls.make_plan.wait_for_service(60.0)
         cls.grid = grid_from_message(cls.map.message)
         cls.first_scan = Newest("/scan", LaserScan).message  # before the robot drives
-        cls.client.send_goal(MoveBaseGoal(target_pose=pose(7.0, 1.0)))  # before navigation has a map
-        wait_until(lambda: cls.client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE), "its end")
-        cls.first_goal = cls.client.get_state(), cls.client.get_goal_status_text()
+        goal = MoveBaseGoal(target_pose=pose(7.0, 1.0))  # before navigation has a map
+        cls.first_goal = cls.client.send_goal_and_wait(goal, rospy.Duration(60.0)), cls.client.get_goal_status_text()
 
     def publish(self, blocked=None):
         """Publishes the map with a box (x0, y0, x1, y1) [m] blocked, and waits until the costmap has it."""
@@ -71,13 +70,6 @@ class LabSimulatorTest(unittest.TestCase):
     def path(self, start, goal, tolerance=0.0):
         reply = self.make_plan(pose(*start), pose(*goal), tolerance)
         return np.array([(p.pose.position.x, p.pose.position.y) for p in reply.plan.poses]).reshape(-1, 2)
-
-    def finish(self, limit=90.0):
-        wait_until(lambda: self.client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE), "its end", limit)
-        wait_until(self.may_plan, "plans for others again")
-        # result and velocity are on different topics, so that either may come first
-        wait_until(lambda: all(last == Twist() for last in self.cmd_vel.all[-1:]), "the command to stand")
-        return self.client.get_state(), self.client.get_goal_status_text()
 
     def may_plan(self):
         try:
@@ -118,7 +110,11 @@ class LabSimulatorTest(unittest.TestCase):
         border = (6.0, 0.4, 6.4, 1.3)
         self.publish(border)
         states_before = len(self.state.all)
-        self.assertEqual(self.finish()[0], GoalStatus.SUCCEEDED)
+        self.assertTrue(self.client.wait_for_result(rospy.Duration(90.0)))
+        self.assertEqual(self.client.get_state(), GoalStatus.SUCCEEDED)
+        wait_until(self.may_plan, "plans for others again")
+        # result and velocity are on different topics, so that either may come first
+        wait_until(lambda: all(last == Twist() for last in self.cmd_vel.all[-1:]), "the command to stand")
         true = self.state.next().robot_poses[0]
         self.assertLess(math.hypot(true.x - 5.2, true.y - 1.0), 0.2)
         self.assertLess(abs(geometry.wrap_angle(true.theta - 1.5)), 0.25)

@@ -160,7 +160,6 @@ def test_tremor_has_its_strength_and_band():
 
 
 SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.25], [0.0, 1.25]])
-REAL = ParticipantModel(stroke_scale=1.0)
 
 
 def draw(border, closed, model, seed=0, style=load_styles()[0], is_floor=lambda points: np.ones(len(points), bool)):
@@ -182,7 +181,7 @@ def test_real_strokes_move_as_people_do():
     """For all people of the resource: stops at corners, peaks between them, the same mean speed, uneven sides."""
     slow, fast, deviations = [], [], []
     for style in load_styles():
-        stroke = draw(SQUARE, True, REAL, style=style)
+        stroke = draw(SQUARE, True, ParticipantModel(stroke_scale=1.0), style=style)
         arcs = np.arange(0.0, stroke.length, 0.01)
         pace = np.array([stroke.pace(arc) for arc in arcs])
         # the whole takes about as long as at the mean speed, tempo included
