@@ -82,9 +82,6 @@ class FakeClock:
         self.wall += seconds
         return False
 
-    def clear(self):
-        pass
-
 
 @pytest.mark.parametrize("pace, expected", [(4.0, 0.25), (1.0, 1.0), (0.5, 1.0), (0.0, 1.0)])
 def test_a_timer_follows_the_faster_clock(monkeypatch, pace, expected):

@@ -25,22 +25,6 @@ TOPICS = {
 SPOT = (1.4, 1.0)
 
 
-class FakeLab:
-    """Publishes LabState while `running`."""
-
-    def __init__(self):
-        self.publisher = rospy.Publisher("/sim/lab_state", LabState, queue_size=5)
-        self.running = True
-        self._timer = rospy.Timer(rospy.Duration(0.02), self._publish)
-
-    def _publish(self, _event):
-        if self.running:
-            message = LabState(robots=["tb"], robot_poses=[Pose2D(0.4, 1.0, 0.0)], laser_on=True, laser_color="green")
-            message.header = Header(stamp=rospy.Time.now(), frame_id="map")
-            message.laser = Point(*SPOT, 0.0)
-            self.publisher.publish(message)
-
-
 def is_lit(image):
     return array_from_image(image).max() > 250
 
@@ -52,7 +36,18 @@ class CamerasTest(unittest.TestCase):
         cls.images = {key: Newest(topic + "/image_raw", Image, 60) for key, (topic, _, _) in TOPICS.items()}
         cls.infos = {key: Newest(topic + "/camera_info", CameraInfo, 60) for key, (topic, _, _) in TOPICS.items()}
         cls.transforms = TransformLookup()
-        cls.lab = FakeLab()
+        cls.lab = rospy.Publisher("/sim/lab_state", LabState, queue_size=5)
+        cls.is_running = True
+        cls.timer = rospy.Timer(rospy.Duration(0.02), cls.play)
+
+    @classmethod
+    def play(cls, _event):
+        """Publishes the lab's state while it is running."""
+        if cls.is_running:
+            message = LabState(robots=["tb"], robot_poses=[Pose2D(0.4, 1.0, 0.0)], laser_on=True, laser_color="green")
+            message.header = Header(stamp=rospy.Time.now(), frame_id="map")
+            message.laser = Point(*SPOT, 0.0)
+            cls.lab.publish(message)
 
     def of_one_time(self, *topics):
         """Waits for messages of several topics with a common stamp, and returns the newest ones."""
@@ -96,11 +91,11 @@ class CamerasTest(unittest.TestCase):
     def test_survives_a_silent_lab(self):
         north = self.images["north"]
         north.wait(is_lit, "the spot")
-        self.lab.running = False
+        CamerasTest.is_running = False
         try:
             north.wait(lambda image: not is_lit(image), "the empty lab")
         finally:
-            self.lab.running = True
+            CamerasTest.is_running = True
         north.wait(is_lit, "the spot again")
 
 

@@ -66,11 +66,6 @@ def added_light(view, scene):
     return lit - view.frame(dataclasses.replace(scene, laser=None))
 
 
-def centroid(change):
-    rows, columns = np.indices(change.shape)
-    return np.array([(change * columns).sum(), (change * rows).sum()]) / change.sum()
-
-
 # ------------------------------------------------------------------ the spot
 @pytest.mark.parametrize("name, color", [("mono", "red"), ("mono", "green"), ("bayer", "green")])
 def test_spot_lies_where_the_camera_model_says(lab, name, color):
@@ -81,7 +76,9 @@ def test_spot_lies_where_the_camera_model_says(lab, name, color):
         if name == "bayer":
             # keep only the green pixels, which lie in every row and column
             change[0::2, 0::2] = change[1::2, 1::2] = 0.0
-        assert np.linalg.norm(centroid(change) - expected_pixel(view.model, view.pose, x, y)) < 0.2
+        rows, columns = np.indices(change.shape)
+        centroid = np.array([(change * columns).sum(), (change * rows).sum()]) / change.sum()
+        assert np.linalg.norm(centroid - expected_pixel(view.model, view.pose, x, y)) < 0.2
 
 
 def test_spot_has_a_white_core_and_a_coloured_halo(lab):

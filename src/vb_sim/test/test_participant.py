@@ -17,8 +17,7 @@ from vb_sim.person.person import Person
 from vb_sim.world import load_world
 from closed_loop import DT, System
 
-PACKAGE = Path(__file__).resolve().parent.parent
-WORLD = load_world(str(PACKAGE / "worlds" / "lab.yaml"))
+WORLD = load_world(str(Path(__file__).resolve().parents[1] / "worlds" / "lab.yaml"))
 DRAWN = ["define_border", "define_seed", "save"]
 SLIPS = ParticipantModel(slip=1.0)
 EVERYWHERE, NOWHERE = (lambda spot: True), (lambda spot: False)

@@ -123,7 +123,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
     parser.add_argument(
         "--map", default="", help="YAML file of the map, which is copied; by default, others publish /map"
     )
-    options = parser.parse_args(sys.argv[1:] if arguments is None else arguments)
+    options = parser.parse_args(arguments)
     profiles = Path(rospkg.RosPack().get_path("vb_bringup")) / "robots"
     try:
         folder = options.folder.expanduser().resolve()
