@@ -10,6 +10,7 @@ import pytest
 import rospy
 
 from refusals import refused
+from vb_testing import wait_until
 from vb_core.errors import CodedError
 from vb_core.ros import commands, services
 from vb_msgs.msg import DriverState, InteractionState, RobotStatus, RobotStatusArray
@@ -32,13 +33,8 @@ class Manager:
     """Stands in for the manager: the commands in `hanging` wait for `let`. Answers `answers` in turn, then success."""
 
     def __init__(self, hanging):
-        self.requests, self.answers, self._done = [], [], []
-        self._noted = threading.Semaphore(0)
+        self.requests, self.answers, self.done = [], [], []
         self._gates = {command: threading.Event() for command in hanging}
-
-    def note(self, *answer):
-        self._done.append(answer)
-        self._noted.release()
 
     def call(self, _name, _service, request, *_names, **_limits):
         self.requests.append(request)
@@ -56,9 +52,8 @@ class Manager:
         self._gates[command].set()
 
     def wait_for(self, count):
-        while len(self._done) < count:
-            assert self._noted.acquire(timeout=60)
-        return self._done[:count]
+        wait_until(lambda: len(self.done) >= count, f"{count} answers")
+        return self.done[:count]
 
 
 @pytest.fixture
@@ -71,7 +66,7 @@ def sender(monkeypatch):
         monkeypatch.setattr(commands.services, "call", manager.call)
         monkeypatch.setattr(commands, "rospy", Mock(get_rostime=lambda: rospy.Time(100), Duration=rospy.Duration))
         monkeypatch.setattr(commands.time, "monotonic", lambda: clock[0])
-        return commands.CommandSender("test", manager.note), manager, clock
+        return commands.CommandSender("test", lambda *answer: manager.done.append(answer)), manager, clock
 
     return make
 

@@ -5,6 +5,7 @@ import math
 import subprocess
 import sys
 
+import cv2
 import numpy as np
 import pytest
 import rospy
@@ -16,6 +17,7 @@ from refusals import refused
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.grid_map import GridMap
+from vb_core.image_format import PixelReader
 from vb_core.ros import images, messages, transforms
 from vb_msgs.msg import BorderPreview
 
@@ -87,6 +89,27 @@ def test_nodes_without_images_do_not_load_opencv():
     code = "import sys; from vb_core.ros import messages, node, parameters, transforms; from vb_core import grid_map;"
     code += "print(sorted({'cv2', 'cv_bridge', 'scipy'} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, check=True, text=True).stdout == "[]\n"
+
+
+@pytest.mark.parametrize(
+    "kind, shape, encoding",
+    [
+        ("bgr8; jpeg compressed bgr8", (32, 32, 3), "bgr8"),
+        ("bayer_rggb8; jpeg compressed bgr8", (32, 32, 3), "bgr8"),  # converted by the driver
+        ("bayer_rggb8; png compressed ", (32, 32), "bayer_rggb8"),
+        ("mono8; jpeg compressed ", (32, 32), "mono8"),
+        ("jpeg", (32, 32), "mono8"),
+    ],
+)
+def test_a_compressed_image_s_format_says_whether_it_is_a_mosaic(kind, shape, encoding):
+    message = CompressedImage(format=kind, data=cv2.imencode(".png", np.zeros(shape, np.uint8))[1].tobytes())
+    assert images.decode(message)[1] == encoding
+
+
+@pytest.mark.parametrize("encoding", ["16UC1", "32FC1"])
+def test_a_depth_image_is_not_a_picture(encoding):
+    with refused("unknown_encoding"):
+        PixelReader().read(np.zeros((4, 6), np.uint16), encoding)
 
 
 @pytest.mark.parametrize("name, value", FAULTY)

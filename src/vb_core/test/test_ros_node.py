@@ -2,6 +2,7 @@ import gc
 import inspect
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import pytest
@@ -25,13 +26,10 @@ def test_the_newest_items_win_and_the_others_are_counted(size):
 
 def test_closing_a_mailbox_wakes_its_reader():
     mailbox = Mailbox()
-    items = []
-    thread = threading.Thread(target=lambda: items.append(mailbox.get()))
-    thread.start()
-    mailbox.close()
-    thread.join(10)
-    assert not thread.is_alive()
-    assert items == [None]
+    with ThreadPoolExecutor() as pool:
+        reading = pool.submit(mailbox.get)
+        mailbox.close()
+        assert reading.result(10) is None
 
 
 def test_a_source_can_wait_until_its_item_is_taken():
@@ -42,12 +40,11 @@ def test_a_source_can_wait_until_its_item_is_taken():
             mailbox.put(number)
             mailbox.wait_until_taken()
 
-    thread = threading.Thread(target=fill)
-    thread.start()
-    assert [mailbox.get() for _ in range(49)] == list(range(49))
-    mailbox.close()
-    thread.join(10)
-    assert not thread.is_alive()
+    with ThreadPoolExecutor() as pool:
+        filling = pool.submit(fill)
+        assert [mailbox.get() for _ in range(49)] == list(range(49))
+        mailbox.close()
+        filling.result(10)
     assert mailbox.dropped == 0
 
 
@@ -84,9 +81,6 @@ class FakeClock:
         self.waits += 1
         self.wall += seconds
         return False
-
-    def clear(self):
-        pass
 
 
 @pytest.mark.parametrize("pace, expected", [(4.0, 0.25), (1.0, 1.0), (0.5, 1.0), (0.0, 1.0)])

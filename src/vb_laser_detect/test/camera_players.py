@@ -18,8 +18,7 @@ class FixedCamera:
 
     def __init__(self, name, x, y, color, compressed):
         self.name, self.color, self.compressed = name, color, compressed
-        K = [[300.0, 0, 239.5], [0, 300.0, 134.5], [0, 0, 1]]
-        self.camera = CameraModel(480, 270, K, [-0.12, 0.02, 0.001, 0, 0])
+        self.camera = CameraModel(480, 270, [[300, 0, 239.5], [0, 300, 134.5], [0, 0, 1]], [-0.12, 0.02, 0.001, 0, 0])
         self.T = geometry.make_transform(geometry.rotation_from_rpy(np.pi, 0, 0), (x, y, 2.95))
         self.scene = Scene(480, 270, seed=3)
         self.frame = name + "_optical_frame"

@@ -6,27 +6,23 @@ import re
 import subprocess
 import tempfile
 import unittest
+from functools import partial
 
 import numpy as np
 import rospy
 import rostest
-import tf2_ros
 from geometry_msgs.msg import Point, PointStamped
 from std_msgs.msg import Header
 
 from vb_core import geometry, names
 from vb_core.camera_model import project_to_floor
-from vb_core.ros import messages
+from vb_core.ros.transforms import TransformLookup
 from vb_laser_detect.calibration import pose_file
 
 from camera_players import FixedCamera
 from spot_scenes import RED
 from terminal import Terminal
 from vb_testing import TIMEOUT, wait_until
-
-
-def calibrate_camera(*arguments):
-    return Terminal(command=("rosrun", "vb_laser_detect", "calibrate_camera", *arguments))
 
 
 class Player:
@@ -57,18 +53,15 @@ class CalibrateCameraTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("person")
-        cls.buffer = tf2_ros.Buffer()
-        cls.listener = tf2_ros.TransformListener(cls.buffer)
+        cls.transforms = TransformLookup()
         cls.clicks = rospy.Publisher("/clicked_point", PointStamped, queue_size=5)
-
-    def setUp(self):
-        self.folder = tempfile.TemporaryDirectory()
-        self.addCleanup(self.folder.cleanup)
 
     def click(self, point, frame="map"):
         self.clicks.publish(header=Header(frame_id=frame), point=Point(*point, 0.0))
 
     def test_spots_clicked_in_rviz(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.addCleanup(self.folder.cleanup)
         camera, rng = FixedCamera("red", 2.0, 3.0, RED, compressed=False), np.random.default_rng(2)
         camera.T = geometry.make_transform(geometry.rotation_from_rpy(math.pi + 0.05, -0.03, 1.2), (2.0, 3.0, 2.8))
         red = Player(camera)
@@ -76,7 +69,7 @@ class CalibrateCameraTest(unittest.TestCase):
         # the folder where a running lab looks for calibrations
         rospy.set_param("/camera_poses/calibration_dir", self.folder.name)
         self.addCleanup(rospy.delete_param, "/camera_poses")
-        command = calibrate_camera("spots", "red")
+        command = Terminal(command=("rosrun", "vb_laser_detect", "calibrate_camera", "spots", "red"))
         self.addCleanup(command.process.kill)
         command.shows("Hold the spot")
         places = [(60.3, 45.6), (427.2, 52.4), (420.8, 225.1), (52.5, 218.9), (240.4, 45.2), (248.7, 225.8)]
@@ -115,28 +108,21 @@ class CalibrateCameraTest(unittest.TestCase):
         self.assertLess(np.linalg.norm(pose.T[:3, 3] - camera.T[:3, 3]), 0.05)
         turn = geometry.invert_transform(pose.T) @ camera.T
         self.assertLess(math.degrees(math.acos(min(1.0, (np.trace(turn[:3, :3]) - 1) / 2))), 1.0)
-        self.check_camera_poses(pose.T)
-
-    def check_camera_poses(self, pose):
-        """Checks that camera_poses publishes the file's pose, and that of a camera calibrated later."""
+        # camera_poses publishes the file's pose
         rospy.set_param("/camera_poses", {"calibration_dir": self.folder.name, "cameras": "red green"})
         poses = subprocess.Popen(["rosrun", "vb_laser_detect", "camera_poses"])
         self.addCleanup(poses.wait)
         self.addCleanup(poses.terminate)
-        self.check_transform("red_optical_frame", pose)
+        self.check_transform("red_optical_frame", pose.T)
         # a camera that is calibrated later is taken over at once
         path = pose_file.calibration_path(self.folder.name, "red")
         path.with_name("green.yaml").write_text(path.read_text().replace("red", "green"))
-        self.check_transform("green_optical_frame", pose)
+        self.check_transform("green_optical_frame", pose.T)
 
     def check_transform(self, frame, truth):
         """Waits until tf has a frame at its true pose."""
-
-        def is_there():
-            message = self.buffer.lookup_transform(names.MAP_FRAME, frame, rospy.Time(0), rospy.Duration(TIMEOUT))
-            return np.abs(messages.transform_from_message(message.transform) - truth).max() < 0.02
-
-        wait_until(is_there, f"{frame} at its place")
+        find = partial(self.transforms.lookup, names.MAP_FRAME, frame, rospy.Time(0), TIMEOUT)
+        wait_until(lambda: np.abs(find() - truth).max() < 0.02, f"{frame} at its place")
 
 
 if __name__ == "__main__":

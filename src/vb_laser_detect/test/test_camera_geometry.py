@@ -40,8 +40,7 @@ def lab(monkeypatch):
 
 def drive(buffer, frame, x, stamp, static=False):
     """Puts a pose at (x, 1) [m] into tf, at a time [s]."""
-    T = geometry.make_transform(geometry.rotation_from_rpy(0, 0, 0.3), (x, 1.0, 0.0))
-    message = message_from_transform(T, "map", frame, rospy.Time(stamp))
+    message = message_from_transform(geometry.transform_from_pose2d(x, 1.0, 0.3), "map", frame, rospy.Time(stamp))
     (buffer.set_transform_static if static else buffer.set_transform)(message, "test")
 
 

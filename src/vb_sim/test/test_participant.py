@@ -17,8 +17,7 @@ from vb_sim.person.person import Person
 from vb_sim.world import load_world
 from closed_loop import DT, System
 
-PACKAGE = Path(__file__).resolve().parent.parent
-WORLD = load_world(str(PACKAGE / "worlds" / "lab.yaml"))
+WORLD = load_world(str(Path(__file__).resolve().parents[1] / "worlds" / "lab.yaml"))
 DRAWN = ["define_border", "define_seed", "save"]
 SLIPS = ParticipantModel(slip=1.0)
 EVERYWHERE, NOWHERE = (lambda spot: True), (lambda spot: False)
@@ -160,7 +159,6 @@ def test_tremor_has_its_strength_and_band():
 
 
 SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.25], [0.0, 1.25]])
-REAL = ParticipantModel(stroke_scale=1.0)
 
 
 def draw(border, closed, model, seed=0, style=load_styles()[0], is_floor=lambda points: np.ones(len(points), bool)):
@@ -182,7 +180,7 @@ def test_real_strokes_move_as_people_do():
     """For all people of the resource: stops at corners, peaks between them, the same mean speed, uneven sides."""
     slow, fast, deviations = [], [], []
     for style in load_styles():
-        stroke = draw(SQUARE, True, REAL, style=style)
+        stroke = draw(SQUARE, True, ParticipantModel(stroke_scale=1.0), style=style)
         arcs = np.arange(0.0, stroke.length, 0.01)
         pace = np.array([stroke.pace(arc) for arc in arcs])
         # the whole takes about as long as at the mean speed, tempo included

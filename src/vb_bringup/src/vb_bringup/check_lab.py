@@ -227,11 +227,7 @@ def to_json(lines: List[Notice], language: str) -> str:
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """Checks the lab and prints the result.
-
-    Returns:
-        The exit status: 0 ready (warnings allowed), 1 faults, 3 no ROS master. (2 is argparse's, for a wrong call.)
-    """
+    """Checks the lab and prints the result. Returns the exit status, which --help explains; warnings leave it at 0."""
     parser = argparse.ArgumentParser(
         prog="check_lab",
         description=__doc__,

@@ -77,15 +77,13 @@ def draw_seen_floor(view: PosedCamera) -> GridMap:
     u, v = np.meshgrid(np.linspace(0, camera.width - 1, 60), np.linspace(0, camera.height - 1, 40))
     pixels = np.column_stack([u.ravel(), v.ravel()])
     places = project_to_floor(camera, view.T_map_camera, pixels)[:, :2]
-    camera_place = view.T_map_camera[:2, 3]
     with np.errstate(invalid="ignore"):
-        places = places[np.linalg.norm(places - camera_place, axis=1) < _FAR]
+        places = places[np.linalg.norm(places - view.T_map_camera[:2, 3], axis=1) < _FAR]
     if not len(places):
         raise CodedError("bad_rectangle")
     low = places.min(axis=0)
     columns, rows = np.ceil((places.max(axis=0) - low) / _CELL).astype(int) + 1
-    origin = (float(low[0]), float(low[1]), 0.0)
-    floor = GridMap(np.zeros((rows, columns), np.int8), _CELL, origin)
+    floor = GridMap(np.zeros((rows, columns), np.int8), _CELL, (*low, 0.0))
     cells = floor.cell_to_world(np.argwhere(floor.data == 0))
     in_view = camera.contains(project(camera, view.T_map_camera, cells)).reshape(floor.shape)
     return floor.with_data(np.where(in_view, np.int8(0), np.int8(-1)))
@@ -95,11 +93,9 @@ def grid_lines(view: PosedCamera, floor: GridMap) -> List[List[List[float]]]:
     """Returns lines on the floor every half metre, as the camera sees them [px], to be drawn over its picture."""
     low = floor.corners().min(axis=0)
     high = floor.corners().max(axis=0)
-    first = np.ceil(low / _GRID)
-    last = np.floor(high / _GRID)
     lines = []
     for axis, other in ((0, 1), (1, 0)):
-        for number in np.arange(first[axis], last[axis] + 1):
+        for number in np.arange(np.ceil(low[axis] / _GRID), np.floor(high[axis] / _GRID) + 1):
             places = np.empty((40, 2))
             places[:, axis] = number * _GRID
             places[:, other] = np.linspace(low[other], high[other], 40)
@@ -120,8 +116,7 @@ def write_camera_lab(folder: Path, source: str, view: PosedCamera) -> None:
     write_map(folder.parent / "floor", draw_seen_floor(view))
     write_lab(folder, {CAMERA: source}, "", folder.parent / "floor.yaml", _PACKAGE / "robots")
     save_lens(folder / "lenses" / f"{CAMERA}.yaml", CAMERA, view.camera)
-    camera_frame = f"{CAMERA}_optical_frame"
-    pose = CameraPose(CAMERA, names.MAP_FRAME, camera_frame, view.T_map_camera, view.camera.focal_px)
+    pose = CameraPose(CAMERA, names.MAP_FRAME, f"{CAMERA}_optical_frame", view.T_map_camera, view.camera.focal_px)
     pose_file.write_pose(folder / "calibration" / f"{CAMERA}.yaml", pose, ["from a rectangle on the floor"])
 
 

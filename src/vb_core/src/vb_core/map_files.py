@@ -144,10 +144,7 @@ def _is_pose(value: Any) -> bool:
 
 def _gray(image: np.ndarray, colors_only: bool) -> np.ndarray:
     """Returns the mean (H, W), 0 .. 255, of an image's channels."""
-    if image.ndim == 2:
-        return image.astype(float)
-    channels = image[..., :3] if colors_only else image
-    return channels.mean(axis=2)
+    return np.atleast_3d(image)[..., : 3 if colors_only else None].mean(axis=2)
 
 
 def _read_image(path: Path) -> np.ndarray:

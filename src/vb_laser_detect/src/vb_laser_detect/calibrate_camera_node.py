@@ -9,6 +9,7 @@ Subscribed topics:
 from __future__ import annotations
 
 import argparse
+import contextlib
 import datetime
 import queue
 import sys
@@ -64,10 +65,8 @@ class InputLines:
     def wait_for_line(self) -> str:
         """Waits for the next line; returns "quit" when the input or ROS ends."""
         while not rospy.is_shutdown():
-            try:
+            with contextlib.suppress(queue.Empty):
                 return self._lines.get(timeout=0.2)
-            except queue.Empty:
-                continue
         return "quit"
 
 

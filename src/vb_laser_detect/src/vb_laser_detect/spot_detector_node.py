@@ -112,7 +112,6 @@ class CameraDetector:
 
     Args:
         namespace: namespace of the camera's parameters and debug image.
-        params: parameters of the camera.
         queue: receives this object whenever the camera has a new image.
         transforms: lookup in tf, shared by all cameras.
 

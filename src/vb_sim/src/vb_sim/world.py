@@ -151,10 +151,7 @@ class CeilingCamera(Parameters):
         return CameraModel(self.width, self.image_height, ideal.matrix, np.array(self.distortion))
 
     def pose(self) -> np.ndarray:
-        """Returns the camera's true pose, T_map_optical, 4x4.
-
-        At pitch 90 and yaw 0 the image's right is +x and its top is +y.
-        """
+        """Returns the camera's true pose, T_map_optical, 4x4."""
         # the body faces +x; with the additional quarter turn, the map is upright in the image at yaw 0
         yaw = math.radians(self.yaw) + math.pi / 2.0
         body = geometry.rotation_from_rpy(0.0, math.radians(self.pitch), yaw)

@@ -73,13 +73,10 @@ def decode(message: Union[Image, CompressedImage]) -> Tuple[np.ndarray, str]:
 def message_from_image(image: np.ndarray, encoding: str, stamp: rospy.Time, frame_id: str) -> Image:
     """Converts pixels to a message. Inverse of `array_from_image`."""
     image = np.ascontiguousarray(image)
-    message = Image(header=Header(stamp=stamp, frame_id=frame_id))
-    message.height, message.width = image.shape[:2]
-    message.encoding = encoding
-    message.is_bigendian = int(image.dtype.str.startswith(">"))
-    message.step = image.strides[0]
-    message.data = image.tobytes()
-    return message
+    header = Header(stamp=stamp, frame_id=frame_id)
+    height, width = image.shape[:2]
+    is_bigendian = int(image.dtype.str.startswith(">"))
+    return Image(header, height, width, encoding, is_bigendian, image.strides[0], image.tobytes())
 
 
 def camera_from_info(info: CameraInfo, rectified: bool = False) -> CameraModel:

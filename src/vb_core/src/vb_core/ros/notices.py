@@ -21,15 +21,9 @@ LOG_PERIOD = 60.0  # [s] before an intermittent notice is logged again
 
 def message_from_notice(notice: Notice) -> NoticeMessage:
     """Converts a notice to a message with its English sentence. Inverse of `notice_from_message`."""
-    return NoticeMessage(
-        severity=int(notice.severity),
-        code=notice.code,
-        robot=notice.robot,
-        border_id=notice.border_id,
-        camera=notice.camera,
-        values=values_from_mapping(notice.values),
-        message=notice.sentence(),
-    )
+    values = values_from_mapping(notice.values)
+    converted = {"severity": int(notice.severity), "values": values, "message": notice.sentence()}
+    return NoticeMessage(**{**vars(notice), **converted})
 
 
 def notice_from_message(message: NoticeMessage) -> Notice:

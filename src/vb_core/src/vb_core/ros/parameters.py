@@ -15,7 +15,6 @@ def read(cls: Type[P], namespace: str = "~") -> P:
     """Reads a parameter class from the parameter server and logs what differs from the defaults.
 
     Args:
-        cls: the class of the parameters.
         namespace: "~" for the node's private parameters, or for instance "~stationary".
 
     Raises:

@@ -28,7 +28,6 @@ def call(
     purpose, since simulated time may stand still.
 
     Args:
-        name: the service's name.
         service: the service's class, for instance vb_msgs.srv.AddBorder.
         answering_node: {who} in the error's sentence: {"who": "AMCL"}, or {"who_code": "map_integrator"} to translate it.
         service_timeout: [s] how long to wait for the service to appear.

@@ -180,9 +180,7 @@ def floor_uncertainty(camera: CameraModel, T_map_camera: np.ndarray, covariance:
         (middle, worst) [m] standard deviation of a floor point in its worst direction.
     """
     shares = np.array([0.05, 0.5, 0.95])
-    columns = shares * (camera.width - 1)
-    rows = shares * (camera.height - 1)
-    pixels = np.array([(u, v) for v in rows for u in columns])
+    pixels = np.array([(u, v) for v in shares for u in shares]) * (camera.width - 1, camera.height - 1)
     step = 1e-5
     deltas = step * np.vstack([np.eye(6), -np.eye(6)])
     positions = [project_to_floor(camera, _move(T_map_camera, delta), pixels)[:, :2] for delta in deltas]

@@ -24,7 +24,6 @@ class CameraPose:
     """The contents of a calibration file.
 
     Attributes:
-        camera: name of the camera.
         parent, frame: frames of the transform, usually map and <camera>_optical_frame.
         T: (4, 4) T_parent_frame.
         focal: [px] focal length with which the pose was found; with another lens the pose is wrong. 0: not known.

@@ -175,8 +175,7 @@ def _draw_progress(image: np.ndarray, calibration: LensCalibration, pixels: Iter
         lower_right = (cell + 1) * (width, height) // calibration.covered.shape
         cv2.rectangle(image, upper_left.tolist(), lower_right.tolist(), (0, 140, 255), line_width)
     for line, text in enumerate((calibration.describe(), problem), start=1):
-        place = (10, line * height // 18)
-        cv2.putText(image, text, place, cv2.FONT_HERSHEY_SIMPLEX, height / 700, (0, 0, 255), 2)
+        cv2.putText(image, text, (10, line * height // 18), cv2.FONT_HERSHEY_SIMPLEX, height / 700, (0, 0, 255), 2)
 
 
 def measure_camera_delay(arguments: argparse.Namespace) -> int:

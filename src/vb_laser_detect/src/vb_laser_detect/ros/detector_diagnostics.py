@@ -38,7 +38,6 @@ class DetectorDiagnostics:
 
     Args:
         namespace: namespace of the camera's parameters and debug image.
-        camera: name of the camera.
         mailbox: mailbox through which the detector receives images, which counts them.
         mobile: whether the camera is on a robot.
         own_source: whether the detector reads the camera directly, so that stamps come from this computer's clock.
@@ -204,15 +203,13 @@ class DetectorDiagnostics:
         with self._lock:
             counts = self._counts.summary(now.to_sec())
         self._publisher.publish(
-            DetectorStatus(
-                header=rospy.Header(stamp=now),
-                camera=self._camera,
-                detector=self._namespace,
-                mobile=self._mobile,
-                frame_id=self._frame_id,
-                focal_px=self.focal,
-                received=self._mailbox.received,
-                dropped=self._mailbox.dropped,
-                **counts,
-            )
+            header=rospy.Header(stamp=now),
+            camera=self._camera,
+            detector=self._namespace,
+            mobile=self._mobile,
+            frame_id=self._frame_id,
+            focal_px=self.focal,
+            received=self._mailbox.received,
+            dropped=self._mailbox.dropped,
+            **counts,
         )

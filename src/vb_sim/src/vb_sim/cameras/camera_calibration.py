@@ -31,9 +31,8 @@ def calibrated_pose(camera: CeilingCamera, optics: Optics, seed: int) -> np.ndar
         return true @ geometry.make_transform(geometry.rotation_from_rpy(*x[:3]), x[3:])
 
     def locate(pose: np.ndarray) -> np.ndarray:
-        points = intersect_floor(pose, rays)[:, :2]
         # rays of a trial pose may miss the floor
-        return np.nan_to_num(points, nan=1e3)
+        return np.nan_to_num(intersect_floor(pose, rays)[:, :2], nan=1e3)
 
     measured = locate(true) + rng.normal(0.0, optics.calibration_point_m, (len(rays), 2))
     solution = least_squares(lambda x: (locate(displace(x)) - measured).ravel(), np.zeros(6), method="lm")

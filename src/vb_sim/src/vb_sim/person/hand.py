@@ -115,8 +115,7 @@ class Stroke:
         aimed = border + model.aim_sigma / math.sqrt(2.0) * rng.standard_normal(border.shape)
         if closed:
             excess = scale * style.gap * bounding_diagonal(border)
-            chain = np.vstack([aimed, aimed[:1]])
-            chain = _move_end(chain, excess + abs(rng.normal(0.0, model.overlap)))
+            chain = _move_end(np.vstack([aimed, aimed[:1]]), excess + abs(rng.normal(0.0, model.overlap)))
         else:
             chain = _move_ends_to_floor(aimed, is_floor)
         self.points, times = self._draw(chain, style, scale)

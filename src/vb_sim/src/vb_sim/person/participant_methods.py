@@ -58,8 +58,7 @@ def choose_order(border: np.ndarray, closed: bool, robot: np.ndarray) -> np.ndar
         drawn = geometry.resample_chain(chain, STEP)
         distances = simulate_follower(np.vstack([approach, drawn]), robot)[len(approach) :]
         nearness = np.maximum(0.8 - distances, 0.0).sum() * STEP
-        way = np.linalg.norm(order[0] - robot)
-        return float(20.0 * nearness + way)
+        return float(20.0 * nearness + np.linalg.norm(order[0] - robot))
 
     return min(orders, key=order_cost)
 

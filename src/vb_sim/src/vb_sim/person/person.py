@@ -301,9 +301,8 @@ class Person:
         distance = float(np.linalg.norm(offset))
         self.spot = self.spot + offset / distance * min(stride, distance)
 
-    def new_stroke(self, border: Optional[np.ndarray] = None) -> Stroke:
-        """Returns a new stroke of the border, or of `border` (N, 2) [m], its points in another order."""
-        border = self.scenario.border if border is None else border
+    def new_stroke(self, border: np.ndarray) -> Stroke:
+        """Returns a new stroke of `border` (N, 2) [m], the scenario's with its points in some order."""
         return Stroke(border, self.scenario.closed, self.model, self.rng, self.is_floor, self.style)
 
     def slip_at_random(self, stroke: Stroke, arc: float, speed: float) -> Step:

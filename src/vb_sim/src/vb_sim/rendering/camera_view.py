@@ -41,12 +41,10 @@ class View:
 
     Args:
         name: the view's name; the noise differs between names.
-        model: the camera.
         encoding: the images' encoding, as named in sensor_msgs.
         radii: radius [m] of each robot by its name.
         models: parameters of optics and people.
         noise: of the camera's sensor.
-        seed: seed of the noise.
     """
 
     def __init__(
