@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, List, Optional, Sequence, Tuple
+from functools import cached_property
+from typing import Callable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -179,38 +180,32 @@ class ImageGeometry:
     Args:
         camera: camera model for the image's size.
         floor_projection: projection of this camera's spots.
-        pose: (4, 4) T_map_camera; None: it is looked up.
-        lookups: the `CameraGeometry` that knows pose, depth and robots; None: a plane floor without robots.
-        frame_id, stamp: frame and time of the image.
-
-    Attributes:
-        pose_error: why the pose is unknown, although it was looked up; else None.
+        find_pose: returns T_map_camera (4, 4) at the image's time, or raises CodedError if it is unknown.
+        find_depth: returns the depth at that time; None: the floor is a plane.
+        find_robots: returns where robots hide the floor at that time; by default nowhere.
     """
 
     def __init__(
         self,
         camera: CameraModel,
         floor_projection: FloorProjection,
-        pose: Optional[np.ndarray] = None,
-        lookups: Any = None,
-        frame_id: str = "",
-        stamp: Any = None,
+        find_pose: Callable[[], np.ndarray],
+        find_depth: Optional[Callable[[], Depth]] = None,
+        find_robots: Callable[[], Sequence[RobotCylinder]] = tuple,
     ) -> None:
-        self.pose_error: Optional[CodedError] = None
-        self._camera, self._floor_projection, self._pose = camera, floor_projection, pose
-        self._lookups, self._frame_id, self._stamp = lookups, frame_id, stamp
-        self._robots: Optional[Sequence[RobotCylinder]] = () if lookups is None else None  # None: to be looked up
+        self._camera, self._floor_projection = camera, floor_projection
+        self._find_pose, self._find_depth, self._find_robots = find_pose, find_depth, find_robots
+
+    @cached_property
+    def _pose(self) -> np.ndarray:
+        return self._find_pose()
+
+    @cached_property
+    def _robots(self) -> Sequence[RobotCylinder]:
+        return self._find_robots()
 
     def meters_per_pixel(self, pixels: np.ndarray) -> np.ndarray:
-        """Returns the floor length (N,) [m/px] of pixels (N, 2). It is NaN where no floor is seen, or with a `pose_error`."""
-        if self._pose is None:
-            try:
-                self._pose = self._lookups.pose_at(self._frame_id, self._stamp)
-            except CodedError as error:
-                if error.code not in ("no_transform", "bad_transform"):
-                    raise
-                self.pose_error = error.without_traceback()
-                return np.full(len(pixels), np.nan)
+        """Returns the floor length (N,) [m/px] of pixels (N, 2), NaN where no floor is seen. Raises CodedError without a pose."""
         corners = (pixels[:, None] + _CORNER).reshape(-1, 2)
         floor = project_to_floor(self._camera, self._pose, corners, self._floor_projection.params.floor_height)
         return _scales(floor.reshape(-1, 3, 3))
@@ -229,15 +224,12 @@ class ImageGeometry:
         """Projects a pixel to the floor.
 
         Raises:
-            CodedError: where there is no floor point; "on_robot" if a robot hides it.
+            CodedError: where there is no floor point, or without a pose; "on_robot" if a robot hides it.
         """
-        depth = None if self._lookups is None else self._lookups.depth_at(self._frame_id, self._stamp)
-        if depth is None:
+        if self._find_depth is None:
             point = self._floor_projection.project_to_plane(self._camera, self._pose, u, v)
         else:
-            point = self._floor_projection.project_with_depth(self._camera, self._pose, u, v, depth)
-        if self._robots is None:
-            self._robots = self._lookups.robot_cylinders(self._stamp)
+            point = self._floor_projection.project_with_depth(self._camera, self._pose, u, v, self._find_depth())
         if any(robot.occludes(self._pose[:3, 3], point.position) for robot in self._robots):
             raise CodedError("on_robot")
         return point

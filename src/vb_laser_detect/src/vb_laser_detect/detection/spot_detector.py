@@ -128,7 +128,7 @@ class SpotDetector:
 
         expected = self._tracker.predict(stamp)
         searched = self._proposer.propose(picture, expected)
-        max_diameters = self._max_diameters(searched, geometry)
+        max_diameters, pose_error = self._max_diameters(searched, geometry)
         candidates = features.examine_regions(searched, max_diameters, self._classifier, self.params.min_probability)
         self._measured = any(
             region.boxes and candidate.rejection not in ("off_floor", "too_large")
@@ -141,7 +141,7 @@ class SpotDetector:
         kept_out = [spot for spot in detection.candidates if spot.track and spot.confidence >= certain]
         # a pause must not make one frame outweigh all earlier ones
         self._background.update(picture, searched.changed, kept_out, min(elapsed, 1.0))
-        return detection
+        return detection._replace(pose_error=pose_error)
 
     def _prepare(self, picture: AnyPicture) -> AnyPicture:
         """Decodes as much of a picture as will be needed."""
@@ -152,18 +152,23 @@ class SpotDetector:
             picture.decode_full_size()  # what was measured in the last image is likely to be there still
         return picture
 
-    def _max_diameters(self, searched: SearchedImage, geometry: Optional[ImageGeometry]) -> Dict[Box, float]:
+    def _max_diameters(
+        self, searched: SearchedImage, geometry: Optional[ImageGeometry]
+    ) -> Tuple[Dict[Box, float], Optional[CodedError]]:
         """Returns a spot's largest allowed diameter [px] in each box that may contain one, or NaN where no floor is seen.
 
-        Only if there is such a box does the geometry look up a moving camera's pose.
+        Only if there is such a box does the geometry look up a moving camera's pose. The error says why it is unknown.
         """
         boxes = [box for region in searched.regions for box in region.boxes]
         if geometry is None or not boxes:
-            return dict.fromkeys(boxes, _MAX_DIAGONAL_SHARE * searched.diagonal)
+            return dict.fromkeys(boxes, _MAX_DIAGONAL_SHARE * searched.diagonal), None
         corners = np.array(boxes).reshape(-1, 2, 2)
-        meters_per_pixel = geometry.meters_per_pixel(corners.mean(axis=1))
+        try:
+            meters_per_pixel = geometry.meters_per_pixel(corners.mean(axis=1))
+        except CodedError as error:
+            return dict.fromkeys(boxes, math.nan), error.without_traceback()
         diameters = 0.001 * self.params.max_diameter_mm / meters_per_pixel + _BLUR_PX
-        return dict(zip(boxes, diameters.tolist()))
+        return dict(zip(boxes, diameters.tolist())), None
 
 
 def _without_repetitions(candidates: Sequence[Spot]) -> List[Spot]:

@@ -13,6 +13,7 @@ from typing import NamedTuple, Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
+from vb_core.errors import CodedError
 from vb_core.image_format import AnyPicture
 
 BLOCK = 8  # [px] edge of a block; whole images are compared by blocks
@@ -158,9 +159,11 @@ class DetectionResult(NamedTuple):
         candidates: everything examined in the image; each one's `rejection` says why it is no spot, or is not published.
         lamp_count: number of published tracks that turned out to be lamps.
         is_late: whether the image was left out because it came after a later one.
+        pose_error: why the camera's pose is unknown, if it was needed; no spot of the image is then accepted.
     """
 
     spots: Sequence[Spot] = ()
     candidates: Sequence[Spot] = ()
     lamp_count: int = 0
     is_late: bool = False
+    pose_error: Optional[CodedError] = None

@@ -195,16 +195,15 @@ class CameraGeometry:
             self._report.focal = float(self._camera.matrix[0, 0])
             self._pose = self._newest_pose(frame_id, stamp)
             self._cached_at, self._cached_for = now, (frame_id, size)
-        stationary_pose = None if self._mobile else self._pose
-        return ImageGeometry(self._camera, self._floor_projection, stationary_pose, self, frame_id, stamp)
+        newest_pose = self._pose
 
-    def pose_at(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:
-        """Returns a moving camera's pose (4, 4). CodedError "no_transform", "bad_transform" is raised if it is unknown."""
-        return self._transforms.lookup(names.MAP_FRAME, frame_id, stamp, _TF_TIMEOUT)
+        def find_pose() -> np.ndarray:
+            moving = self._mobile
+            return self._transforms.lookup(names.MAP_FRAME, frame_id, stamp, _TF_TIMEOUT) if moving else newest_pose
 
-    def depth_at(self, frame_id: str, stamp: rospy.Time) -> Optional[Depth]:
-        """Returns the depth near a time, see `DepthTopic.nearest`, or None without a depth topic."""
-        return None if self._depth is None else self._depth.nearest(stamp, frame_id)
+        find_depth = None if self._depth is None else partial(self._depth.nearest, stamp, frame_id)
+        find_robots = partial(self.robot_cylinders, stamp)
+        return ImageGeometry(self._camera, self._floor_projection, find_pose, find_depth, find_robots)
 
     def _newest_pose(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:
         """Returns the newest pose (4, 4). A moving camera's only shows that there is one, as most images need none."""
