@@ -1,5 +1,6 @@
 """A camera's lens from camera_info, and the poses of camera and robots at an image's time, from tf2's real buffer."""
 
+import contextlib
 import math
 from types import SimpleNamespace
 from unittest.mock import Mock
@@ -34,7 +35,7 @@ def lab(monkeypatch):
     monkeypatch.setattr(robot_profile, "read", lambda name: PROFILE)
     dropped_codes, transforms = [], TransformLookup()
     report = SimpleNamespace(count_dropped=dropped_codes.append)
-    camera = CameraGeometry(False, transforms, None, None, FloorProjection(), ["/", "/second"], report)
+    camera = CameraGeometry("red", False, transforms, None, None, FloorProjection(), ["/", "/second"], report)
     return camera, transforms._buffer, dropped_codes
 
 
@@ -83,18 +84,32 @@ def test_a_robot_with_a_fixed_pose_is_never_out_of_date(lab):
     assert not dropped_codes
 
 
-def test_lens_is_looked_up_twice_a_second_and_for_each_new_size(lab, monkeypatch):
-    lookups, clock = [], SimpleNamespace(monotonic=lambda: 100.0)
-    monkeypatch.setattr(camera_geometry, "time", clock)
-    info = SimpleNamespace(model_for=lambda size: lookups.append(size) or CameraModel.ideal(*size, 500.0))
+@pytest.fixture
+def red(lab):
+    """Returns a camera in the frame `red`, whose lens is asked for by a Mock."""
     transforms = TransformLookup()
-    red = CameraGeometry(False, transforms, info, None, FloorProjection(), (), Mock())
     drive(transforms._buffer, "red", 2.0, 5.0, static=True)
+    info = Mock(model_for=Mock(side_effect=lambda size: CameraModel.ideal(*size, 500.0)))
+    return CameraGeometry("red", False, transforms, info, None, FloorProjection(), (), Mock())
+
+
+def test_lens_is_looked_up_twice_a_second_and_for_each_new_size(red, monkeypatch):
+    clock = SimpleNamespace(monotonic=lambda: 100.0)
+    monkeypatch.setattr(camera_geometry, "time", clock)
     large, small = (640, 480), (320, 240)
     for seconds, size in ((0.0, large), (0.4, large), (0.4, small), (0.8, small), (0.91, small), (1.0, large)):
         clock.monotonic = lambda seconds=seconds: 100.0 + seconds
-        red.geometry_at("red", rospy.Time(5.0 + seconds), size)
-    assert lookups == [large, small, small, large]
+        red.geometry_at("red", rospy.Time(5.0 + seconds), size, {})
+    assert [call.args[0] for call in red._info.model_for.call_args_list] == [large, small, small, large]
+    assert red.focal == 500.0
+
+
+@pytest.mark.parametrize("mobile", [False, True])
+def test_ceiling_cameras_that_share_a_frame_are_named(red, mobile):
+    red._mobile = mobile
+    with contextlib.nullcontext() if mobile else refused("shared_frame") as raised:
+        red.geometry_at("red", rospy.Time(5.0), (640, 480), {"green": "red"})
+    assert mobile or raised.value.values["cameras"] == "green, red"
 
 
 # ------------------------------------------------------------------ camera_info

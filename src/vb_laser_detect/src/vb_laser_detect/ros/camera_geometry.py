@@ -6,7 +6,7 @@ import math
 import time
 from collections import deque
 from functools import partial
-from typing import Any, Deque, List, Optional, Sequence, Tuple
+from typing import Any, Deque, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 import rospy
@@ -18,6 +18,7 @@ from vb_core.errors import CodedError
 from vb_core.ros import robot_profile
 from vb_core.ros.images import array_from_image, camera_from_info
 from vb_core.ros.transforms import TransformLookup
+from vb_laser_detect.calibration.pose_file import require_own_frame
 from vb_laser_detect.detection.projection import Depth, FloorProjection, ImageGeometry, RobotCylinder
 from vb_laser_detect.ros.detector_diagnostics import DetectorDiagnostics
 
@@ -150,6 +151,7 @@ class CameraGeometry:
         tf: <optical frame> to map, for a moving camera at the image's time; <robot>/base_link to map
 
     Args:
+        camera: name of the camera.
         mobile: whether the camera moves.
         transforms: lookup in tf, shared by all cameras of the process.
         info: source of the lens model, an `InfoTopic` or `LensFile`.
@@ -157,10 +159,14 @@ class CameraGeometry:
         floor_projection: projection of this camera's spots.
         robots: namespaces of the robots that the camera sees; "/" for a robot without one.
         report: receives faults.
+
+    Attributes:
+        focal: [px] focal length of the lens with which spots are located; 0 while it is not known.
     """
 
     def __init__(
         self,
+        camera: str,
         mobile: bool,
         transforms: TransformLookup,
         info: Any,
@@ -169,19 +175,23 @@ class CameraGeometry:
         robots: Sequence[str],
         report: DetectorDiagnostics,
     ) -> None:
-        self._mobile, self._info, self._depth = mobile, info, depth
+        self._name, self._mobile, self._info, self._depth = camera, mobile, info, depth
         self._floor_projection, self._report = floor_projection, report
         self._transforms = transforms
+        self.focal = 0.0
         self._profiles = [(f"{name}/".lstrip("/"), robot_profile.read(name)) for name in robots]
         self._pose: Optional[np.ndarray] = None
         self._cached_for = ("", (0, 0))  # frame and size at the last lookup
         self._cached_at = -math.inf  # [s] when that was
 
-    def geometry_at(self, frame_id: str, stamp: rospy.Time, size: Tuple[int, int]) -> ImageGeometry:
+    def geometry_at(
+        self, frame_id: str, stamp: rospy.Time, size: Tuple[int, int], frames: Mapping[str, str]
+    ) -> ImageGeometry:
         """Returns an image's geometry. A moving camera's pose at the image's time is looked up only if needed.
 
         Args:
             size: [px] width and height of the image.
+            frames: frame of each other stationary camera: a frame has one pose.
 
         Raises:
             CodedError: "camera_no_frame", "shared_frame"; "no_camera_info"; "no_transform", "bad_transform" if tf does not
@@ -190,9 +200,12 @@ class CameraGeometry:
         now = time.monotonic()
         if self._cached_for != (frame_id, size) or now - self._cached_at >= _LOOKUP_PERIOD:
             self._cached_at = -math.inf  # every image tries again until lens and pose are known
-            self._report.check_frame(frame_id)
+            if not frame_id:
+                raise CodedError("camera_no_frame", camera=self._name)
+            if not self._mobile:
+                require_own_frame(self._name, frame_id, frames)
             self._camera = self._info.model_for(size)
-            self._report.focal = float(self._camera.matrix[0, 0])
+            self.focal = float(self._camera.matrix[0, 0])
             self._pose = self._newest_pose(frame_id, stamp)
             self._cached_at, self._cached_for = now, (frame_id, size)
         newest_pose = self._pose
