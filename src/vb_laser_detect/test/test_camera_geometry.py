@@ -26,7 +26,7 @@ PROFILE = RobotProfile(shape=RobotShape(radius=0.2, height=0.3), limits=Limits(m
 
 @pytest.fixture
 def lab(monkeypatch):
-    """Returns a camera's geometry, tf's buffer, and a list of the codes that the geometry counts as dropped."""
+    """Returns the geometry of a camera `red`, tf's buffer, and a list of the codes that the geometry counts as dropped."""
     monkeypatch.setattr(tf2_ros, "TransformListener", lambda buffer: None)
     monkeypatch.setattr(tf2_ros.Buffer, "__init__", tf2_ros.BufferCore.__init__)
     # a buffer that waits asks for the time, and no node provides it here
@@ -35,7 +35,8 @@ def lab(monkeypatch):
     monkeypatch.setattr(robot_profile, "read", lambda name: PROFILE)
     dropped_codes, transforms = [], TransformLookup()
     report = SimpleNamespace(count_dropped=dropped_codes.append)
-    camera = CameraGeometry("red", False, transforms, None, None, FloorProjection(), ["/", "/second"], report)
+    lens = Mock(model_for=Mock(side_effect=lambda size: CameraModel.ideal(*size, 500.0)))
+    camera = CameraGeometry("red", False, transforms, lens, None, FloorProjection(), ["/", "/second"], report)
     return camera, transforms._buffer, dropped_codes
 
 
@@ -84,18 +85,11 @@ def test_a_robot_with_a_fixed_pose_is_never_out_of_date(lab):
     assert not dropped_codes
 
 
-@pytest.fixture
-def red(lab):
-    """Returns a camera in the frame `red`, whose lens is asked for by a Mock."""
-    transforms = TransformLookup()
-    drive(transforms._buffer, "red", 2.0, 5.0, static=True)
-    info = Mock(model_for=Mock(side_effect=lambda size: CameraModel.ideal(*size, 500.0)))
-    return CameraGeometry("red", False, transforms, info, None, FloorProjection(), (), Mock())
-
-
-def test_lens_is_looked_up_twice_a_second_and_for_each_new_size(red, monkeypatch):
+def test_lens_is_looked_up_twice_a_second_and_for_each_new_size(lab, monkeypatch):
+    red, buffer, _ = lab
     clock = SimpleNamespace(monotonic=lambda: 100.0)
     monkeypatch.setattr(camera_geometry, "time", clock)
+    drive(buffer, "red", 2.0, 5.0, static=True)
     large, small = (640, 480), (320, 240)
     for seconds, size in ((0.0, large), (0.4, large), (0.4, small), (0.8, small), (0.91, small), (1.0, large)):
         clock.monotonic = lambda seconds=seconds: 100.0 + seconds
@@ -105,8 +99,10 @@ def test_lens_is_looked_up_twice_a_second_and_for_each_new_size(red, monkeypatch
 
 
 @pytest.mark.parametrize("mobile", [False, True])
-def test_ceiling_cameras_that_share_a_frame_are_named(red, mobile):
+def test_ceiling_cameras_that_share_a_frame_are_named(lab, mobile):
+    red, buffer, _ = lab
     red._mobile = mobile
+    drive(buffer, "red", 2.0, 5.0, static=True)
     with contextlib.nullcontext() if mobile else refused("shared_frame") as raised:
         red.geometry_at("red", rospy.Time(5.0), (640, 480), {"green": "red"})
     assert mobile or raised.value.values["cameras"] == "green, red"

@@ -7,13 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
-from board_scene import CAMERA
 from spot_scenes import GREEN, RED, ImageDetector, Scene, from_above, shown, tinted
 from refusals import refused
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_laser_detect.detection.features import SpotClassifier
-from vb_laser_detect.detection.projection import FloorProjection, ImageGeometry
 from vb_laser_detect.detection.spot_detector import DetectorParams
 
 PERIOD = 0.04
@@ -243,7 +241,7 @@ def test_sizes_count_in_millimetres_where_the_pose_is_known():
 
 
 def test_without_a_pose_no_spot_is_accepted_and_the_reason_is_returned():
-    geometry = ImageGeometry(CAMERA, FloorProjection(), Mock(side_effect=CodedError("no_transform")))
+    geometry = from_above(find_pose=Mock(side_effect=CodedError("no_transform")))
     scene, detector = settled(Scene(), at_once(geometry=geometry))
     assert not detector.detect(scene.render([(200, 150)]), 0.3)
     assert detector.detections[-1].candidates[0].rejection == "off_floor"
