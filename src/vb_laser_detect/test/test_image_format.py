@@ -10,7 +10,7 @@ from sensor_msgs.msg import CompressedImage
 
 from spot_scenes import GREEN, Scene, shown, tinted
 from vb_core.image_format import Picture, PixelReader
-from vb_core.ros.images import array_from_image, decode, message_from_image
+from vb_core.ros.images import decode, message_from_image
 from vb_laser_detect.detection.debug_image import draw_candidates
 from vb_laser_detect.detection.spot_detector import DetectorParams, Spot, SpotDetector
 
@@ -66,7 +66,7 @@ def test_a_message_s_picture_is_the_same_on_every_display(case):
     image = shown(Scene(320, 240, noise=0.0), kind, [(100.0, 80.0)], color=GREEN)
     message = message_from_image(encode(image), case, rospy.Time(5), "camera")
     message.height = 240
-    picture = PixelReader().read(array_from_image(message), case)
+    picture = decode(message, PixelReader())
     truth = Picture(image, "bayer_rggb").bgr() if kind == "bayer" else image
     truth = np.dstack([image] * 3) if kind == "mono" else truth
     drawn = draw_candidates(picture, [Spot(50.2, 40.1, 6.0, confidence=0.9), Spot(100, 50, 9, rejection="too_dark")])
@@ -77,15 +77,15 @@ def test_a_message_s_picture_is_the_same_on_every_display(case):
 
 
 @pytest.mark.parametrize(
-    "kind, shape, encoding",
+    "kind, shape, color_format",
     [
-        ("bgr8; jpeg compressed bgr8", (32, 32, 3), "bgr8"),
-        ("bayer_rggb8; jpeg compressed bgr8", (32, 32, 3), "bgr8"),  # converted by the driver
-        ("bayer_rggb8; png compressed ", (32, 32), "bayer_rggb8"),
-        ("mono8; jpeg compressed ", (32, 32), "mono8"),
-        ("jpeg", (32, 32), "mono8"),
+        ("bgr8; jpeg compressed bgr8", (32, 32, 3), "bgr"),
+        ("bayer_rggb8; jpeg compressed bgr8", (32, 32, 3), "bgr"),  # converted by the driver
+        ("bayer_rggb8; png compressed ", (32, 32), "bayer_rggb"),
+        ("mono8; jpeg compressed ", (32, 32), "mono"),
+        ("jpeg", (32, 32), "mono"),
     ],
 )
-def test_a_compressed_image_s_format_says_whether_it_is_a_mosaic(kind, shape, encoding):
+def test_a_compressed_image_s_format_says_whether_it_is_a_mosaic(kind, shape, color_format):
     message = CompressedImage(format=kind, data=cv2.imencode(".png", np.zeros(shape, np.uint8))[1].tobytes())
-    assert decode(message)[1] == encoding
+    assert decode(message, PixelReader()).color_format == color_format
