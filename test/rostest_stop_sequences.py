@@ -104,7 +104,7 @@ class StopSequences(unittest.TestCase):
         self.answers.clear()
         resumes, given = [], 0
         pauses = random.Random(choice.random())  # own generator: another thread draws from it
-        self.neighbors.before_add = lambda: time.sleep(pauses.choice([0.0, 0.3, 2.0]))
+        self.neighbors.before["add"] = lambda: time.sleep(pauses.choice([0.0, 0.3, 2.0]))
         for _ in range(STEPS):
             at = time.monotonic()
             (action,) = choice.choices(list(ACTIONS), ACTIONS.values())

@@ -1,5 +1,8 @@
 """Stand-ins for the nodes beside the interaction manager: border_fusion and map_integrator."""
 
+import contextlib
+import threading
+
 import rospy
 from geometry_msgs.msg import Point
 from vb_msgs import srv
@@ -21,7 +24,7 @@ class StubNeighbors:
         self.preview = srv.PreviewBorderResponse(success=True, code="ok", area_m2=0.5, free_parts=1)
         self.preview.region.info.width, self.preview.region.info.height = 2, 1
         self.preview.region.data = [100, 0]
-        self.before_add = lambda: None
+        self.before = {"preview": lambda: None, "add": lambda: None}  # called before these services answer
         self.candidates, self.added, self.previews = [], [], []
         self.services = []
 
@@ -59,14 +62,37 @@ class StubNeighbors:
         return self.candidate
 
     def _on_preview(self, request):
+        self.before["preview"]()
         self.previews.append(request)
-        return self.preview_answer(request)
-
-    def preview_answer(self, _request):
-        """Answers a preview request; a test may replace this method."""
         return self.preview
 
     def _on_add(self, request):
-        self.before_add()
+        self.before["add"]()
         self.added.append(request)
         return self.add
+
+    @contextlib.contextmanager
+    def refusing(self, name, code):
+        """Has the service `candidate`, `add` or `preview` refuse what is asked, until the block ends."""
+        accepted = getattr(self, name)
+        setattr(self, name, type(accepted)(success=False, code=code, message="Refused."))
+        try:
+            yield
+        finally:
+            setattr(self, name, accepted)
+
+    @contextlib.contextmanager
+    def hanging(self, name):
+        """Has the service `add` or `preview` answer only after the block; yields an event that is set when it is called."""
+        called, ended = threading.Event(), threading.Event()
+
+        def hang():
+            called.set()
+            ended.wait(60)
+
+        proceed, self.before[name] = self.before[name], hang
+        try:
+            yield called
+        finally:
+            self.before[name] = proceed
+            ended.set()

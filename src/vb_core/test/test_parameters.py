@@ -1,5 +1,6 @@
 """Parameters, also changed while a node runs; the server itself is tested with a real node in vb_laser_detect."""
 
+import pickle
 from dataclasses import dataclass
 from typing import Tuple
 
@@ -90,6 +91,12 @@ def test_each_mistake_names_its_key(key, value, word):
     sentence_key, _, mistake = caught.value.message.partition(": ")
     assert sentence_key == f"/node/{key}"
     assert word in mistake
+
+
+def test_a_mistake_can_be_raised_in_another_process():
+    mistake = ParameterError("/node/speed", "must be finite")
+    copied = pickle.loads(pickle.dumps(mistake))
+    assert (copied.key, str(copied)) == (mistake.key, str(mistake))
 
 
 # ------------------------------------------------------------------ changed while a node runs

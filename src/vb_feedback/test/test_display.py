@@ -17,7 +17,6 @@ from vb_feedback.display.rviz_config import overlay_fonts
 from vb_feedback.display.scene import PLATE, TEXT
 from vb_feedback.display.text_panel import PanelContent, PanelNotice, text_panel_shapes
 
-
 COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
 LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2
 

@@ -2,7 +2,7 @@
 
 from vb_core.notices import Notice, Severity
 from vb_core.ros.messages import values_from_mapping
-from vb_feedback.display.display_messages import preview_notices, select_notices
+from vb_feedback.ros.display_messages import preview_notices, select_notices
 from vb_msgs.msg import BorderIssue, BorderPreview
 
 

@@ -181,8 +181,7 @@ def test_nothing_looks_like_a_laser_spot():
 @given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)), min_size=2, max_size=6))
 def test_whatever_is_drawn_nothing_breaks(chain):
     drawing = Drawing(chain=tuple(chain), closed=True, seed=chain[0])
-    shown = FloorImage(CALIBRATION).render(FloorContent("seed", (), drawing))
-    assert shown.shape == (400, 640, 3)
+    assert FloorImage(CALIBRATION).render(FloorContent("seed", (), drawing)).shape == (400, 640, 3)
 
 
 # ----------------------------------------------------------------- the window

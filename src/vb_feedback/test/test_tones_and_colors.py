@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from vb_core.vocabulary import STATES
 from vb_feedback.display import colors
 from vb_feedback.kobuki_feedback_node import KobukiFeedbackNode
-from vb_feedback.sound.sound_events import SoundEvents
+from vb_feedback.ros.sound_events import SoundEvents
 from vb_msgs.msg import InteractionState, Sound
 
 

@@ -5,7 +5,8 @@ import re
 from collections import deque
 from types import SimpleNamespace
 from unittest.mock import Mock
-from urllib.request import urlopen
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ from board_scene import WIDE_CAMERA, view_held_board
 from refusals import refused
 from vb_core.errors import CodedError
 from vb_core.image_format import Picture
+from vb_laser_detect.calibration.live_picture import LivePicture
 from vb_laser_detect.camera.lens_and_settings_files import load_lens
 from vb_laser_detect.detection.spot_detector import DetectorParams
 from vb_laser_detect.ros import calibration_commands
@@ -44,6 +46,12 @@ def test_lens_command_shows_the_board_and_writes_the_file(tmp_path, monkeypatch,
     assert shown.shape == (540, 960, 3)
     columns, rows = (0.75 * views[-1].pixels).astype(int).T
     assert np.abs(np.median(shown[rows, columns], axis=0) - (0, 220, 0)).max() < 40  # green corners
+
+
+def test_other_sites_do_not_get_the_live_picture():
+    request = Request(LivePicture().address + "image", headers={"Host": "evil.example"})
+    with pytest.raises(HTTPError, match="403"):
+        urlopen(request)
 
 
 def test_a_terminal_gets_its_colours_back_from_an_interrupted_measurement(monkeypatch, capsys):

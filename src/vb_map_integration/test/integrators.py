@@ -79,10 +79,13 @@ def closed_off(keeper, transform=Transform()):
     return closed_at(keeper, *transform.apply(keep_out().seed[None])[0])
 
 
-def integrator(root=None, grid=GRID, **params):
+def integrator(root=None, grid=GRID, borders=(), **params):
+    """Makes an integrator with a map, and adds borders at the time 1.0."""
     result = MapIntegrator(root, **params)
     if grid is not None:
         result.set_map(grid)
+    for border in borders:
+        result.add(border, 1.0)
     return result
 
 

@@ -82,7 +82,7 @@ def test_the_reason_for_a_bad_file_is_in_the_readers_language():
 def test_a_trinary_costmap_is_blind_to_soft_values():
     layers = [{"name": "walls", "type": "costmap_2d::StaticLayer"}, {"name": "x", "type": "costmap_2d::InflationLayer"}]
     good = {"plugins": layers, "walls": {"trinary_costmap": False}}
-    assert not is_trinary(good) and not is_trinary(None)
-    assert is_trinary({}) and is_trinary({"plugins": layers}) and is_trinary({**good, "walls": 3})
+    assert (is_trinary(good), is_trinary(None)) == (False, False)
+    assert (is_trinary({}), is_trinary({"plugins": layers}), is_trinary({**good, "walls": 3})) == (True, True, True)
     for odd in ({"plugins": None}, {"plugins": ["x"], "static_layer": 3}):
         assert is_trinary(odd)

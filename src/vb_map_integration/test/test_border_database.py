@@ -46,9 +46,7 @@ def closed(restart, count=3):
 
 def test_the_history_is_bounded(monkeypatch):
     monkeypatch.setattr(module, "MAX_CHANGES", 5)
-    keeper = integrator()
-    for number in range(9):
-        keeper.add(square(10 + number, 10), 1.0 + number)
+    keeper = integrator(borders=[square(10 + number, 10) for number in range(9)])
     for _ in range(5):
         keeper.undo()
     with refused("nothing_to_undo"):
@@ -75,9 +73,9 @@ def test_a_repeated_request_is_carried_out_once(restart):
     assert len(second.borders) == 2
     second.undo("u1")
     third = restart()
-    assert third.undo("u1").ids == ("b2",) and [border.id for border in third.borders] == ["b1"]
+    assert (third.undo("u1").ids, [border.id for border in third.borders]) == (("b2",), ["b1"])
     third.redo("r3")
-    assert third.redo("r3").ids == ("b2",) and len(third.borders) == 2
+    assert (third.redo("r3").ids, len(third.borders)) == (("b2",), 2)
 
 
 def command(keeper, number):
@@ -141,19 +139,19 @@ def test_on_a_full_disk_borders_act_and_each_change_is_refused(restart, tmp_path
     command = [sys.executable, "-c", FULL_DISK, str(tmp_path), str(size)]
     done = subprocess.run(command, stdout=subprocess.PIPE, universal_newlines=True, check=True, cwd=HERE)
     assert done.stdout.splitlines() == ["cannot_write b1 b2"] * 3
-    assert again(restart) == (borders, []) and not list(tmp_path.glob(".borders*"))
+    assert (again(restart), list(tmp_path.glob(".borders*"))) == ((borders, []), [])
 
 
 def test_an_unusable_folder_refuses_borders_but_not_the_map(tmp_path):
     """Otherwise borders that cannot be stored are accepted, and vanish."""
     (tmp_path / "file").write_text("")
     keeper = integrator(tmp_path / "file" / "store")
-    assert np.array_equal(keeper.map_with_borders.data, GRID.data) and codes(keeper) == ["database_read_only"]
+    assert (np.array_equal(keeper.map_with_borders.data, GRID.data), codes(keeper)) == (True, ["database_read_only"])
     with refused("cannot_write"):
         keeper.add(square(10, 10), 1.0)
     assert keeper.borders == ()
     (tmp_path / "file").unlink()
-    assert keeper.add(square(10, 10), 1.0).ids == ("b1",) and codes(keeper) == []
+    assert (keeper.add(square(10, 10), 1.0).ids, codes(keeper)) == (("b1",), [])
     keeper.close()
 
 
@@ -167,7 +165,7 @@ def test_a_repair_that_cannot_be_written_is_said_until_it_can(restart, tmp_path,
     with monkeypatch.context() as full:
         full.setattr(files, "write_together", fail)
         keeper = restart()
-    assert keeper.borders == borders and codes(keeper) == ["database_repaired", "database_read_only"]
+    assert (keeper.borders, codes(keeper)) == (borders, ["database_repaired", "database_read_only"])
     keeper.undo()
     assert codes(keeper) == ["database_repaired"]
     assert again(restart) == (keeper.borders, [])
@@ -190,7 +188,7 @@ def test_a_damaged_file_is_restored_from_the_copy_and_reported(restart, tmp_path
         assert damaged[damage] != content
         path.write_bytes(damaged[damage])
     assert again(restart) == (borders, ["database_repaired"])
-    assert again(restart) == (borders, []) and path.read_bytes() == content
+    assert (again(restart), path.read_bytes()) == ((borders, []), content)
     kept = [damaged[damage]] if damaged.get(damage) is not None else []
     assert [path.read_bytes() for path in tmp_path.glob("*.damaged")] == kept
 
@@ -217,7 +215,7 @@ def test_the_newest_sound_copy_is_used_and_the_loss_reported(tmp_path):
     (tmp_path / FILE).write_bytes(b"?" * 9000)
     shutil.rmtree(str(tmp_path / "copies"))
     values = DurableValues(tmp_path)
-    assert values.values_of_kind("x") == {} and [notice.code for notice in values.notices] == ["borders_lost"]
+    assert (values.values_of_kind("x"), [notice.code for notice in values.notices]) == ({}, ["borders_lost"])
     values.close()
 
 
@@ -228,7 +226,7 @@ def test_the_copies_are_those_of_the_last_days(tmp_path, monkeypatch):
     assert names == ["1970-01-01", "2026-01-05", "2026-01-06"]  # even after the clock was reset
     shutil.copyfile(str(tmp_path / "copies" / "borders-2026-01-05.jsonl"), str(tmp_path / FILE))
     values = DurableValues(tmp_path)  # a copy is restored by replacing the file with it
-    assert values.get("x/y") == 9 and values.notices == []  # as at the end of that day
+    assert (values.get("x/y"), values.notices) == (9, [])  # as at the end of that day
     values.close()
 
 
@@ -267,8 +265,7 @@ def test_a_database_of_a_newer_version_is_refused_and_left_alone(restart, tmp_pa
 @pytest.mark.parametrize("fault", ["deleted", "overwritten"])
 def test_files_lost_at_run_time_return_with_the_next_change(restart, tmp_path, fault):
     """Otherwise an addition is acknowledged, and after a restart no border is there."""
-    keeper = restart()
-    keeper.add(square(10, 10), 1.0)
+    keeper = restart(borders=[square(10, 10)])
     if fault == "deleted":
         shutil.rmtree(str(tmp_path))
     else:
@@ -326,14 +323,13 @@ def test_a_file_that_cannot_be_read_now_is_not_damaged(restart, tmp_path, monkey
         else:
             with refused("cannot_read"):
                 restart()
-    assert again(restart) == (before, []) and not list(tmp_path.glob("*.damaged"))
+    assert (again(restart), list(tmp_path.glob("*.damaged"))) == ((before, []), [])
 
 
 @pytest.mark.parametrize("written", [0, 1, 2])
 def test_an_answer_about_the_place_is_atomic(restart, monkeypatch, written):
     """The disk is full after `written` writes: the answer is stored as a whole or not at all."""
-    keeper = restart()
-    keeper.add(square(10, 10), 1.0)
+    keeper = restart(borders=[square(10, 10)])
     other = GRID.with_data(np.roll(GRID.data, 1, axis=0))
     keeper.set_map(other)
     before, write, count = (keeper.borders, keeper.map_name), files.write_together, []

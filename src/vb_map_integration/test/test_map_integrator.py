@@ -39,7 +39,7 @@ def test_the_map_shows_the_remaining_borders_after_any_history(commands):
                 revision = keeper.revision
                 keeper.close()
                 keeper = integrator(Path(folder.name))
-                assert keeper.revision == revision and keeper.notices == []
+                assert (keeper.revision, keeper.notices) == (revision, [])
             elif command in ("add", "soft"):
                 (added,) = keeper.add(square(column, row, occupancy=0.5 if command == "soft" else 1.0), now).ids
                 assert added not in given
@@ -69,8 +69,7 @@ def test_the_map_shows_the_remaining_borders_after_any_history(commands):
 
 
 def test_refusals_change_nothing(restart, tmp_path):
-    keeper = restart()
-    keeper.add(square(10, 10), 1.0)
+    keeper = restart(borders=[square(10, 10)])
     before, cells, revision = keeper.borders, keeper.map_with_borders.data.copy(), keeper.revision
 
     def read_files():
@@ -87,15 +86,13 @@ def test_refusals_change_nothing(restart, tmp_path):
     ):
         with refused(code):
             action()
-    assert keeper.borders == before and keeper.revision == revision
+    assert (keeper.borders, keeper.revision) == (before, revision)
     assert np.array_equal(keeper.map_with_borders.data, cells)
     assert files == read_files()
 
 
 def test_an_unnamed_border_is_numbered_by_those_that_are_there(restart):
-    keeper = restart()
-    for place in (10, 60):
-        keeper.add(square(place, 10, name=""), 1.0)
+    keeper = restart(borders=[square(column, 10, name="") for column in (10, 60)])
     keeper.remove("b1")
     keeper.add(square(10, 60, name=""), 3.0)
     assert [(border.id, border.name) for border in keeper.borders] == [("b2", "border 2"), ("b3", "border 1")]
@@ -131,7 +128,7 @@ def test_preview_changes_nothing_and_says_that_the_floor_is_split(monkeypatch):
     band = VirtualBorder(at((70, -5), (90, -5), (90, 125), (70, 125)), at((80, 60))[0], closed=True)
     check = keeper.check(band, at((20, 60)))
     assert check.free_parts == 2 and "splits_free_space" in [issue.code for issue in check.issues]
-    assert np.array_equal(keeper.map_with_borders.data, before) and keeper.borders == ()
+    assert (np.array_equal(keeper.map_with_borders.data, before), keeper.borders) == (True, ())
     # what was checked is not computed again
     monkeypatch.setattr("vb_map_integration.borders_in_force.compute_region", None)
     outcome = keeper.add(band, 1.0)
@@ -178,15 +175,15 @@ def test_regions_with_different_windows_compare_and_join_by_cell(seed):
 
 
 def test_each_robot_has_the_borders_that_name_it_or_nobody():
-    keeper = integrator()
-    keeper.add(square(30, 30), 1.0)
+    keeper = integrator(borders=[square(30, 30)])
     common = keeper.map_with_borders.data.copy()
     keeper.add(square(80, 30, robots=("ada",)), 2.0)
     keeper.add(square(80, 60, robots=("bob", "eve")), 3.0)
     everything = keeper.map_with_borders.data
     ada, bob, zoe = (keeper.map_with_borders_for(name).data for name in ("ada", "bob", "zoe"))
     assert np.array_equal(zoe, common)
-    assert (ada == 100).sum() > (common == 100).sum() and (bob == 100).sum() > (common == 100).sum()
+    assert (ada == 100).sum() > (common == 100).sum()
+    assert (bob == 100).sum() > (common == 100).sum()
     assert np.array_equal(np.maximum(ada, bob), everything), "the common map has them all"
     assert not np.array_equal(ada, bob)
     keeper.undo()

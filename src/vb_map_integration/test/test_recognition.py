@@ -63,7 +63,7 @@ def test_floor_seen_by_one_beam_far_outside_the_walls_is_harmless(column):
     data[: below + 100, column] = 0
     origin = (grid.origin[0], grid.origin[1] - below * grid.resolution, 0.0)
     result = register(grid, GridMap(data, grid.resolution, origin))
-    assert result is not None and np.hypot(result.transform.x, result.transform.y) < 0.1
+    assert np.hypot(result.transform.x, result.transform.y) < 0.1
 
 
 def test_an_empty_canvas_costs_no_memory():
@@ -79,7 +79,8 @@ def test_an_empty_canvas_costs_no_memory():
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert result is not None and result.is_certain and peak < 100e6  # one canvas of floats has 128 MB
+    assert result.is_certain
+    assert peak < 100e6  # one canvas of floats has 128 MB
 
 
 def test_maps_without_walls_are_not_registered():
@@ -89,26 +90,24 @@ def test_maps_without_walls_are_not_registered():
 # ----------------------------------------------------------------- recognition
 def test_ten_seconds_of_slam_do_not_lose_the_border(restart):
     """Day 1: a static map. Day 2: SLAM from scratch. Day 3: the static map must still have its border."""
-    keeper = restart(flat())
-    keeper.add(keep_out(), 1.0)
+    restart(flat(), borders=[keep_out()])
     slam = restart(None)
     for width in (0.6, 2.0):
         slam.set_map(flat(Transform(5.0, 5.0, 1.0), seed=2, known=(4.0, 4.0 + width)))
-        assert slam.needs_confirmation and len(slam.borders) == 1
+        assert (slam.needs_confirmation, len(slam.borders)) == (True, 1)
         asked = next(notice for notice in slam.notices if notice.code == "borders_unconfirmed")
         # the notice names the border, since nobody named the place
         assert sentences.border_name(slam.borders[0].name) in asked.sentence()
     third = restart(flat())
-    assert closed_off(third) and not third.needs_confirmation
+    assert (closed_off(third), third.needs_confirmation) == (True, False)
 
 
 @pytest.mark.parametrize("truth", [Transform(0.25, 0.0, 0.0), Transform(0.0, 0.0, np.radians(3.0))])
 def test_borders_move_with_the_map(restart, truth):
     """Otherwise a map moved by 0.25 m or turned by 3 degrees has no border at all."""
-    keeper = restart(flat())
-    keeper.add(keep_out(), 1.0)
+    keeper = restart(flat(), borders=[keep_out()])
     keeper.set_map(flat(truth, seed=3))
-    assert not keeper.needs_confirmation and closed_off(keeper, truth)
+    assert (keeper.needs_confirmation, closed_off(keeper, truth)) == (False, True)
     assert np.abs(keeper.borders[0].points - truth.apply(keep_out().points)).max() < 0.05
     # a border drawn on the moved map lies correctly in the first one
     keeper.add(keep_out(truth.after(Transform(3.0, -3.0, 0.0)), name="second"), 2.0)
@@ -119,8 +118,7 @@ def test_borders_move_with_the_map(restart, truth):
 
 def test_many_small_shifts_never_leave_the_walls(restart):
     """Otherwise thirty shifts of two cells each pass as the same place, with the border 3 m away from its walls."""
-    keeper = restart(flat())
-    keeper.add(keep_out(), 1.0)
+    keeper = restart(flat(), borders=[keep_out()])
     for step in (1, 2, 15, 30):
         truth = Transform(0.1 * step, 0.0, 0.0)
         keeper.set_map(flat(truth, seed=step))
@@ -130,21 +128,20 @@ def test_many_small_shifts_never_leave_the_walls(restart):
 
 
 def test_in_doubt_borders_stay_in_force_until_somebody_confirms(restart):
-    keeper = restart(flat())
-    keeper.add(keep_out(), 1.0)
+    keeper = restart(flat(), borders=[keep_out()])
     keeper.set_map(flat(plan=1, seed=4))
-    assert keeper.needs_confirmation and closed_off(keeper)
+    assert (keeper.needs_confirmation, closed_off(keeper)) == (True, True)
     with refused("confirm_map_first"):
         keeper.add(keep_out(), 2.0)
     keeper.confirm(False, "upstairs")
-    assert not keeper.needs_confirmation and keeper.borders == () and keeper.map_name == "upstairs"
+    assert (keeper.needs_confirmation, keeper.borders, keeper.map_name) == (False, (), "upstairs")
     keeper.add(keep_out(name="bath"), 4.0)
     keeper.set_enabled("b1", False, 4.0)  # of the other map
     keeper.set_map(flat())
     assert [(border.id, border.enabled) for border in keeper.borders] == [("b1", False)]
     keeper.confirm(True, "ground floor")
     again = restart(flat(plan=1, seed=4))
-    assert [border.name for border in again.borders] == ["bath"] and again.map_name == "upstairs"
+    assert ([border.name for border in again.borders], again.map_name) == (["bath"], "upstairs")
 
 
 def test_floors_with_the_same_walls_are_distinguished_by_their_names(restart):
@@ -154,10 +151,10 @@ def test_floors_with_the_same_walls_are_distinguished_by_their_names(restart):
         keeper.add(keep_out(name=name), 1.0)
     for seed, name in enumerate(("upstairs", "ground"), 10):
         keeper = restart(flat(seed=seed), map_name=name)
-        assert [border.name for border in keeper.borders] == [name] and not keeper.needs_confirmation
+        assert ([border.name for border in keeper.borders], keeper.needs_confirmation) == ([name], False)
     # without a name both fit, so a person is asked
     keeper = restart(flat(seed=20))
-    assert keeper.needs_confirmation and len(keeper.borders) == 1
+    assert (keeper.needs_confirmation, len(keeper.borders)) == (True, 1)
 
 
 def test_a_place_without_borders_keeps_neither_its_name_nor_the_named_place_from_others(restart):
@@ -168,30 +165,27 @@ def test_a_place_without_borders_keeps_neither_its_name_nor_the_named_place_from
     keeper.add(keep_out(name="rug"), 2.0)
     for seed in (2, 1, 0):
         keeper = restart(flat(seed=seed), map_name="upstairs")
-        assert closed_off(keeper) and keeper.map_name == "upstairs"
-        assert keeper.notices == [] and [border.name for border in keeper.borders] == ["rug"]
+        assert (closed_off(keeper), keeper.map_name) == (True, "upstairs")
+        assert (keeper.notices, [border.name for border in keeper.borders]) == ([], ["rug"])
     keeper.add(keep_out(Transform(6.4, 0.0, 0.0)), 3.0)  # now the first map belongs to that place
     places = {stored_map.place for stored_map in keeper._database.maps().values()}
     assert places == {keeper._database.find_place("upstairs")}
 
 
 def test_a_map_that_grows_cell_by_cell_stays_confirmed(restart):
-    keeper = restart(flat(known=(0.0, 4.0)))
-    keeper.add(keep_out(), 1.0)
+    keeper = restart(flat(known=(0.0, 4.0)), borders=[keep_out()])
     for width in (5.0, 6.0, 7.0, 9.0):
         keeper.set_map(flat(known=(0.0, width)))
-        assert closed_off(keeper) and not keeper.needs_confirmation
+        assert (closed_off(keeper), keeper.needs_confirmation) == (True, False)
     # nor is anybody asked about a border on floor that the first map does not know
     keeper.add(keep_out(Transform(6.4, 0.0, 0.0)), 2.0)
-    assert not keeper.needs_confirmation and closed_off(keeper, Transform(6.4, 0.0, 0.0))
+    assert (keeper.needs_confirmation, closed_off(keeper, Transform(6.4, 0.0, 0.0))) == (False, True)
 
 
 # ----------------------------------------------------------------- borders in force, or why not
 def test_undo_and_switches_keep_what_does_not_act():
     """Otherwise they answer "changed back", and the display shows in red a border that restricts not one cell."""
-    keeper = integrator(grid=flat())
-    keeper.add(keep_out(), 1.0)
-    keeper.add(keep_out(Transform(5.0, -3.0, 0.0)), 1.0)
+    keeper = integrator(grid=flat(), borders=[keep_out(), keep_out(Transform(5.0, -3.0, 0.0))])
     keeper.remove("b1")
     walled = flat()
     walled.data[walled.world_to_cell(ROOM.apply([(-0.4, -0.4)]))[0][0] :, :] = 100
@@ -199,20 +193,19 @@ def test_undo_and_switches_keep_what_does_not_act():
     keeper.confirm(True, "")
     outcome = keeper.undo()
     assert [issue.code for issue in outcome.issues] == ["inactive_on_this_map"]
-    assert keeper.borders[0].enabled and status_of_first(keeper) == (False, "inactive_on_this_map")
+    assert (keeper.borders[0].enabled, status_of_first(keeper)) == (True, (False, "inactive_on_this_map"))
     assert "inactive_on_this_map" in [notice.code for notice in keeper.notices]
     assert keeper.set_enabled("b1", False, 3.0).issues == ()
     assert [issue.code for issue in keeper.set_enabled("b1", True, 6.0).issues] == ["inactive_on_this_map"]
     # it can be switched and renamed all the same, by either service
     assert keeper.rename("b1", "old rug", 7.0).ids == ("b1",)
     keeper.update(keeper.borders[0].replace(enabled=False), 8.0)
-    assert status_of_first(keeper) == (False, "disabled") and keeper.borders[0].name == "old rug"
+    assert (status_of_first(keeper), keeper.borders[0].name) == ((False, "disabled"), "old rug")
     assert not keeper.needs_confirmation
 
 
 def test_a_changed_border_is_not_overwritten():
-    keeper = integrator(grid=flat())
-    keeper.add(keep_out(), 1.0)
+    keeper = integrator(grid=flat(), borders=[keep_out()])
     seen = keeper.revision
     keeper.rename("b1", "rug", 2.0, expected_revision=seen)
     for action in (
@@ -227,12 +220,10 @@ def test_a_changed_border_is_not_overwritten():
 
 
 def test_slow_zones_limit_speeds_and_leave_the_map_alone():
-    keeper = integrator(grid=flat())
-    keeper.add(keep_out(zone="slow", max_speed=0.3), 1.0)
-    keeper.add(keep_out(zone="slow", max_speed=0.15), 2.0)
+    keeper = integrator(grid=flat(), borders=[keep_out(zone="slow", max_speed=speed) for speed in (0.3, 0.15)])
     assert np.array_equal(keeper.map_with_borders.data, keeper.physical_map.data)
     limits = keeper.borders_in_force.speed_limits
-    assert sorted(np.unique(limits.data)) == [0, 15] and (limits.data == 15).sum() == 400
+    assert (sorted(np.unique(limits.data)), (limits.data == 15).sum()) == ([0, 15], 400)
     keeper.undo()
     assert sorted(np.unique(keeper.borders_in_force.speed_limits.data)) == [0, 30]
     assert keeper.borders_in_force.statuses["b1"].area_m2 == pytest.approx(1.0)
@@ -243,6 +234,5 @@ def test_slow_zones_limit_speeds_and_leave_the_map_alone():
 
 
 def test_a_zone_to_avoid_is_a_cost():
-    keeper = integrator(grid=flat())
-    keeper.add(keep_out(zone="avoid", occupancy=0.4), 1.0)
+    keeper = integrator(grid=flat(), borders=[keep_out(zone="avoid", occupancy=0.4)])
     assert (keeper.map_with_borders.data == 40).sum() == 400

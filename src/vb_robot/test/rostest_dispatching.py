@@ -200,8 +200,7 @@ class DispatcherTest(unittest.TestCase):
         somebody.publish(goal)
         wait_until(lambda: self.bases["bob"].active, "bob to set out")
         self.draw_once()
-        place = self.is_sent("ada")
-        self.assertGreaterEqual(math.dist(place[:2], best[:2]), 2 * 0.18 + 0.10)
+        self.assertGreaterEqual(math.dist(self.is_sent("ada")[:2], best[:2]), 2 * 0.18 + 0.10)
         self.assertEqual(len(self.bases["bob"].goals), 1, "a free robot comes first")
 
     def test_borders_for_one_robot_do_not_hold_the_other(self):

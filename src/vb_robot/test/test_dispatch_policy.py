@@ -10,8 +10,8 @@ from actionlib_msgs.msg import GoalStatus
 
 from vb_core.vocabulary import BORDER, DEFAULT, SEED
 from vb_robot.dispatching.dispatch_policy import FAILED_MEMORY, DispatchPolicy, DispatchStatus, SentGoalState
-from vb_robot.dispatching.dispatched_robot import next_goal_state
 from vb_robot.dispatching.viewpoint import Viewpoint
+from vb_robot.ros.dispatched_robot import next_goal_state
 from vb_robot.spot_sightings import Sighting, SpotSightings
 
 NONE, SENT, ACTIVE, REACHED, FAILED, PREEMPTED = SentGoalState

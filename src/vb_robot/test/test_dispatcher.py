@@ -42,8 +42,7 @@ class Lab:
                 self.see("red", self.spot)
             if robot_sees and self.robot_views(self.spot):
                 self.see("robot", self.spot, mobile=True)
-        status = DispatchStatus(self.robot, True, self.goal)
-        goal = self.dispatcher.decide(self.now, {"": status})[""]
+        goal = self.dispatcher.decide(self.now, {"": DispatchStatus(self.robot, True, self.goal)})[""]
         if goal is not None and goal is not self.last_goal:
             self.robot, self.goal = goal.pose, SentGoalState.REACHED
             self.sent.append((self.now, self.robot))

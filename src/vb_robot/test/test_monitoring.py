@@ -18,12 +18,11 @@ from vb_testing import wait_until
 from vb_core.errors import CodedError
 from vb_core.node_graph import NodeGraph
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray
-from vb_robot.subscriptions import keep_out_borders_for
-from vb_robot.monitoring import planner_speed
 from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, find_border_name, is_inside
-from vb_robot.monitoring.planner_speed import PlannerSpeed, cap_speeds
-from vb_robot.monitoring.watched_robot import WatchedRobot
 from vb_robot.monitoring.navigation_connections import PLANNERS, NavigationWiring, find_wiring, resolve_name
+from vb_robot.ros import planner_speed
+from vb_robot.ros.subscriptions import keep_out_borders_for
+from vb_robot.ros.watched_robot import WatchedRobot
 
 
 def graph(maps, robot="", missing=(), heard=True):
@@ -219,7 +218,7 @@ def test_a_goal_is_refused_exactly_where_a_search_finds_no_path(seed):
 def test_teb_keeps_a_speed_that_it_may_drive_under_every_limit(limit):
     """It subtracts penalty_epsilon from its highest speeds; if nothing is left, its behaviour is undefined."""
     usual = {"max_vel_x": 0.4, "max_vel_x_backwards": 0.2, "penalty_epsilon": 0.05, "max_vel_theta": 0.3}
-    values = cap_speeds({name: usual[name] for name in PLANNERS["TebLocalPlannerROS"]}, limit)
+    values = planner_speed.cap_speeds({name: usual[name] for name in PLANNERS["TebLocalPlannerROS"]}, limit)
     assert 0.0 < values["max_vel_x"] - values["penalty_epsilon"] < limit
     assert 0.0 < values["max_vel_x_backwards"] - values["penalty_epsilon"] < limit
 
@@ -254,7 +253,7 @@ class Planner:
             hear(Config(doubles=[DoubleParameter(name, value) for name, value in self.values.items()]))
 
     def speed(self):
-        return PlannerSpeed("/move_base/DWAPlannerROS", PLANNERS["DWAPlannerROS"])
+        return planner_speed.PlannerSpeed("/move_base/DWAPlannerROS", PLANNERS["DWAPlannerROS"])
 
 
 @pytest.fixture

@@ -132,8 +132,7 @@ def check_invariants(clearance_map, viewpoints, drawing, robot):
         place = np.array([viewpoint.pose[:2]])
         # clearance by an independent oracle: the distance to every blocked cell's centre
         blocked = clearance_map.grid.cell_to_world(np.argwhere(clearance_map.blocked))
-        gap = np.linalg.norm(blocked - place, axis=1).min()
-        assert gap >= clearance_map.radius + STOP_MARGIN
+        assert np.linalg.norm(blocked - place, axis=1).min() >= clearance_map.radius + STOP_MARGIN
         distance = math.dist(place[0], target)
         at_home = math.dist(place[0], robot[:2]) < 1e-6  # where it stands tolerances are wider: it only has to turn
         nearer, farther = (0.8, 1.3) if at_home else (1.0, 1.0)

@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import tempfile
-import threading
 import unittest
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -22,7 +21,7 @@ from terminal import Terminal
 from vb_testing import Newest, Process, assert_ends_with_one_line, wait_until
 from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, DriverState, InteractionState, LaserSpot
 from vb_msgs.msg import NoticeArray, Stop, VirtualBorderArray
-from vb_msgs.srv import AddBorderResponse, Command, GetDrawnBorderResponse, PreviewBorderResponse
+from vb_msgs.srv import Command
 
 FOLDER = tempfile.mkdtemp(prefix="vb_interaction_")
 LOG = os.path.join(FOLDER, "interactions.jsonl")
@@ -53,8 +52,6 @@ class InteractionManagerTest(unittest.TestCase):
         cls.node.stop()
 
     def setUp(self):
-        self.stub.add = AddBorderResponse(success=True, code="ok", id="b1")
-        self.stub.before_add = lambda: None
         # a failed test may have left the stub or the node in any state
         self.stub.withdraw()
         self.stub.offer()
@@ -132,93 +129,90 @@ class InteractionManagerTest(unittest.TestCase):
         progress.seed = point(0.5 + dx, 0.5)
         self.progress.publish(progress)
 
-    def test_the_preview_follows_what_is_drawn_and_is_what_is_saved(self):
+    def begin_and_draw(self):
+        """Begins border and seed, and draws them; returns the preview."""
+        identity = self.begin()
+        self.draw(identity)
+        return self.preview.wait(lambda shown: shown.available and shown.interaction_id == identity, "the preview")
+
+    def test_the_preview_shows_what_is_drawn(self):
         self.command("define_border")
         identity = self.in_state("border").interaction_id
         nothing = self.preview.wait(lambda message: message.interaction_id == identity, "a preview of nothing yet")
         self.assertFalse(nothing.available)
-        self.command("define_seed")
-        self.draw(identity)
-        first = self.preview.wait(lambda message: message.available, "the preview")
-        self.assertEqual((first.success, first.code, first.area_m2, first.free_parts), (True, "ok", 0.5, 1))
-        self.assertEqual((first.header.frame_id, list(first.region.data)), ("map", [100, 0]))
-        self.assertEqual(len(first.border.points), 3)
-        self.assertEqual(self.stub.previews[-1].border.points, first.border.points)
-        # a moved seed causes a new preview, and so do borders that others change
-        refusal = PreviewBorderResponse(success=False, code="no_separation", message="It separates nothing.")
-        refusal.issues = [BorderIssue(severity=BorderIssue.ERROR, code="no_separation", message=refusal.message)]
-        accepted = self.stub.preview
-        self.stub.preview = refusal
-        self.draw(identity, dx=0.2)
-        refused = self.preview.wait(lambda message: message.code == "no_separation", "the refusal")
-        self.assertEqual((refused.available, refused.success, len(refused.issues)), (True, False, 1))
-        self.stub.preview = accepted
+        shown = self.begin_and_draw()
+        self.assertEqual((shown.success, shown.code, shown.area_m2, shown.free_parts), (True, "ok", 0.5, 1))
+        self.assertEqual((shown.header.frame_id, list(shown.region.data)), ("map", [100, 0]))
+        self.assertEqual(len(shown.border.points), 3)
+        self.assertEqual(self.stub.previews[-1].border.points, shown.border.points)
+
+    def test_a_moved_seed_and_borders_that_others_change_cause_a_new_preview(self):
+        identity = self.begin_and_draw().interaction_id
+        with self.stub.refusing("preview", "no_separation"):
+            self.stub.preview.issues = [BorderIssue(severity=BorderIssue.ERROR, code="no_separation")]
+            self.draw(identity, dx=0.2)
+            refused = self.preview.wait(lambda message: message.code == "no_separation", "the refusal")
+            self.assertEqual((refused.available, refused.success, len(refused.issues)), (True, False, 1))
         self.borders.publish(revision=77)
         self.preview.wait(lambda message: message.success, "the preview in another map")
-        # a missing neighbour is reported, and asked again
+
+    def test_a_neighbour_that_is_missing_from_the_preview_is_reported_and_asked_again(self):
+        identity = self.begin_and_draw().interaction_id
         self.stub.withdraw()
         self.draw(identity, dx=0.4)
         away = self.preview.wait(lambda message: message.code in ("no_service", "no_response"), "the missing neighbour")
         self.assertFalse(away.available)
         self.assertIn("is not running", away.message)
         self.stub.offer()
-        shown = self.preview.wait(lambda message: message.available, "the neighbour that is back")
+        self.preview.wait(lambda message: message.available, "the neighbour that is back")
+
+    def test_the_border_that_the_preview_shows_is_saved_without_a_new_extraction(self):
+        shown = self.begin_and_draw()
         asked = len(self.stub.candidates)
         self.save()
-        # the border that was shown is saved, without a new extraction
         saved = self.stub.added[-1].border
         self.assertEqual((saved.points, saved.seed), (shown.border.points, shown.border.seed))
         self.assertEqual(len(self.stub.candidates), asked)
         self.preview.wait(lambda message: not message.interaction_id and not message.available, "the cleared preview")
 
     def test_a_preview_without_an_answer_holds_nobody_up(self):
-        reached, released = threading.Event(), threading.Event()
-        answer = self.stub.preview_answer
-        self.stub.preview_answer = lambda request: reached.set() or released.wait(60) and answer(request)
-        try:
+        with self.stub.hanging("preview") as called:
             self.draw(self.begin())
-            self.assertTrue(reached.wait(60))
+            self.assertTrue(called.wait(60))
             self.assertTrue(self.command("guide_robot").success)
             self.save()
-        finally:
-            released.set()
-            self.stub.preview_answer = answer
         self.preview.wait(lambda message: not message.interaction_id and not message.available, "the cleared preview")
 
     def test_refusals_of_neighbours_reach_the_person(self):
         identity = self.begin()
-        drawn = self.stub.candidate
-        self.stub.candidate = GetDrawnBorderResponse(success=False, code="too_few", message="Draw more.")
-        answer = self.command("save")
-        self.assertEqual((answer.success, answer.code, answer.message), (False, "too_few", "Draw more."))
-        self.stub.candidate = drawn
-        self.stub.add = AddBorderResponse(success=False, code="no_separation", message="It separates nothing.")
-        answer = self.command("save")
+        with self.stub.refusing("candidate", "too_few"):
+            answer = self.command("save")
+        self.assertEqual((answer.success, answer.code, answer.message), (False, "too_few", "Refused."))
+        with self.stub.refusing("add", "no_separation"):
+            answer = self.command("save")
         self.assertEqual((answer.code, answer.message), ("no_separation", sentences.translate("no_separation")))
         state = self.state.wait(lambda message: message.last_code == "no_separation", "the refusal in the state")
         self.assertEqual((state.name, state.interaction_id, state.last_success), ("seed", identity, False))
 
-    def hang_while_saving(self):
-        """Starts a save that hangs in the integrator; returns its future answer and the event that releases it."""
+    @contextlib.contextmanager
+    def hanging_save(self):
+        """Saves while the integrator does not answer before the block ends; yields the future answer."""
         self.begin()
-        reached, released = threading.Event(), threading.Event()
-        self.stub.before_add = lambda: reached.set() or released.wait(60)
-        saving = self.pool.submit(self.command, "save")
-        self.assertTrue(reached.wait(60))
-        return saving, released
+        with self.stub.hanging("add") as called:
+            saving = self.pool.submit(self.command, "save")
+            self.assertTrue(called.wait(60))
+            yield saving
 
     def test_a_save_without_an_answer_is_repeated_under_the_same_id(self):
         count = len(self.stub.added)
-        saving, released = self.hang_while_saving()
-        # other commands are refused, and stop is obeyed
-        self.assertEqual(self.command("cancel").code, "busy")
-        self.assertEqual(self.command("stop").code, "stopped")
-        stopped = self.state.wait(lambda message: message.stopped, "the stop while saving")
-        self.assertEqual((stopped.stopped_by, stopped.name), ("test", "seed"))
-        self.assertEqual(saving.result().code, "save_unanswered")
-        released.set()
+        with self.hanging_save() as saving:
+            # other commands are refused, and stop is obeyed
+            self.assertEqual(self.command("cancel").code, "busy")
+            self.assertEqual(self.command("stop").code, "stopped")
+            stopped = self.state.wait(lambda message: message.stopped, "the stop while saving")
+            self.assertEqual((stopped.stopped_by, stopped.name), ("test", "seed"))
+            self.assertEqual(saving.result().code, "save_unanswered")
         wait_until(lambda: len(self.stub.added) == count + 1, "the late border")
-        self.stub.before_add = lambda: None
         # with the laser still on, the second candidate differs: only the id shows that it is the same border
         self.stub.candidate.border.points[0].x += 0.05
         self.save()
@@ -318,10 +312,9 @@ class InteractionManagerTest(unittest.TestCase):
     def test_resume_waiting_behind_a_save_releases_no_newer_stop(self):
         self.command("stop")
         seen = self.state.wait(lambda message: message.stopped, "the first stop").stop_number
-        saving, released = self.hang_while_saving()
-        self.command("stop", id="newer")
-        self.assertEqual(self.command("resume", seen_stop=seen).code, "stopped_since")
-        released.set()
+        with self.hanging_save() as saving:
+            self.command("stop", id="newer")
+            self.assertEqual(self.command("resume", seen_stop=seen).code, "stopped_since")
         saving.result()
         self.assertTrue(self.state.wait(lambda message: message.last_outcome == "saved", "the save").stopped)
 

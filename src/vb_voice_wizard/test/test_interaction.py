@@ -171,7 +171,7 @@ def test_a_save_under_way_blocks_other_commands(saving, command):
 
 
 def test_a_save_under_way_does_not_end_by_silence(saving):
-    assert not saving.end_if_idle(1000.0) and saving.pending == SAVE
+    assert (saving.end_if_idle(1000.0), saving.pending) == (False, SAVE)
 
 
 def test_a_stop_is_obeyed_during_a_save_and_holds_after_it(saving):
@@ -305,7 +305,7 @@ def test_continue_brings_back_all_that_was_before_the_pauses(before):
 @in_all_pauses
 def test_silence_ends_no_paused_interaction_but_one_that_goes_on(before):
     paused = pause(interaction_after(before))
-    assert paused.ends_at == 0.0 and not paused.end_if_idle(40000.0)
+    assert (paused.ends_at, paused.end_if_idle(40000.0)) == (0.0, False)
     paused.command(CONTINUE, "test", 40002.0)
     assert [paused.end_if_idle(40002.0 + silence) for silence in (299.0, 301.0)] == [False, True]
 
@@ -313,7 +313,7 @@ def test_silence_ends_no_paused_interaction_but_one_that_goes_on(before):
 @in_all_pauses
 def test_no_robot_acts_and_no_spot_is_awaited_in_a_pause(before):
     paused = pause(interaction_after(before))
-    assert not paused.state.robots_act and not paused.is_spot_missing
+    assert (paused.state.robots_act, paused.is_spot_missing) == (False, False)
 
 
 @in_all_pauses
@@ -340,7 +340,7 @@ def border_begun_at(now, **params) -> Interaction:
 def test_people_are_warned_before_silence_ends_an_interaction(newest_spot, now, ends_at):
     interaction = border_begun_at(1000.0, idle_timeout=100.0)
     interaction.set_spot_counts(1, 0, 0, newest_spot)
-    assert not interaction.end_if_idle(now) and interaction.ends_at == ends_at
+    assert (interaction.end_if_idle(now), interaction.ends_at) == (False, ends_at)
 
 
 def test_an_abandoned_interaction_ends_and_is_recorded():
@@ -351,7 +351,7 @@ def test_an_abandoned_interaction_ends_and_is_recorded():
 
 
 def test_silence_ends_nothing_that_was_not_begun():
-    assert not Interaction().end_if_idle(1e6) and Interaction().ends_at == 0.0
+    assert (Interaction().end_if_idle(1e6), Interaction().ends_at) == (False, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pytest
 from refusals import refused
 from speech import RATE, command_in, examine, room_noise, say, tone, utterances
 from vb_core.sentences import words_of_name
-from vb_core.sounds import SOUNDS, Note, Tones
+from vb_core.sounds import SOUNDS, Note, Melody
 from vb_voice_wizard.voice.audio_sources import CHUNK_SAMPLES, Microphone, has_sound
 from vb_voice_wizard.voice.endpointing import CHUNK, MAX_UTTERANCE, Endpointer, SpeechDetector
 from vb_voice_wizard.voice.recognizer import THRESHOLD, CommandListener, CommandRecognizer, RecognitionResult
@@ -129,8 +129,8 @@ def test_stop_counts_whenever_a_sound_of_ours_plays(recognizer, sound):
 
 
 def test_another_command_counts_unless_it_lies_within_a_sound_of_ours(recognizer, monkeypatch):
-    monkeypatch.setitem(SOUNDS, "long", Tones((Note("C5", 1.7),)))
-    monkeypatch.setitem(SOUNDS, "short", Tones((Note("C5", 0.1),)))
+    monkeypatch.setitem(SOUNDS, "long", Melody((Note("C5", 1.7),)))
+    monkeypatch.setitem(SOUNDS, "short", Melody((Note("C5", 0.1),)))
     pcm = np.concatenate([say("cancel", pause=1.0), np.zeros(RATE, np.int16)])
     (plain,) = listen(CommandListener(recognizer), pcm)
     assert plain.command == "cancel"
@@ -248,8 +248,8 @@ def test_what_was_heard_long_ago_does_not_decide_what_is_speech():
 # ------------------------------------------------------------------ sound
 def test_a_microphone_that_is_on_is_known_by_its_noise_however_loud():
     loudest = np.array([-32768, 32767] * 400, np.int16)  # their difference overflows int16
-    assert has_sound(loudest) and has_sound(np.array([5, 8, 6], np.int16))
-    assert not has_sound(np.full(800, 300, np.int16)) and not has_sound(np.zeros(0, np.int16))
+    assert (has_sound(loudest), has_sound(np.array([5, 8, 6], np.int16))) == (True, True)
+    assert (has_sound(np.full(800, 300, np.int16)), has_sound(np.zeros(0, np.int16))) == (False, False)
 
 
 def test_a_recording_program_is_read_and_started_again():

@@ -197,8 +197,7 @@ class BordersTest(PageTest):
     def test_a_corner_that_is_chosen_shows_the_lengths_beside_it(self):
         draw_carpet(self.browser)
         self.assertEqual(run_script(self.browser, "shownLengths"), [])
-        corner = self.browser.run("return window.virtualBorders.draft().points[0]")
-        self.browser.tap(corner)
+        self.browser.tap(self.browser.run("return window.virtualBorders.draft().points[0]"))
         sides = run_script(self.browser, "sidesAtFirstCorner")
         np.testing.assert_allclose(sorted(run_script(self.browser, "shownLengths")), sorted(sides), atol=0.006)
 

@@ -217,8 +217,7 @@ class SeenTest(PageTest):
         field.send_keys("\n")
         self.browser.wait_text("#login-answer", "not a valid code")
         field.clear()
-        codes = yaml.safe_load(self.codes.read_text())
-        field.send_keys(codes["operator"] + "\n")
+        field.send_keys(yaml.safe_load(self.codes.read_text())["operator"] + "\n")
         self.browser.wait_ready()
         self.browser.wait_text("#borders", "Rug")
 

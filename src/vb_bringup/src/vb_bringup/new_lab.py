@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 from typing import Dict, List, Mapping, Optional
 
+import rospkg
 import yaml
 
 from vb_core.errors import CodedError
@@ -123,8 +124,6 @@ def run(arguments: Optional[List[str]] = None) -> int:
         "--map", default="", help="YAML file of the map, which is copied; by default, others publish /map"
     )
     options = parser.parse_args(sys.argv[1:] if arguments is None else arguments)
-    import rospkg
-
     profiles = Path(rospkg.RosPack().get_path("vb_bringup")) / "robots"
     try:
         folder = options.folder.expanduser().resolve()

@@ -19,11 +19,12 @@ import time
 import webbrowser
 from collections import deque
 from pathlib import Path
-from typing import Any, Callable, Deque, List, Optional
+from typing import Callable, Deque, List, Optional, Tuple
 
 import cv2
 import numpy as np
 import rosgraph
+import rospkg
 import rospy
 import tornado.web
 import yaml
@@ -31,11 +32,12 @@ import yaml
 from vb_bringup.new_lab import parse_source, write_lab
 from vb_core import names
 from vb_core.camera_model import project_to_floor
-from vb_core.child_processes import free_port, start_roslaunch
+from vb_core.child_processes import ChildProcess, free_port, start_roslaunch
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
+from vb_core.request_origin import may_use_local_page
 from vb_core.ros import commands
 from vb_evaluation.navigation_check.plan_observer import wait_until
 from vb_laser_detect.calibration import pose_file
@@ -51,6 +53,7 @@ from vb_msgs.msg import LaserSpot, VirtualBorderArray
 
 CAMERA = "camera"
 PORT = 8420
+_PACKAGE = Path(rospkg.RosPack().get_path("vb_bringup"))
 _CELL = 0.025  # [m] of the map
 _FAR = 10.0  # [m] floor that is farther from the camera is left out
 _GRID = 0.5  # [m] between the lines that the page draws
@@ -61,7 +64,10 @@ _START_TIMEOUT, _PLAY_TIMEOUT = 60.0, 90.0  # [s]
 _INSTRUCTIONS = (
     "On it: press Define border and draw; press Mark what is off limits and hold the spot there; press Save."
 )
-_REPEAT_NOTE = " The film repeats: press each just before its part; what was missed can be cancelled, and comes again."
+_REPEAT_NOTE = (
+    " The film repeats. Press each button just before its part of the film. If you miss one, press Cancel and wait for the"
+    " next round."
+)
 
 
 # ------------------------------------------------------------- the floor
@@ -104,7 +110,7 @@ def grid_lines(view: PosedCamera, floor: GridMap) -> List[List[List[float]]]:
     return lines
 
 
-def write_camera_lab(folder: Path, source: str, view: PosedCamera, profiles: Path) -> None:
+def write_camera_lab(folder: Path, source: str, view: PosedCamera) -> None:
     """Deletes what is in the lab's folder, and writes camera, lens, pose and an empty map into it.
 
     Raises:
@@ -112,7 +118,7 @@ def write_camera_lab(folder: Path, source: str, view: PosedCamera, profiles: Pat
     """
     shutil.rmtree(str(folder), ignore_errors=True)
     write_map(folder.parent / "floor", draw_seen_floor(view))
-    write_lab(folder, {CAMERA: source}, "", folder.parent / "floor.yaml", profiles)
+    write_lab(folder, {CAMERA: source}, "", folder.parent / "floor.yaml", _PACKAGE / "robots")
     save_lens(folder / "lenses" / f"{CAMERA}.yaml", CAMERA, view.camera)
     camera_frame = f"{CAMERA}_optical_frame"
     pose = CameraPose(CAMERA, names.MAP_FRAME, camera_frame, view.T_map_camera, view.camera.focal_px)
@@ -140,10 +146,8 @@ class CornerPage:
         """Serves the page until somebody accepts a floor. Returns the camera's view of it."""
         self._accepted: asyncio.Queue = asyncio.Queue()
         handlers = {r"/": _Page, r"/image\.jpg": _Picture, r"/(floor|start)": _Floor}
-        application = tornado.web.Application(log_function=lambda _handler: None)
-        # other sites' pages must not get at the camera by a host name of theirs (DNS rebinding)
         routes = [(path, handler, {"page": self}) for path, handler in handlers.items()]
-        application.add_handlers(r"(localhost|127\.0\.0\.1)", routes)
+        application = tornado.web.Application(routes, log_function=lambda _handler: None)
         server = application.listen(port, "127.0.0.1")
         view = await self._accepted.get()
         await asyncio.sleep(0.3)  # the browser still needs the answer
@@ -167,6 +171,11 @@ class _Handler(tornado.web.RequestHandler):
     def initialize(self, page: CornerPage) -> None:
         self.page = page
         self.set_header("Cache-Control", "no-store")
+
+    def prepare(self) -> None:
+        request = self.request
+        if not may_use_local_page(request.method, request.host, request.headers.get("Origin")):
+            raise tornado.web.HTTPError(403)
 
 
 class _Page(_Handler):
@@ -269,48 +278,53 @@ class TryLab:
             raise CodedError("no_response", who_code="interaction_manager")
 
 
-def run(arguments: Optional[List[str]] = None) -> int:
-    """Finds the floor, starts the lab, and keeps the borders' file until Ctrl-C. Returns the exit status.
+def find_view(camera: str, port: int) -> Tuple[str, PosedCamera]:
+    """Returns the source of a camera's images, and the camera's view of the floor.
 
-    A camera's floor is asked for on a page. The supplied video's floor is known, and its commands are given.
+    Somebody marks the floor on a page at the port. The supplied video, which "" stands for, has a known one.
     """
+    if not camera:
+        truth = yaml.safe_load((_PACKAGE / "example_video/room.yaml").read_text(encoding="utf-8"))
+        size = truth["width"], truth["depth"]
+        view = estimate_camera_from_rectangle(np.array(truth["corners"]), size, tuple(truth["image"]))
+        return str(_PACKAGE / "example_video/room.mp4"), view
+    source = parse_source(camera)
+    address = f"http://127.0.0.1:{port}/"
+    print(f"Open {address} and mark four corners of something on the floor whose size you know.", flush=True)
+    webbrowser.open(address)
+    return source, asyncio.run(CornerPage(source).ask(port))
+
+
+def start_lab(folder: Path, port: int) -> ChildProcess:
+    """Starts the lab in a folder with its own master, which this process uses too, and its page at a port."""
+    master_port = free_port()
+    os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{master_port}", ROS_LOG_DIR=str(folder / "log"))
+    print("Starting the detector, the map and the page ...", flush=True)
+    log = folder / "log/roslaunch.txt"
+    return start_roslaunch([folder / "lab/lab.launch"], log, master_port, rviz=False, page_port=port)
+
+
+def run(arguments: Optional[List[str]] = None) -> int:
+    """Finds the floor, starts the lab, and keeps the borders' file until Ctrl-C. Returns the exit status."""
     parser = argparse.ArgumentParser(prog="try_camera", description=__doc__.split("\n")[0])
     parser.add_argument("--camera", default="", help="number, device, address or file; left out: plays a video of ours")
     parser.add_argument("--out", type=Path, default=Path("out/try"), help="folder for the lab and the borders")
     parser.add_argument("--port", type=int, default=PORT, help="of the page")
     parser.add_argument("--once", action="store_true", help="end after the video's border was saved")
     options = parser.parse_args(arguments)
-    import rospkg
-
-    package = Path(rospkg.RosPack().get_path("vb_bringup"))
     folder = options.out.expanduser().resolve()
     port = free_port(options.port)
-    address = f"http://127.0.0.1:{port}/"
-    if options.camera:
-        source = parse_source(options.camera)
-        print(f"Open {address} and mark four corners of something on the floor whose size you know.", flush=True)
-        webbrowser.open(address)
-        view = asyncio.run(CornerPage(source).ask(port))
-    else:
-        source = str(package / "example_video/room.mp4")
-        truth = yaml.safe_load((package / "example_video/room.yaml").read_text(encoding="utf-8"))
-        size = truth["width"], truth["depth"]
-        view = estimate_camera_from_rectangle(np.array(truth["corners"]), size, tuple(truth["image"]))
-    write_camera_lab(folder / "lab", source, view, package / "robots")
-    master_port = free_port()
-    os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{master_port}", ROS_LOG_DIR=str(folder / "log"))
-    print("Starting the detector, the map and the page ...", flush=True)
-    log = folder / "log/roslaunch.txt"
-    lab = start_roslaunch([folder / "lab/lab.launch"], log, master_port, rviz=False, page_port=port)
+    source, view = find_view(options.camera, port)
+    write_camera_lab(folder / "lab", source, view)
+    lab = start_lab(folder, port)
     try:
         if not _wait_for_services(lab):
             print(lab.tail(), file=sys.stderr)
             return 1
         running = TryLab(folder)
-        print(f"The page is at {address}", flush=True)
+        print(f"The page is at http://127.0.0.1:{port}/", flush=True)
         if options.camera:
-            note = _REPEAT_NOTE if is_file(source) else ""
-            print(_INSTRUCTIONS + note, flush=True)
+            print(_INSTRUCTIONS + (_REPEAT_NOTE if is_file(source) else ""), flush=True)
         else:
             running.play()
             if options.once:
@@ -323,7 +337,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
         lab.stop()
 
 
-def _wait_for_services(lab: Any) -> bool:
+def _wait_for_services(lab: ChildProcess) -> bool:
     """Waits for the lab's master and for the services that a border passes. Returns whether all of them answer."""
     wait_until(lambda: rosgraph.is_master_online() or not lab.running, _START_TIMEOUT)  # roslaunch starts the master
     if not lab.running:

@@ -41,3 +41,4 @@ class ParameterError(CodedError):
     def __init__(self, key: str, message: str) -> None:
         super().__init__("bad_parameter", f"{key}: {message}")
         self.key = key
+        self.args = key, message  # with these, pickle calls the constructor again

@@ -43,8 +43,9 @@ def _table() -> Dict[str, Encoding]:
     table.update({"yuv422": table["uyvy"], "yuv422_yuy2": table["yuyv"]})
     for bits, dtype in ((8, "u1"), (16, "u2")):
         table.update({f"{name}{bits}": Encoding(np.dtype(dtype), n, name) for name, n in _CHANNELS.items()})
-        for general, name in (("C1", "mono"), ("", "mono"), ("C3", "bgr"), ("C4", "bgra")):
-            table[f"{bits}U{general}"] = table[f"{name}{bits}"]
+        table.update({f"{bits}UC3": table[f"bgr{bits}"], f"{bits}UC4": table[f"bgra{bits}"]})
+    # but 16UC1 is depth; grey images of 16 bits are called mono16
+    table.update({"8UC1": table["mono8"], "8U": table["mono8"]})
     return table
 
 
@@ -115,7 +116,8 @@ class HalvedPicture:
     color_format, is_bayer, scale = "bgr", False, 2
 
     def __init__(self, size: Tuple[int, int], decode: Callable[[int, int], np.ndarray]) -> None:
-        self.size, self._decode = size, decode
+        self.size = size
+        self._decode = decode
 
     @property
     def is_fully_decoded(self) -> bool:

@@ -42,7 +42,7 @@ class Note:
 
 
 @dataclass(frozen=True)
-class Tones:
+class Melody:
     """A sound: its notes, and the constant of kobuki_msgs/Sound that a Kobuki plays instead ("" for none)."""
 
     notes: Tuple[Note, ...]
@@ -56,15 +56,15 @@ class Tones:
 
 _REST = Note("", 0.05)
 TICK, SUCCESS, ERROR, QUESTION, STOPPED, RECOGNIZED = "tick", "success", "error", "question", "stopped", "recognized"
-SOUNDS: Dict[str, Tones] = {
+SOUNDS: Dict[str, Melody] = {
     **{
-        name: Tones((Note(state.tone[0], 0.09), Note(state.tone[1], 0.16)), "OFF" if state == DEFAULT else "BUTTON")
+        name: Melody((Note(state.tone[0], 0.09), Note(state.tone[1], 0.16)), "OFF" if state == DEFAULT else "BUTTON")
         for name, state in STATES.items()
     },
-    SUCCESS: Tones((Note("C5", 0.09), Note("E5", 0.09), Note("G5", 0.09), Note("C6", 0.30)), "CLEANINGEND"),
-    QUESTION: Tones((Note("E5", 0.10), _REST, Note("E5", 0.16)), "RECHARGE"),
-    STOPPED: Tones((Note("C6", 0.10), Note("A3", 0.40)), "OFF"),
-    ERROR: Tones((Note("A3", 0.16), _REST, Note("A3", 0.24)), "ERROR"),
-    RECOGNIZED: Tones((Note("G6", 0.08),)),
-    TICK: Tones((Note("C7", 0.02, 0.15),)),  # no beep: a Kobuki's are too loud for so frequent a sound
+    SUCCESS: Melody((Note("C5", 0.09), Note("E5", 0.09), Note("G5", 0.09), Note("C6", 0.30)), "CLEANINGEND"),
+    QUESTION: Melody((Note("E5", 0.10), _REST, Note("E5", 0.16)), "RECHARGE"),
+    STOPPED: Melody((Note("C6", 0.10), Note("A3", 0.40)), "OFF"),
+    ERROR: Melody((Note("A3", 0.16), _REST, Note("A3", 0.24)), "ERROR"),
+    RECOGNIZED: Melody((Note("G6", 0.08),)),
+    TICK: Melody((Note("C7", 0.02, 0.15),)),  # no beep: a Kobuki's are too loud for so frequent a sound
 }

@@ -56,7 +56,8 @@ class _Stored:
         self._path = path
         self._lock, self._writing = threading.Lock(), threading.Lock()
         self._written: Any = None
-        self.lost, self.stored = False, True
+        self.lost = False
+        self.stored = True
         readable = True
         try:
             if path is not None:

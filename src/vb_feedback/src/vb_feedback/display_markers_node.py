@@ -20,10 +20,11 @@ from vb_core.ros.notices import NoticeListener
 from vb_core.ros.robot_status import CapabilitiesListener
 from visualization_msgs.msg import Marker, MarkerArray
 
-from vb_feedback.display import display_messages, restriction_overlay, scene
-from vb_feedback.display.display_inputs import InputListener, DisplayInputs
+from vb_feedback.display import restriction_overlay, scene
 from vb_feedback.display.layout import Box, Layout, fit_view
 from vb_feedback.display.text_panel import PanelContent, text_panel_shapes
+from vb_feedback.ros import display_messages
+from vb_feedback.ros.display_inputs import DisplayInputs, InputListener
 from vb_msgs.msg import BorderProgress, VirtualBorder
 
 _REFRESH_PERIOD = 2.0  # [s]
@@ -198,7 +199,7 @@ class DisplayMarkersNode:
 
     def _border_shapes(self, layout: Layout, messages: Sequence[VirtualBorder]) -> List[scene.Shape]:
         language = self._params.language
-        borders = [display_messages.border_from_message(message, language) for message in messages]
+        borders = [display_messages.displayed_border_from_message(message, language) for message in messages]
         return scene.border_shapes(layout, borders, sentences.translate("display_off", {}, language))
 
 

@@ -11,7 +11,7 @@ from vb_core import names
 from vb_msgs.msg import InteractionState, LaserSpot, Sound
 
 from vb_feedback.display import colors
-from vb_feedback.sound.sound_events import SoundEvents
+from vb_feedback.ros.sound_events import SoundEvents
 
 
 class FeedbackNode:

@@ -18,13 +18,13 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros.images import message_from_image
 from vb_core.ros import node, parameters
 
+from vb_feedback.display.scene import Drawing, TrailPoint
 from vb_feedback.projector import projector_calibration
-from vb_feedback.display.display_messages import border_from_message, drawing_from_progress
-from vb_feedback.display.display_inputs import InputListener
 from vb_feedback.projector.floor_image import FloorContent, FloorImage, draw_calibration_image
 from vb_feedback.projector.projector_calibration import MARKER_COUNT, ProjectorCalibration
 from vb_feedback.projector.projector_window import ProjectorWindow
-from vb_feedback.display.scene import Drawing, TrailPoint
+from vb_feedback.ros.display_inputs import InputListener
+from vb_feedback.ros.display_messages import displayed_border_from_message, drawing_from_progress
 
 FRAME = "projector"
 _SPOT_LIFETIME = 0.5  # [s] a spot that no camera has seen for this long counts as gone
@@ -145,7 +145,7 @@ class FloorProjectorNode:
     def _content(self, now: float) -> FloorContent:
         """Returns what to show at a time [s]."""
         inputs = self._inputs.current()
-        borders = tuple(map(border_from_message, inputs.borders))
+        borders = tuple(map(displayed_border_from_message, inputs.borders))
         if inputs.state is None or not inputs.state.interaction_id:
             return FloorContent(borders=borders)
         drawing = Drawing()

@@ -47,11 +47,11 @@ class ExtractionParams(Parameters):
 
     mode: str = param("robust", choices=("robust", "paper"))
     eps: float = param(0.5, "m", above=0.0, high=5.0)
-    min_pts: int = param(1, low=1, high=1000)
+    min_pts: int = param(1, low=1, high=1000)  # paper mode only
     min_exp: float = param(0.3, "m", low=0.0, high=100.0)
     min_size: int = param(10, low=2, high=100000)
-    thinning_dist: float = param(0.1, "m", above=0.0, high=1.0)
-    polygon_dist: float = param(0.5, "m", above=0.0, high=5.0)
+    thinning_dist: float = param(0.1, "m", above=0.0, high=1.0)  # paper mode only
+    polygon_dist: float = param(0.5, "m", above=0.0, high=5.0)  # paper mode only
 
 
 @dataclass(frozen=True)
@@ -102,13 +102,14 @@ def extract_border(
     Args:
         points: (N, 2) float [m], map frame, any order. Non-finite points are left out.
         params: `ExtractionParams()` if None.
-        stamps: (N,) [s] time at which each spot was seen; the paper's mode does not use them.
+        stamps: (N,) [s] time at which each spot was seen. Only the paper's mode can do without them.
         cameras: (N,) the camera that saw each spot: names or numbers.
         confidences: (N,) 0 .. 1.
         mobile: (N,) true for a camera on a robot, whose pose is less certain.
 
     Raises:
         CodedError: "no_spots", "too_few_spots", "no_line", "figure_too_small", "line_self_intersects" or "too_many_spots".
+        ValueError: without stamps, except in the paper's mode.
     """
     params = params or ExtractionParams()
     if params.mode == "paper":
@@ -186,7 +187,7 @@ class DrawnBorder:
 class LiveExtractor:
     """Repeats the extraction on all spots of an interaction when there are new ones, using at most a share of one core.
 
-    It takes 0.1 s for five minutes of drawing.
+    The longer a drawing lasts, the longer one extraction takes, and the less often it is repeated.
 
     Args:
         params: parameters of the extraction.

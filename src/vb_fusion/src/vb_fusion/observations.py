@@ -67,6 +67,7 @@ class Observations:
         y = np.bincount(labels, self.weights * self.points[:, 1]) / weights
         times = np.bincount(labels, self.weights * self.stamps) / weights
         first = np.unique(labels, return_index=True)[1]
+        # each camera of a label counts once; this needs rows of one camera each, as all are before they form clusters
         span = int(self.cameras.max()) + 1
         merged = Observations(
             points=np.column_stack([x, y]),

@@ -125,7 +125,8 @@ class CameraDetector:
     ) -> None:
         if not params.camera:
             raise ParameterError(f"{namespace}/camera", "the camera's name must be set")
-        self._namespace, self._params = namespace, params
+        self._namespace = namespace
+        self._params = params
         self._mobile = params.detector.moving_camera
         self._floor_projection = FloorProjection(params.projection)
         self._detector = SpotDetector(params.detector)

@@ -91,12 +91,9 @@ def message_from_border(
 
 def messages_from_issues(issues: Sequence[Notice]) -> List[BorderIssue]:
     """Converts the issues that the check of a border reports."""
-    return [
-        BorderIssue(
-            severity=_SEVERITIES[issue.severity],
-            code=issue.code,
-            message=issue.message,
-            values=messages.values_from_mapping(issue.values),
-        )
-        for issue in issues
-    ]
+    result = []
+    for issue in issues:
+        severity = _SEVERITIES[issue.severity]
+        values = messages.values_from_mapping(issue.values)
+        result.append(BorderIssue(severity=severity, code=issue.code, message=issue.message, values=values))
+    return result

@@ -197,7 +197,7 @@ class MapIntegrator:
             map_id: id of the map that the answer is about; empty: whichever is current.
 
         Raises:
-            CodedError: "no_map", "map_changed", "name_taken", "drawn_on_this_map", "cannot_write".
+            CodedError: "no_map", "map_changed", "bad_name", "name_taken", "drawn_on_this_map", "cannot_write".
         """
         grid, recognition = self.physical_map, self._recognition
         if map_id and map_id != self.map_id:

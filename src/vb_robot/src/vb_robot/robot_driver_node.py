@@ -40,7 +40,8 @@ from vb_robot.driving.arbiter import Arbiter, DriveCommand
 from vb_robot.driving.command_gate import NAVIGATION, RATE, STOP, TELEOP
 from vb_robot.driving.scan_clearance import Scan
 from vb_robot.driving.workspace import PoseUncertainty, Workspace
-from vb_robot.subscriptions import RUNNING, contact_message_class, subscribe_map, subscribe_spots
+from vb_robot.ros.goal_statuses import RUNNING_GOAL_STATUSES
+from vb_robot.ros.subscriptions import contact_message_class, subscribe_map, subscribe_spots
 
 STATE_PERIOD = 0.5  # [s] between reports of the source that drives, even if nothing changes
 MIN_STOP = 0.5  # [s] shortest stop that is reported as a notice
@@ -149,7 +150,7 @@ class RobotDriverNode:
         listen(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
         subscribe_map(names.MAP_WITH_BORDERS, functools.partial(self._on_map, "borders"))
         subscribe_map(names.PHYSICAL_MAP, functools.partial(self._on_map, "physical"))
-        subscribe_map(names.SPEED_LIMITS, functools.partial(setattr, self._arbiter.gate, "speed_limits"))
+        subscribe_map(names.SPEED_LIMITS, self._on_speed_limits)
         listen("amcl_pose", PoseWithCovarianceStamped, self._on_covariance, queue_size=1)
         listen("initialpose", PoseWithCovarianceStamped, self._on_initial_pose, queue_size=1)
         listen("move_base/status", GoalStatusArray, self._on_status, queue_size=1)
@@ -225,7 +226,8 @@ class RobotDriverNode:
         self._arbiter.gate.set_contact((contact.topic, number), contact.blocks if touched else "")
 
     def _on_status(self, message: GoalStatusArray) -> None:
-        self._arbiter.set_goal(any(entry.status in RUNNING for entry in message.status_list), rospy.get_time())
+        has_goal = any(entry.status in RUNNING_GOAL_STATUSES for entry in message.status_list)
+        self._arbiter.set_goal(has_goal, rospy.get_time())
 
     def _on_plan(self, message: Path) -> None:
         if message.header.frame_id.lstrip("/") == names.MAP_FRAME:
@@ -235,6 +237,9 @@ class RobotDriverNode:
         with self._lock:
             self._maps[layer] = grid
             self._use_maps()
+
+    def _on_speed_limits(self, grid: GridMap) -> None:
+        self._arbiter.gate.speed_limits = grid
 
     def _on_covariance(self, message: PoseWithCovarianceStamped) -> None:
         with self._lock:

@@ -28,13 +28,13 @@ from vb_core.vocabulary import state_by_name
 from vb_msgs.msg import BorderProgress, DetectorStatus, DriverState, InteractionState, RobotStatusArray, Stop
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 from vb_msgs.srv import SendRobot, SendRobotResponse
-from vb_robot.dispatching.dispatched_robot import DispatchedRobot
 from vb_robot.dispatching.dispatcher import Dispatcher
 from vb_robot.dispatching.viewpoint import DrawingState
 from vb_robot.driving.scan_clearance import lowest_speed_limit
-from vb_robot.subscriptions import keep_out_borders_for, subscribe_map, subscribe_spots
-from vb_robot.monitoring.watched_robot import WatchedRobot
 from vb_robot.monitoring.navigation_connections import resolve_name
+from vb_robot.ros.dispatched_robot import DispatchedRobot
+from vb_robot.ros.subscriptions import keep_out_borders_for, subscribe_map, subscribe_spots
+from vb_robot.ros.watched_robot import WatchedRobot
 from vb_robot.spot_sightings import Sighting
 
 CHECK_PERIOD = 0.2  # [s] between checks of poses and speed limits
@@ -144,7 +144,7 @@ class RobotMonitorNode:
             if robot.name:
                 robot_borders = resolve_name(robot.name, names.MAP_WITH_BORDERS[1:])
                 subscribe_map(robot_borders, functools.partial(self._on_map, "robot_borders", [robot]))
-        subscribe_map(names.SPEED_LIMITS, functools.partial(setattr, self, "_speed_limits"))
+        subscribe_map(names.SPEED_LIMITS, self._on_speed_limits)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
         rospy.Subscriber(names.DRIVERS, DriverState, self._on_driver, queue_size=20)
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_detector, queue_size=20)
@@ -170,6 +170,9 @@ class RobotMonitorNode:
         with self._lock:
             for robot in robots:
                 robot.set_map(layer, grid)
+
+    def _on_speed_limits(self, grid: GridMap) -> None:
+        self._speed_limits = grid
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         self._has_slow_zones = any(border.in_force and border.zone == VirtualBorder.SLOW for border in message.borders)

@@ -149,7 +149,8 @@ class NavigationNode:
         try:
             start = self._to_map_frame(request.start) if request.start.header.frame_id else self._pose()
             goal = self._to_map_frame(request.goal)
-            path = self._navigator.static().plan(np.array(start[:2]), np.array(goal[:2]), max(request.tolerance, 0.0))
+            planner = self._navigator.planner_on_map()
+            path = planner.plan(np.array(start[:2]), np.array(goal[:2]), max(request.tolerance, 0.0))
             response.plan = path_message(path, goal[2])
         except CodedError as error:
             rospy.loginfo("%s: make_plan: %s", rospy.get_name(), error)

@@ -46,8 +46,10 @@ class DistanceField:
             return 0.0
         # bilinear interpolation between the centres of four cells
         right, up = column - c, row - r
+        row_weights = np.array([1 - up, up])
+        column_weights = np.array([1 - right, right])
         distances = self._distance[r : r + 2, c : c + 2]
-        return float(np.array([1 - up, up]) @ distances @ np.array([1 - right, right]))
+        return float(row_weights @ distances @ column_weights)
 
     def cast_rays(self, origin: Point2, angles: np.ndarray, range_max: float) -> np.ndarray:
         """Returns the ranges (N,) [m] of beams from `origin` [m] at `angles` (N,) [rad] in the map; inf without a hit.

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import threading
 import traceback
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, List, Mapping
+from typing import Dict, Iterator, List, Mapping
 
 import rospy
 from vb_core import names
@@ -28,7 +29,7 @@ from vb_msgs.srv import Command, CommandRequest, CommandResponse
 from vb_voice_wizard.border_preview import PreviewPublisher
 from vb_voice_wizard.border_services import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, BorderServices
 from vb_voice_wizard.command_answers import Answer, AnswerCache
-from vb_voice_wizard.interaction import Interaction, InteractionParams, InteractionRecord
+from vb_voice_wizard.interaction import Interaction, InteractionParams
 
 _PUBLISH_PERIOD = 0.1  # [s] of wall time: robots stop half a second after the last state (vb_msgs/InteractionState)
 _STORE_PERIOD = 2.0  # [s] between attempts to store the stop: a full disk may have room again
@@ -153,7 +154,7 @@ class InteractionManagerNode:
                 self._stop_robots(identity, message.robot or "robot_driver")
 
     def _publish_again(self) -> None:
-        with self._lock:
+        with self._lock_and_record():
             self._interaction.end_if_idle(rospy.get_time())
             self._publish()
 
@@ -181,7 +182,7 @@ class InteractionManagerNode:
 
     def _run_command(self, command: str, phrase: str, request: CommandRequest) -> Answer:
         """Carries out a command, which a person gave or confirmed by a phrase."""
-        with self._lock:
+        with self._lock_and_record():
             interaction = self._interaction
             now = rospy.get_time()
             if not request.expires.is_zero() and now > request.expires.to_sec():
@@ -221,7 +222,7 @@ class InteractionManagerNode:
             # a fault of this program must not leave it answering "busy" forever
             rospy.logerr("interaction_manager: %s failed:\n%s", pending, traceback.format_exc())
             answer = Answer.from_error(CodedError("internal_error"))
-        with self._lock:
+        with self._lock_and_record():
             answer = self._interaction.finish_pending(answer, rospy.get_time(), border_id, is_sent)
             self._publish()
         return answer
@@ -235,18 +236,29 @@ class InteractionManagerNode:
         except CodedError:
             return Answer(True, "borders_changed")
 
-    # ------------------------------------------------------------------ outputs; the lock is held
-    def _record(self, ended: InteractionRecord) -> None:
-        """Appends an interaction that has ended to the log."""
-        cameras = self._contributing_cameras.get(ended.interaction_id, [])
+    @contextmanager
+    def _lock_and_record(self) -> Iterator[None]:
+        """Holds the lock in its block; then appends an interaction that has ended to the log, as no state may wait for a disk."""
+        with self._lock:
+            yield
+            ended = self._interaction.take_record()
+            cameras = self._contributing_cameras
+        if ended is None:
+            return
         rospy.loginfo("interaction %s %s after %.1f s", ended.interaction_id, ended.outcome, ended.total_s)
         try:
-            append_line(self._log_file, ended.to_json(self._params.method, cameras))
+            append_line(self._log_file, ended.to_json(self._params.method, cameras.get(ended.interaction_id, [])))
         except OSError as error:
             rospy.logwarn("interaction_manager: cannot write %s: %s", self._log_file, error)
 
+    # ------------------------------------------------------------------ outputs; the lock is held
     def _publish(self) -> None:
-        """Publishes state and notices, tells the preview of the current interaction, and records one that has just ended."""
+        """Publishes state and notices, and tells the preview of the current interaction."""
+        self._state_publisher.publish(self._make_state())
+        self._preview_publisher.on_interaction(self._interaction.interaction_id, self._interaction.pending == SAVE)
+        self._notices.set(self._list_notices())
+
+    def _make_state(self) -> InteractionState:
         interaction = self._interaction
         now = rospy.get_time()
         durations = interaction.durations(now)
@@ -273,12 +285,7 @@ class InteractionManagerNode:
         message.last_answered = rospy.Time.from_sec(interaction.last_answered)
         message.last_outcome = interaction.last_outcome
         message.last_border_id = interaction.last_border_id
-        self._state_publisher.publish(message)
-        self._preview_publisher.on_interaction(interaction.interaction_id, interaction.pending == SAVE)
-        self._notices.set(self._list_notices())
-        ended = interaction.take_record()
-        if ended is not None:
-            self._record(ended)
+        return message
 
     def _list_notices(self) -> List[Notice]:
         notices = []

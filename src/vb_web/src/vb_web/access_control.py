@@ -1,4 +1,4 @@
-"""Decides who may do what on the page, and how much of it: codes, roles, sessions, origins and slots for connections.
+"""Decides who may do what on the page, and how much of it: codes, roles, sessions and slots for connections.
 
 A request is refused unless it proves its rights. On the loopback interface, a loopback name in the Host header does;
 elsewhere the cookie of a session, which only the holder of a code gets. Limited resources are divided: each role has
@@ -7,9 +7,9 @@ its own slots for connections, and within a role the client that holds the most 
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import hashlib
-import ipaddress
 import json
 import secrets
 import threading
@@ -17,7 +17,6 @@ import time
 from collections import Counter
 from pathlib import Path
 from typing import Any, Callable, Dict, Optional, Tuple
-from urllib.parse import urlsplit
 
 import yaml
 
@@ -89,16 +88,15 @@ class Sessions:
     """
 
     def __init__(self, codes: Dict[str, str], path: Optional[Path] = None, on_fault: Callable = print) -> None:
-        self._path, self._on_fault = path, on_fault
+        self._path = path
+        self._on_fault = on_fault
         self._roles = {_digest(normalize_code(code)): Role[name.upper()] for name, code in codes.items()}
         self._lock = threading.Lock()
         self._open: Dict[str, Tuple[str, float]] = {}  # each session's (digest of the code, time of opening [s])
-        try:
+        with contextlib.suppress(OSError, ValueError, TypeError, AttributeError):  # then everybody logs in again
             if path is not None and path.exists():
                 entries = json.loads(path.read_text()).items()
                 self._open = {str(name): (str(code), float(opened_at)) for name, (code, opened_at) in entries}
-        except (OSError, ValueError, TypeError, AttributeError):
-            pass  # everybody logs in again
 
     def open(self, typed: str) -> Optional[str]:
         """Opens a session with a code as typed, and returns its cookie's value, or None if the code is wrong.
@@ -135,38 +133,6 @@ class Sessions:
                     write_atomically(self._path, json.dumps(self._open).encode("ascii"), private=True)
                 except CodedError as error:
                     self._on_fault(error)
-
-
-def is_loopback(host: str) -> bool:
-    """Returns whether a host's name or address, without a port, means this computer itself."""
-    if host.rstrip(".").lower() == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host.strip("[]")).is_loopback
-    except ValueError:
-        return False
-
-
-def parse_host(header: str) -> str:
-    """Returns the host in a Host header, without the port, or "" if there is none."""
-    try:
-        return urlsplit(f"//{header}").hostname or ""
-    except ValueError:
-        return ""
-
-
-def is_same_origin(origin: Optional[str], scheme: str, host: str) -> bool:
-    """Returns whether a browser's Origin header is this page's own. A missing one is not.
-
-    Args:
-        scheme: "http" or "https", of the request.
-        host: the request's Host header, with its port.
-    """
-    try:
-        parts = urlsplit(origin or "")
-    except ValueError:
-        return False
-    return bool(host) and parts.scheme == scheme and parts.netloc.lower() == host.lower()
 
 
 class ConnectionSlots:

@@ -19,9 +19,10 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from vb_core.errors import CodedError
 from vb_core.rate_limiter import RateLimiter
+from vb_core.request_origin import is_loopback, is_same_origin, parse_host
 from vb_web import access_control, action_parser
 from vb_web.access_control import Role
-from vb_web.page_view import answer_from_error, to_json
+from vb_web.page_view import answer_from_error, json_from_message
 
 _SEND_PERIOD = 0.04  # [s] between two messages to a browser: 25 a second look fluid, and cost little for 20 browsers
 MAX_BODY = 2048  # [B] the only body is a code
@@ -69,7 +70,7 @@ class _GuardedHandler(web.RequestHandler):
             raise web.HTTPError(503)
         if request.method not in ("GET", "HEAD") or isinstance(self, WebSocketHandler):
             # this computer's own browsers are checked too: any other page open in them could ask
-            if not access_control.is_same_origin(request.headers.get("Origin"), request.protocol, request.host):
+            if not is_same_origin(request.headers.get("Origin"), request.protocol, request.host):
                 raise web.HTTPError(403)
         if self.role < self.NEEDS:
             raise web.HTTPError(403 if self.role else 401)
@@ -79,8 +80,8 @@ class _GuardedHandler(web.RequestHandler):
             return self.page.sessions.find(self.get_cookie(access_control.COOKIE))
         # a request by another host's name that leads here, or through a proxy here, is not from this computer
         is_direct = not any(name in self.request.headers for name in _PROXY_HEADERS)
-        hosts = (access_control.parse_host(self.request.host), self.request.remote_ip or "")
-        is_local = is_direct and all(map(access_control.is_loopback, hosts))
+        hosts = (parse_host(self.request.host), self.request.remote_ip or "")
+        is_local = is_direct and all(map(is_loopback, hosts))
         role = Role.OPERATOR if is_local else Role.NOBODY
         return role, ""
 
@@ -221,7 +222,7 @@ class _LinkHandler(_GuardedHandler, WebSocketHandler):
 
     def _write_json(self, message: Dict[str, Any]) -> None:
         with contextlib.suppress(WebSocketClosedError):
-            self.write_message(to_json(message))
+            self.write_message(json_from_message(message))
 
     def on_message(self, message: Any) -> None:
         """Starts what a message asks for, or answers why not. A browser that is refused too often is disconnected."""

@@ -27,7 +27,7 @@ def coarse_age(seconds: float) -> int:
     return max([step for step in steps if step <= seconds], default=0)
 
 
-def to_json(value: Any) -> str:
+def json_from_message(value: Any) -> str:
     """Serialises a message to a browser as JSON."""
     return json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
@@ -57,7 +57,7 @@ class PageView:
 
     def put(self, section: str, value: Any) -> None:
         """Replaces a section. Browsers get it if it has changed."""
-        text = to_json(value)
+        text = json_from_message(value)
         with self._lock:
             if self._sections.get(section, (0, None))[1] == text:
                 return

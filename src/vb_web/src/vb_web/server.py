@@ -27,7 +27,8 @@ from vb_core import sentences, vocabulary, zones
 from vb_core.errors import CodedError, ParameterError
 from vb_core.rate_limiter import RateLimiter
 from vb_core.parameters import Parameters, param
-from vb_web import access_control, action_parser, http_handlers
+from vb_core.request_origin import is_loopback
+from vb_web import action_parser, http_handlers
 from vb_web.access_control import ConnectionSlots, Role, Sessions
 from vb_web.page_images import ImageCache
 from vb_web.page_view import PageView, answer_from_error
@@ -69,7 +70,7 @@ class PageParams(Parameters):
         Raises:
             ParameterError: if only one exists, as the person who created it does not want http.
         """
-        if access_control.is_loopback(self.address):
+        if is_loopback(self.address):
             return None
         files = tuple(Path(self.codes_file).expanduser().with_name(name) for name in ("page.crt", "page.key"))
         exist = [path.exists() for path in files]

@@ -21,7 +21,7 @@ from vb_core.ros import commands, parameters
 from vb_core.ros.messages import NumpyOccupancyGrid, grid_from_message
 from vb_sim.in_process_ros.launch_file import import_nodes, start_launch
 from vb_sim.in_process_ros.rospy_stand_in import Graph, Node
-from vb_sim.in_process_ros.threading_stand_in import Scheduler, replaced
+from vb_sim.in_process_ros.threading_stand_in import Scheduler, replace_temporarily
 from vb_evaluation.repository_revision import repository_root
 from vb_evaluation.simulated_study.config import METHODS, Study, Traits
 from vb_evaluation.simulated_study.run_plan import Job
@@ -178,7 +178,7 @@ def _delayed_extraction(scheduler: Scheduler, seconds: float) -> ContextManager[
         finally:
             scheduler.wait(int(seconds * 1e9))
 
-    return replaced({extraction: {"extract_border": extract_and_wait}})
+    return replace_temporarily({extraction: {"extract_border": extract_and_wait}})
 
 
 def personal_scenario(scenario: Scenario, traits: Traits, grid: GridMap, marks: Tuple[float, float, float]) -> Scenario:

@@ -40,9 +40,7 @@ def state_color(name: str) -> Color:
 
 def camera_color(name: str) -> Color:
     """Returns a camera's colour, always the same for the same name."""
-    if name in _NAMED:
-        return _NAMED[name]
-    return _OTHERS[sum(name.encode("utf-8")) % len(_OTHERS)]
+    return _NAMED.get(name, _OTHERS[sum(name.encode("utf-8")) % len(_OTHERS)])
 
 
 def blend(color: Color, towards: Color, share: float) -> Color:

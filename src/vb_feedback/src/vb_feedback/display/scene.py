@@ -90,8 +90,7 @@ def line_segments(points: Sequence[Sequence[float]], closed: bool, width: float)
     extensions = directions / np.maximum(lengths, 1e-6) * width / 2.0
     starts = chain[:-1] - extensions
     ends = chain[1:] + extensions
-    segments = np.hstack([starts, ends])
-    return as_pairs(segments[lengths[:, 0] > 1e-6])
+    return as_pairs(np.hstack([starts, ends])[lengths[:, 0] > 1e-6])
 
 
 def dash_outline(outline: Sequence[Sequence[float]], width: float) -> Tuple[Tuple[float, float], ...]:
@@ -134,10 +133,8 @@ def border_shapes(layout: Layout, borders: Sequence[DisplayedBorder], disabled_w
     """Draws each border's outline and a label with name and area, or with `disabled_word` if it is disabled."""
     size = 0.055 * layout.unit
     texts = [_label(border, layout, size, disabled_word) for border in borders]
-    desired_plates = []
-    for border, text in zip(borders, texts):
-        box = text_box(text, *border.seed, size)
-        desired_plates.append(Box.centered(*box.center, box.width + 0.5 * size, box.height + 0.3 * size))
+    boxes = [text_box(text, *border.seed, size) for border, text in zip(borders, texts)]
+    desired_plates = [Box.centered(*box.center, box.width + 0.5 * size, box.height + 0.3 * size) for box in boxes]
     plates = place_labels(desired_plates, layout.map)
     shapes: List[Shape] = []
     for number, (border, text, plate) in enumerate(zip(borders, texts, plates)):

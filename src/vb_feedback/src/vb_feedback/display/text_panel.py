@@ -89,8 +89,7 @@ def _panel_shapes(layout: Layout, content: PanelContent) -> List[Shape]:
         names = [transliterate(camera).replace(" ", "_") for camera in content.cameras_seeing_spot]
         tints = [colors.blend(colors.camera_color(camera), colors.WHITE, 0.3) for camera in content.cameras_seeing_spot]
         if len(names) > MAX_CAMERAS:
-            hidden = len(names) - MAX_CAMERAS + 1
-            names[MAX_CAMERAS - 1 :] = [f"+{hidden}"]
+            names[MAX_CAMERAS - 1 :] = [f"+{len(names) - MAX_CAMERAS + 1}"]
             tints[MAX_CAMERAS - 1 :] = [colors.PALE]
         line("seen/0", " ".join(names), 0.736, NAME, *tints)
     return shapes

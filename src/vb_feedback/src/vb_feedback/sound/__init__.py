@@ -1,1 +1,1 @@
-"""Sounds: their choice, synthesis and playback."""
+"""Sounds: their synthesis and playback."""

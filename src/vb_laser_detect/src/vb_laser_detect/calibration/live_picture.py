@@ -9,6 +9,8 @@ from typing import Any
 import cv2
 import numpy as np
 
+from vb_core.request_origin import may_use_local_page
+
 _WIDTH = 960  # [px] of the picture
 _PAGE = b"""<!doctype html><title>Lens</title><body style="margin:0;background:#222"><img id=i style="width:100%">
 <script>const i=document.getElementById("i");i.onload=i.onerror=()=>setTimeout(()=>i.src="image?"+Date.now(),150);i.src="image"</script>"""
@@ -23,6 +25,9 @@ class LivePicture:
 
         class Handler(http.server.BaseHTTPRequestHandler):
             def do_GET(self) -> None:
+                if not may_use_local_page("GET", self.headers.get("Host", ""), None):
+                    self.send_error(403)
+                    return
                 image = self.path.startswith("/image")
                 body = outer._jpeg if image else _PAGE
                 self.send_response(200)

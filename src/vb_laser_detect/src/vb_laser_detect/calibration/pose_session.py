@@ -51,7 +51,8 @@ class PoseCalibrationSession:
     """The places on the floor where a camera was shown a spot, whose map positions are known to `point_sigma` [m]."""
 
     def __init__(self, camera: CameraModel, point_sigma: float = POINT_SIGMA) -> None:
-        self._camera, self._point_sigma = camera, point_sigma
+        self._camera = camera
+        self._point_sigma = point_sigma
         self._pixels: List[Sequence[float]] = []
         self._points: List[Sequence[float]] = []
 

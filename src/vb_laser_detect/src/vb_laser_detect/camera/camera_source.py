@@ -138,7 +138,8 @@ class CameraSource:
         handle: Callable[[CapturedImage], None],
         report: Callable[[Optional[CodedError]], None],
     ) -> None:
-        self.address, self.params = address, params
+        self.address = address
+        self.params = params
         self._shown_address = without_password(address)
         self._handle, self._report = handle, report
         self._skipped_codes: List[str] = []

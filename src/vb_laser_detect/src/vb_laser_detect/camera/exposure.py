@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Callable, List
+from typing import Callable, Dict
 
 import numpy as np
 
@@ -29,36 +29,40 @@ def saturated_share(image: np.ndarray) -> float:
 def find_exposure(take_image: Callable[[int], np.ndarray], report: Callable[[str], None]) -> int:
     """Finds the exposure time [0.1 ms] by bisection, as a longer one always makes the image brighter.
 
+    Where a window or a lamp is in view, it is the longest one that leaves hardly any of the image white.
+
     Args:
         take_image: sets an exposure time [0.1 ms], and returns an image (H, W, 3) taken with it.
         report: receives a sentence for each trial.
 
     Raises:
-        CodedError: "too_dark", "too_bright" if no exposure time is right; "exposure_ignored" if none changes the image.
+        CodedError: "too_bright" if even the shortest exposure time is too long; "too_dark" if the floor is nearly black
+            with the longest one that is not; "exposure_ignored" if none changes the image.
     """
     low, high = math.log(_MIN_EXPOSURE), math.log(_MAX_EXPOSURE)
-    medians: List[float] = []
+    medians: Dict[int, float] = {}  # [grey levels] of each exposure time
+    longest = 0  # [0.1 ms] of those that are not too bright
     for _ in range(_MAX_TRIALS):
         exposure = max(1, round(math.exp((low + high) / 2.0)))
         image = take_image(exposure)
         median = float(np.median(image[::_SPACING, ::_SPACING]))
         white_share = saturated_share(image)
-        medians.append(median)
+        medians[exposure] = median
         white = f"{100 * white_share:.1f} % of the image is white"
         report(f"{exposure / 10.0:g} ms: the floor is at {median:.0f} of 255, {white}")
-        is_dark_enough = white_share <= _MAX_WHITE_SHARE
-        if abs(median - _FLOOR_LEVEL) <= _FLOOR_TOLERANCE and is_dark_enough:
-            return exposure
-        if median > _FLOOR_LEVEL or not is_dark_enough:
+        if white_share > _MAX_WHITE_SHARE or median > _FLOOR_LEVEL + _FLOOR_TOLERANCE:
             high = math.log(exposure)
+        elif median >= _FLOOR_LEVEL - _FLOOR_TOLERANCE:
+            return exposure
         else:
             low = math.log(exposure)
+            longest = exposure
         if high - low < 0.02:
             break
-    if max(medians) - min(medians) < 3.0:
+    if max(medians.values()) - min(medians.values()) < 3.0:
         raise CodedError("exposure_ignored")
-    if median > _FLOOR_LEVEL + _FLOOR_TOLERANCE:
+    if not longest:
         raise CodedError("too_bright")
-    if median < _FLOOR_LEVEL / 2.0 and is_dark_enough:
+    if medians[longest] < _FLOOR_LEVEL / 2.0:
         raise CodedError("too_dark")
-    return exposure  # a window or a lamp rules out a longer one
+    return longest

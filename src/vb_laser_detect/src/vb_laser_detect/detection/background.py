@@ -101,7 +101,8 @@ class Background:
                 floor = self._moved_part(part, keyframe)
                 keyframe[part] = match_lighting(floor, keyframe[part], spot.max_width / picture.scale)
         self._noise, self._deviation, self._changed_s, self.ghost_s = np.zeros((4,) + blocks, np.float32)
-        self._noise_s, self._noise_known = 0.0, False
+        self._noise_s = 0.0
+        self._noise_known = False
         self._adopt(keyframe)
 
     def _compare(self, image: np.ndarray, motion: Optional[np.ndarray]) -> Changes:

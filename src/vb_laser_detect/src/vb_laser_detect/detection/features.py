@@ -267,32 +267,45 @@ class BlobLight:
     def tint(self) -> Optional[np.ndarray]:
         """Each channel's share (C,) of the light: 1 for the strongest, or for all if it is white. None in grey images.
 
-        It is the rise over the floor, but no more coloured than the image looks. White paper on a brown floor rises most
-        in blue, and still looks white. Where the core is white because every channel is saturated, the light around it
-        shows the colour. That counts on a grey floor only, where white things rise evenly.
+        Where the core is white because every channel is saturated, the light around it shows the colour.
         """
-        level, mosaic, image = self.levels, self._mosaic, self.now
-        if len(level) == 1:
+        if len(self.levels) == 1:
             return None
-        core = _share_of(level - self.floor_levels)
-        looks = 1.0 - level.min() / max(level.max(), 1.0)
-        if looks < chroma(core):
-            core = 1.0 - (1.0 - core) * looks / chroma(core)
-        weakest = cv2.erode(image, _QUAD) if mosaic else reduce(cv2.min, cv2.split(image))
+        core = self._core_tint()
+        rise = self._halo_rise()
+        if rise is None or rise.max() < 4.0:
+            return core
+        halo = _share_of(rise)
+        return halo if chroma(halo) > chroma(core) else core
+
+    def _core_tint(self) -> np.ndarray:
+        """Returns each channel's share (C,) of the blob's rise over the floor, no more coloured than the image looks.
+
+        White paper on a brown floor rises most in blue, and still looks white.
+        """
+        share = _share_of(self.levels - self.floor_levels)
+        most = chroma(self.levels)
+        return 1.0 - (1.0 - share) * most / chroma(share) if most < chroma(share) else share
+
+    def _halo_rise(self) -> Optional[np.ndarray]:
+        """Returns how much the unsaturated light in and around the blob rises over the floor in each channel (C,).
+
+        It is None without such light, or on a coloured floor, over which white things rise unevenly.
+        """
+        weakest = cv2.erode(self.now, _QUAD) if self._mosaic else reduce(cv2.min, cv2.split(self.now))
         bright = cv2.compare(self.rise, 0.12 * cv2.minMaxLoc(self.rise, self.mask)[1], cv2.CMP_GT)
         halo = cv2.bitwise_and(bright, cv2.compare(weakest, _WHITE, cv2.CMP_LT))
         halo = cv2.bitwise_and(cv2.dilate(self.mask, _HALO), halo)
         if cv2.countNonZero(halo) < 6:
-            return core
-        level, floor = means_over(halo, mosaic, image, self._before)
-        if floor.min() < _GRAY * floor.max():
-            return core
+            return None
+        levels, floor_levels = means_over(halo, self._mosaic, self.now, self._before)
+        if floor_levels.min() < _GRAY * floor_levels.max():
+            return None
         # in a person's shadow the floor is darker, so that white light would seem to rise unevenly
         surroundings = cv2.compare(cv2.bitwise_or(bright, self.mask), 0, cv2.CMP_EQ)
-        brightness_ratio = sum(cv2.mean(image, surroundings)) / max(sum(cv2.mean(self._before, surroundings)), 1.0)
-        rise = level - min(1.0, brightness_ratio or 1.0) * floor
-        rim = _share_of(rise)
-        return rim if rise.max() >= 4.0 and chroma(rim) > chroma(core) else core
+        light_before = sum(cv2.mean(self._before, surroundings))
+        brightness_ratio = sum(cv2.mean(self.now, surroundings)) / max(light_before, 1.0)
+        return levels - min(1.0, brightness_ratio or 1.0) * floor_levels
 
 
 def means_over(mask: np.ndarray, mosaic: bool, *images: np.ndarray) -> List[np.ndarray]:
@@ -346,23 +359,25 @@ def _gradient(image: np.ndarray, channel: int) -> np.ndarray:
 
 
 # ------------------------------------------------------------------ judgement
+@dataclass(frozen=True, eq=False)
 class SpotClassifier:
     """An additive logistic model with a curve for each feature.
 
-    Args:
+    Attributes:
         curves: knots and values [logits], both (K,), by feature.
         intercept: [logits] log-odds of a typical spot.
     """
 
-    def __init__(self, curves: Dict[str, Tuple[np.ndarray, np.ndarray]], intercept: float) -> None:
-        self.curves, self.intercept = curves, intercept
+    curves: Dict[str, Tuple[np.ndarray, np.ndarray]]
+    intercept: float
 
     def classify(self, blob: Blob, expected: bool) -> Tuple[float, str]:
         """Returns the probability that a blob is a spot, 0 ... 1, and the feature that speaks most against it.
 
         A feature that says nothing (NaN) adds nothing. `expected`: whether a tracked spot should be there.
         """
-        logit, smallest_part, reason = self.intercept, math.inf, ""
+        logit = self.intercept
+        smallest_part, reason = math.inf, ""
         for name, curve in self.curves.items():
             value = blob.features[name]
             if not math.isnan(value):

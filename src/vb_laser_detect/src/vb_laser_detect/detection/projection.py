@@ -172,12 +172,13 @@ class RobotCylinder:
         return float(np.hypot(*offset)) <= self.radius
 
 
+@dataclass(eq=False)
 class ImageGeometry:
     """Locates the pixels of one image on the floor: first `meters_per_pixel`, then `locate`.
 
     Most images show nothing to be located, so pose, depth and robots are looked up only if they are needed.
 
-    Args:
+    Attributes:
         camera: camera model for the image's size.
         floor_projection: projection of this camera's spots.
         find_pose: returns T_map_camera (4, 4) at the image's time, or raises CodedError if it is unknown.
@@ -185,29 +186,24 @@ class ImageGeometry:
         find_robots: returns where robots hide the floor at that time; by default nowhere.
     """
 
-    def __init__(
-        self,
-        camera: CameraModel,
-        floor_projection: FloorProjection,
-        find_pose: Callable[[], np.ndarray],
-        find_depth: Optional[Callable[[], Depth]] = None,
-        find_robots: Callable[[], Sequence[RobotCylinder]] = tuple,
-    ) -> None:
-        self._camera, self._floor_projection = camera, floor_projection
-        self._find_pose, self._find_depth, self._find_robots = find_pose, find_depth, find_robots
+    camera: CameraModel
+    floor_projection: FloorProjection
+    find_pose: Callable[[], np.ndarray]
+    find_depth: Optional[Callable[[], Depth]] = None
+    find_robots: Callable[[], Sequence[RobotCylinder]] = tuple
 
     @cached_property
     def _pose(self) -> np.ndarray:
-        return self._find_pose()
+        return self.find_pose()
 
     @cached_property
     def _robots(self) -> Sequence[RobotCylinder]:
-        return self._find_robots()
+        return self.find_robots()
 
     def meters_per_pixel(self, pixels: np.ndarray) -> np.ndarray:
         """Returns the floor length (N,) [m/px] of pixels (N, 2), NaN where no floor is seen. Raises CodedError without a pose."""
         corners = (pixels[:, None] + _CORNER).reshape(-1, 2)
-        floor = project_to_floor(self._camera, self._pose, corners, self._floor_projection.params.floor_height)
+        floor = project_to_floor(self.camera, self._pose, corners, self.floor_projection.params.floor_height)
         return _scales(floor.reshape(-1, 3, 3))
 
     def locate(self, spots: Sequence[Spot]) -> List[Spot]:
@@ -226,10 +222,10 @@ class ImageGeometry:
         Raises:
             CodedError: where there is no floor point, or without a pose; "on_robot" if a robot hides it.
         """
-        if self._find_depth is None:
-            point = self._floor_projection.project_to_plane(self._camera, self._pose, u, v)
+        if self.find_depth is None:
+            point = self.floor_projection.project_to_plane(self.camera, self._pose, u, v)
         else:
-            point = self._floor_projection.project_with_depth(self._camera, self._pose, u, v, self._find_depth())
+            point = self.floor_projection.project_with_depth(self.camera, self._pose, u, v, self.find_depth())
         if any(robot.occludes(self._pose[:3, 3], point.position) for robot in self._robots):
             raise CodedError("on_robot")
         return point

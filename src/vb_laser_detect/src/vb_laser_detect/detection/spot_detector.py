@@ -126,7 +126,8 @@ class SpotDetector:
         if behind > _MAX_LATENESS or self._shape not in (None, shape):
             self.reset()
         elapsed = 0.0 if self._stamp is None else stamp - self._stamp
-        self._stamp, self._shape = stamp, shape
+        self._stamp = stamp
+        self._shape = shape
 
         expected = self._tracker.predict(stamp)
         motion, motion_since_keyframe = self._estimate_motion(picture)

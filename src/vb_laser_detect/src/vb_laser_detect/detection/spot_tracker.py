@@ -74,7 +74,8 @@ class SpotTracker:
     """
 
     def __init__(self, confirm_frames: int, max_dwell_time: float) -> None:
-        self.confirm_frames, self.max_dwell_time = confirm_frames, max_dwell_time
+        self.confirm_frames = confirm_frames
+        self.max_dwell_time = max_dwell_time
         self._tracks: List[Track] = []
         self._last_track_number = 0
         self._periods: Deque[float] = deque(maxlen=_PERIODS)
@@ -102,7 +103,8 @@ class SpotTracker:
 
     def update(self, candidates: Sequence[Spot], searched: SearchedImage) -> DetectionResult:
         """Adds the candidates of the image for which `predict` was called, except rejected ones."""
-        self._diagonal, self._mosaic = searched.diagonal, searched.picture.is_bayer
+        self._diagonal = searched.diagonal
+        self._mosaic = searched.picture.is_bayer
         if searched.motion is not None:
             for place in [track.pixel for track in self._tracks] + list(self._lit_places):
                 place[:2] = cv2.perspectiveTransform(place[None, None, :2], searched.motion)[0, 0]

@@ -240,6 +240,7 @@ def set_exposure(arguments: argparse.Namespace) -> int:
     old_values = {name: capture.get(name, 0) for name in ("exposure", "white_balance")}
     try:
         values = {"exposure": find_exposure(take_image, lambda text: print(f"  {text}", flush=True))}
+        camera.change_settings(exposure=values["exposure"])  # the last one tried may have been another
         try:
             camera.change_settings(white_balance=_WHITE_BALANCE)
             values["white_balance"] = _WHITE_BALANCE

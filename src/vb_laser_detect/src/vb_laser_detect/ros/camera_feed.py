@@ -66,7 +66,8 @@ class LensFile:
         """
         mtime_ns = self._path.stat().st_mtime_ns if self._path.is_file() else 0
         if mtime_ns != self._mtime_ns:
-            self._mtime_ns, self._error = mtime_ns, None
+            self._mtime_ns = mtime_ns
+            self._error = None
             try:
                 self._camera = load_lens(self._path)
             except CodedError as error:
@@ -106,7 +107,8 @@ class CameraFeed:
         self._camera = params.camera
         self.lens = LensFile(lens_path(params.settings, params.camera))
         self._frame = params.frame or f"{params.camera}_optical_frame"
-        self._mailbox, self._report = mailbox, report
+        self._mailbox = mailbox
+        self._report = report
         self._raw = rospy.Publisher(image, Image, queue_size=1)
         self._compressed = rospy.Publisher(f"{image}/compressed", CompressedImage, queue_size=1)
         self._info = rospy.Publisher(sibling_topic(image, "camera_info"), CameraInfo, queue_size=1)

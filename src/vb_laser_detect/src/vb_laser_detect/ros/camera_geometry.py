@@ -61,7 +61,8 @@ class InfoTopic:
     """
 
     def __init__(self, topic: str, report: DetectorDiagnostics, rectified: bool = False) -> None:
-        self._report, self._rectified = report, rectified
+        self._report = report
+        self._rectified = rectified
         self._last_fields: Optional[list] = None  # the last message without its header
         # the model, or why there is none
         self._latest: Tuple[Optional[CameraModel], str] = (None, f"no camera_info on {topic}")
@@ -175,8 +176,12 @@ class CameraGeometry:
         robots: Sequence[str],
         report: DetectorDiagnostics,
     ) -> None:
-        self._name, self._mobile, self._info, self._depth = camera, mobile, info, depth
-        self._floor_projection, self._report = floor_projection, report
+        self._name = camera
+        self._mobile = mobile
+        self._info = info
+        self._depth = depth
+        self._floor_projection = floor_projection
+        self._report = report
         self._transforms = transforms
         self.focal = 0.0
         self._profiles = [(f"{name}/".lstrip("/"), robot_profile.read(name)) for name in robots]
@@ -207,7 +212,8 @@ class CameraGeometry:
             self._camera = self._info.model_for(size)
             self.focal = float(self._camera.matrix[0, 0])
             self._pose = self._newest_pose(frame_id, stamp)
-            self._cached_at, self._cached_for = now, (frame_id, size)
+            self._cached_at = now
+            self._cached_for = (frame_id, size)
         newest_pose = self._pose
 
         def find_pose() -> np.ndarray:

@@ -46,8 +46,11 @@ class DetectorDiagnostics:
     def __init__(
         self, namespace: str, camera: str, mailbox: Mailbox, mobile: bool = False, own_source: bool = False
     ) -> None:
-        self._namespace, self._camera, self._mobile, self._own_source = namespace, camera, mobile, own_source
+        self._namespace = namespace
+        self._camera = camera
         self._mailbox = mailbox
+        self._mobile = mobile
+        self._own_source = own_source
         self._frame_id = ""
         self._focal = 0.0
         self._others: Dict[str, Tuple[str, float]] = {}  # frame of each other stationary camera, and when it arrived
@@ -117,7 +120,9 @@ class DetectorDiagnostics:
             rejected: codes that say why candidates, or the image, were rejected.
         """
         now = rospy.get_time()
-        self._frame_id, self._focal, self._color = frame_id, focal, picture.color_format != "mono"
+        self._frame_id = frame_id
+        self._focal = focal
+        self._color = picture.color_format != "mono"
         if abs(now - self._measured_at) > 1.0:
             self._saturated_share = saturated_share(picture.search_pixels)
             self._measured_at = now

@@ -30,7 +30,8 @@ class RobotMap:
         """Stores the camera's view, the map with the borders that are for this robot, and the map without borders."""
         self._view = view
         if borders is not self._maps[0] or physical is not self._maps[1]:
-            self._maps, self._clearance_map = (borders, physical), None
+            self._maps = (borders, physical)
+            self._clearance_map = None
 
     def make_planner(
         self, drawing: DrawingState, status: DispatchStatus, others: Sequence

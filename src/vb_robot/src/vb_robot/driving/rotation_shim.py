@@ -41,7 +41,8 @@ class RotationShim:
 
     def recover(self, now: float) -> None:
         """Records that navigation started a recovery at time `now` [s]."""
-        self._recovering_until, self._direction = now + RECOVERY, 0.0
+        self._recovering_until = now + RECOVERY
+        self._direction = 0.0
 
     def align(self, request: VelocityRequest, pose: Optional[Pose], now: float) -> VelocityRequest:
         """Returns navigation's request at time `now` [s], or a turn towards its path instead.

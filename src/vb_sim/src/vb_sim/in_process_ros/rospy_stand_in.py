@@ -16,7 +16,7 @@ import rosmaster.paramserver
 import rospy
 
 from vb_sim.in_process_ros.connections import Publisher, Service, ServiceProxy, Subscriber, Timer, Topic
-from vb_sim.in_process_ros.threading_stand_in import Scheduler, StandIns, replaced
+from vb_sim.in_process_ros.threading_stand_in import Scheduler, StandIns, replace_temporarily
 
 _CONNECTIONS = (Publisher, Subscriber, Service, ServiceProxy, Timer)
 LOG = logging.getLogger("vb_sim.nodes")
@@ -76,7 +76,7 @@ class Graph:
     def installed(self) -> Iterator[None]:
         """Replaces rospy, and threading and time in all nodes' modules, with this graph's."""
         previous_clock = rospy.rostime._rostime_initialized, rospy.rostime._rostime_current
-        with replaced(self._replacements()):
+        with replace_temporarily(self._replacements()):
             rospy.rostime.set_rostime_initialized(True)
             rospy.rostime._set_rostime(rospy.Time(0))
             self._stand_ins.replace()

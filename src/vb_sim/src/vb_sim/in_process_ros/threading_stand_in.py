@@ -160,7 +160,7 @@ class StandIns:
                 continue
             for attribute, real in _REAL.items():
                 if module is not None and module.__dict__.get(attribute) is real:
-                    self._undone.enter_context(replaced({module: {attribute: self.modules[attribute]}}))
+                    self._undone.enter_context(replace_temporarily({module: {attribute: self.modules[attribute]}}))
 
 
 def _modules(scheduler: Scheduler) -> Dict[str, SimpleNamespace]:
@@ -280,7 +280,7 @@ class Thread(real_threading.Thread):
 
 
 @contextlib.contextmanager
-def replaced(targets: Dict[Any, Dict[str, Any]]) -> Iterator[None]:
+def replace_temporarily(targets: Dict[Any, Dict[str, Any]]) -> Iterator[None]:
     """Replaces attributes of modules or classes, and restores them at the end."""
     with contextlib.ExitStack() as restore:
         for target, names in targets.items():

@@ -64,7 +64,7 @@ class Side:
 
 
 @dataclass(frozen=True)
-class Style:
+class DrawingStyle:
     """One real person's way of drawing.
 
     Attributes:
@@ -78,7 +78,7 @@ class Style:
 
 
 @lru_cache(maxsize=1)
-def load_styles() -> Tuple[Style, ...]:
+def load_styles() -> Tuple[DrawingStyle, ...]:
     """Reads the styles of all people in strokes.json. People who drew no closed figure get another person's gap."""
     people = json.loads(STROKES_FILE.read_text(encoding="utf-8"))["people"]
     gaps = [person["gap"] for person in people if person["gap"] is not None]
@@ -86,7 +86,7 @@ def load_styles() -> Tuple[Style, ...]:
     for index, person in enumerate(people):
         sides = [Side(np.array(side["along"]), np.array(side["lateral"]), side["tempo"]) for side in person["sides"]]
         gap = gaps[index % len(gaps)] if person["gap"] is None else person["gap"]
-        styles.append(Style(tuple(sides), tuple(person["overshoot"]), gap))
+        styles.append(DrawingStyle(tuple(sides), tuple(person["overshoot"]), gap))
     return tuple(styles)
 
 
@@ -107,7 +107,7 @@ class Stroke:
         model: ParticipantModel,
         rng: np.random.Generator,
         is_floor: IsFloor,
-        style: Style,
+        style: DrawingStyle,
     ) -> None:
         scale = model.stroke_scale
         border = np.asarray(border, dtype=float)
@@ -130,7 +130,7 @@ class Stroke:
         self.start = min(abs(rng.normal(0.0, model.late_start)), 0.2 * first_side, 0.5 * self.length)
 
     @staticmethod
-    def _draw(chain: np.ndarray, style: Style, scale: float) -> Tuple[np.ndarray, np.ndarray]:
+    def _draw(chain: np.ndarray, style: DrawingStyle, scale: float) -> Tuple[np.ndarray, np.ndarray]:
         """Returns the points (M, 2) [m] of the line, and their times (M,) [s] at a mean speed of 1 m/s."""
         points: List[np.ndarray] = [chain[:1]]
         times: List[np.ndarray] = [np.zeros(1)]
@@ -185,7 +185,7 @@ def perceive_border(border: np.ndarray, closed: bool, offset: Point2, turn: floa
     sides = np.roll(moved, -1, axis=0) - moved  # from each corner to the next
     sides /= np.linalg.norm(sides, axis=1, keepdims=True)
     normals = outwards * np.column_stack([sides[:, 1], -sides[:, 0]])
-    # a corner is moved along the bisector of its sides' normals, by the margin divided by half the angle's cosine
+    # a corner is moved along the bisector of its sides' normals, by the margin divided by the cosine of half their angle
     bisectors = np.roll(normals, 1, axis=0) + normals
     squared_lengths = (bisectors**2).sum(axis=1, keepdims=True)
     return moved + margin * 2.0 * bisectors / np.maximum(squared_lengths, 0.2)

@@ -125,9 +125,9 @@ class CeilingView(View):
         rotation = self.pose[:3, :3].astype(np.float32)
         x, y, z = self.pose[:3, 3].astype(np.float32)
         # where each pixel's ray intersects the floor; far away for pixels at and above the horizon
-        steps = -z / np.minimum(grid.combine(*rotation[2]), np.float32(-1e-4))
-        floor_x = grid.combine(*rotation[0]) * steps + x
-        floor_y = grid.combine(*rotation[1]) * steps + y
+        steps = -z / np.minimum(grid.dot_rays(*rotation[2]), np.float32(-1e-4))
+        floor_x = grid.dot_rays(*rotation[0]) * steps + x
+        floor_y = grid.dot_rays(*rotation[1]) * steps + y
         columns = floor_x * to_texture[0, 0] + to_texture[0, 2]
         rows = floor_y * to_texture[1, 1] + to_texture[1, 2]
         image = cv2.remap(floor.rgb, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

@@ -138,10 +138,10 @@ class RayGrid:
             grids.append(np.ascontiguousarray(fine[step : step + camera.height, step : step + camera.width]))
         return grids[0], grids[1]
 
-    def combine(
+    def dot_rays(
         self, a: float, b: float, c: float, rows: slice = slice(None), columns: slice = slice(None)
     ) -> np.ndarray:
-        """Computes a x + b y + c, (h, w) float32, over a part of the image."""
+        """Computes the dot products of (a, b, c) and the rays (x, y, 1) of a part of the image, (h, w) float32."""
         if self.distorted:
             x, y = self.x[rows, columns], self.y[rows, columns]
         else:
@@ -267,7 +267,7 @@ class DepthBuffer:
         self.normals[self._count] = normal
         rows, columns = slice(top, bottom), slice(left, right)
         inverse = self.inverse[rows, columns]
-        candidate = self.grid.combine(*plane, rows, columns)
+        candidate = self.grid.dot_rays(*plane, rows, columns)
         nearer = mask.astype(bool) & (candidate > inverse)
         np.copyto(inverse, candidate, where=nearer)
         self.ids[rows, columns][nearer] = self._count

@@ -193,7 +193,7 @@ class RobotView(View):
         """Computes the true depth (120, 160) float32 [m], and where the sensor cannot measure it, (120, 160) bool."""
         grid, figures = self._depth_grid, self._noise_model
         ids = self._buffer.ids[self._sampled]
-        down = -grid.combine(*pose[2, :3])
+        down = -grid.dot_rays(*pose[2, :3])
         is_floor = ids == 0
         floor_inverse = down / np.float32(pose[2, 3])
         inverse = np.where(is_floor, floor_inverse, self._buffer.inverse[self._sampled])

@@ -154,22 +154,22 @@ class Navigator:
         self._planner = Planner(costmap)
         return costmap
 
-    def static(self) -> Planner:
+    def planner_on_map(self) -> Planner:
         """Returns the planner on the map alone. Raises CodedError "no_map"."""
         if self._planner is None:
             raise CodedError("no_map")
         return self._planner
 
-    def _planner_with_obstacles(self, static: Planner, pose: Pose, points: np.ndarray) -> Planner:
+    def _planner_with_obstacles(self, map_planner: Planner, pose: Pose, points: np.ndarray) -> Planner:
         """Creates a planner on map and scan. Returns that on the map alone if the scan shows no new obstacle."""
-        grid, distance = static.costmap.grid, static.costmap.distance
+        grid, distance = map_planner.costmap.grid, map_planner.costmap.distance
         points = points[np.hypot(points[:, 0], points[:, 1]) < _OBSTACLE_RANGE]
         cells = grid.world_to_cell(base_to_map(points, pose))
         cells = cells[grid.contains_cells(cells)]
         # a wall seen slightly off its position is not a new obstacle
         cells = cells[distance[tuple(cells.T)] > _MAP_TOLERANCE]
         if not len(cells):
-            return static
+            return map_planner
         new_obstacles = np.zeros(grid.shape, bool)
         new_obstacles[tuple(cells.T)] = True
         return Planner(Costmap(grid, self._profile.radius, new_obstacles))
@@ -177,7 +177,7 @@ class Navigator:
     # ------------------------------------------------------------ driving
     def begin(self, goal: Pose) -> None:
         """Sets a new goal (x, y, yaw) [m, m, rad], map frame. Raises CodedError "no_map"."""
-        self.static()  # checks for a map before the robot's pose is looked up, which may fail too
+        self.planner_on_map()  # checks for a map before the robot's pose is looked up, which may fail too
         self._goal = np.array(goal[:2])
         self._follower = PathFollower(self._profile, goal)
         self._planned_at: Optional[float] = None
@@ -198,13 +198,13 @@ class Navigator:
         Raises:
             CodedError: says why the goal cannot be reached.
         """
-        static = self.static()
+        map_planner = self.planner_on_map()
         path = None
         is_due = self._planned_at is None or not 0.0 <= now - self._planned_at < _PLANNER_PERIOD
-        if is_due or static is not self._planned_on:
+        if is_due or map_planner is not self._planned_on:
             self._planned_at = now
-            self._planned_on = static
-            path = self._replan(static, pose, obstacles, now)
+            self._planned_on = map_planner
+            path = self._replan(map_planner, pose, obstacles, now)
         if self._failed:
             # stops, as the map may no longer permit the last path
             self._follower.halt()
@@ -218,15 +218,15 @@ class Navigator:
             self._planned_at = None
         return replace(motion, path=path)
 
-    def _replan(self, static: Planner, pose: Pose, obstacles: np.ndarray, now: float) -> Optional[np.ndarray]:
+    def _replan(self, map_planner: Planner, pose: Pose, obstacles: np.ndarray, now: float) -> Optional[np.ndarray]:
         """Plans the follower's new path. Raises CodedError if planning has failed for too long."""
         start = np.array(pose[:2])
         try:
             try:
-                path = self._planner_with_obstacles(static, pose, obstacles).plan(start, self._goal)
+                path = self._planner_with_obstacles(map_planner, pose, obstacles).plan(start, self._goal)
             except CodedError:
                 # if a person is at the goal or beside the robot, plans without them; the follower stops before them
-                path = static.plan(start, self._goal)
+                path = map_planner.plan(start, self._goal)
         except CodedError:
             self._failed = True
             self._last_plan_at = now if self._last_plan_at is None else self._last_plan_at

@@ -94,7 +94,7 @@ def drawing_from_progress(progress: BorderProgress) -> scene.Drawing:
     )
 
 
-def border_from_message(border: VirtualBorder, language: str = sentences.ENGLISH) -> scene.DisplayedBorder:
+def displayed_border_from_message(border: VirtualBorder, language: str = sentences.ENGLISH) -> scene.DisplayedBorder:
     """Converts a border message to plain values."""
     return scene.DisplayedBorder(
         name=sentences.border_name(border.name, language) or border.id,

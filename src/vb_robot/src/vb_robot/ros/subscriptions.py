@@ -6,7 +6,6 @@ from typing import Any, Callable, List
 
 import numpy as np
 import rospy
-from actionlib_msgs.msg import GoalStatus
 from roslib.message import get_message_class
 
 from vb_core import names
@@ -19,8 +18,6 @@ from vb_msgs.msg import LaserSpot, VirtualBorder, VirtualBorderArray
 from vb_robot.driving.workspace import LETHAL_THRESHOLD
 from vb_robot.monitoring.goal_checker import KnownBorder
 from vb_robot.spot_sightings import Sighting
-
-RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)  # of navigation's goals
 
 
 def subscribe_map(topic: str, on_map: Callable[[GridMap], None]) -> rospy.Subscriber:

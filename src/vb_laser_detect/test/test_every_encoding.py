@@ -1,4 +1,4 @@
-"""The pixel values of an image are interpreted by its message's encoding, for every encoding."""
+"""The search and its debug image interpret pixel values by the message's encoding, for every encoding."""
 
 from functools import partial
 
@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import pytest
 import rospy
-from sensor_msgs.msg import CompressedImage
 
 from spot_scenes import GREEN, Scene, shown, tinted
 from vb_core.image_format import Picture, PixelReader
@@ -74,18 +73,3 @@ def test_a_message_s_picture_is_the_same_on_every_display(case):
     away = np.abs(drawn.astype(int) - truth)
     assert away.shape == (240, 320, 3)
     assert np.median(away) <= 2 and np.percentile(away, 95) < 12
-
-
-@pytest.mark.parametrize(
-    "kind, shape, color_format",
-    [
-        ("bgr8; jpeg compressed bgr8", (32, 32, 3), "bgr"),
-        ("bayer_rggb8; jpeg compressed bgr8", (32, 32, 3), "bgr"),  # converted by the driver
-        ("bayer_rggb8; png compressed ", (32, 32), "bayer_rggb"),
-        ("mono8; jpeg compressed ", (32, 32), "mono"),
-        ("jpeg", (32, 32), "mono"),
-    ],
-)
-def test_a_compressed_image_s_format_says_whether_it_is_a_mosaic(kind, shape, color_format):
-    message = CompressedImage(format=kind, data=cv2.imencode(".png", np.zeros(shape, np.uint8))[1].tobytes())
-    assert decode(message, PixelReader()).color_format == color_format

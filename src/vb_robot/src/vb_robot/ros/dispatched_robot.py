@@ -14,8 +14,8 @@ from vb_core.ros.images import camera_from_info
 from vb_core.ros.transforms import TransformLookup
 from vb_robot.dispatching.dispatch_policy import DispatchStatus, SentGoalState
 from vb_robot.dispatching.viewpoint import RobotCameraView, Viewpoint
-from vb_robot.monitoring.watched_robot import WatchedRobot
 from vb_robot.monitoring.navigation_connections import resolve_name
+from vb_robot.ros.watched_robot import WatchedRobot
 
 GOAL_ID_MARK = "-looks-"  # part of the ids of goals, by which those of a process that died are recognised
 OUTCOMES = {

@@ -23,11 +23,11 @@ from vb_core.ros.messages import array_from_points, message_from_pose2d, points_
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import DriverState, RobotStatus
 from vb_robot.driving.command_gate import OTHER_PUBLISHER
-from vb_robot.subscriptions import RUNNING
 from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, border_values, is_inside
-from vb_robot.monitoring.planner_speed import PlannerSpeed
 from vb_robot.monitoring.navigation_connections import PLANNERS, NavigationWiring
 from vb_robot.monitoring.navigation_connections import find_move_base, find_wiring, resolve_name
+from vb_robot.ros.goal_statuses import RUNNING_GOAL_STATUSES
+from vb_robot.ros.planner_speed import PlannerSpeed
 
 DRIVER_SILENCE = 3.0  # [s] after which a driver counts as gone; it reports twice a second
 NAVIGATION_SILENCE = 2.0  # [s] after which navigation counts as gone; it sends its status five times a second
@@ -80,7 +80,8 @@ class WatchedRobot:
     # ------------------------------------------------------------- inputs
     def update_driver(self, message: DriverState, now: float) -> None:
         """Stores the driver's report, which arrived at time `now` [s]."""
-        self._driver_heard_at, self._in_control = now, message.code != OTHER_PUBLISHER
+        self._driver_heard_at = now
+        self._in_control = message.code != OTHER_PUBLISHER
 
     def set_map(self, layer: str, grid: GridMap) -> None:
         """Stores a map: "physical", with all "borders", only "robot_borders", or "keep_out", the driver's with a margin."""
@@ -98,7 +99,7 @@ class WatchedRobot:
             self._request_check(self)
 
     def _has_goal(self) -> bool:
-        return any(status in RUNNING for status in self.goal_statuses.values())
+        return any(status in RUNNING_GOAL_STATUSES for status in self.goal_statuses.values())
 
     def _is_reported(self, now: float) -> bool:
         return self._has_goal() or now - self._goal_at < MIN_REPORTED

@@ -78,7 +78,8 @@ class PlannerSpeed:
         """
         if limit != self._set:
             try:
-                self._set, self._highest = None, {}
+                self._set = None
+                self._highest = {}
                 self._apply(limit)
                 self.obeys = True
             except CodedError:
