@@ -13,7 +13,7 @@ from vb_testing import wait_until
 from vb_core import names
 from vb_core.geometry import resample_chain
 from vb_evaluation import metrics
-from vb_evaluation.navigation_check.plan_observer import Observer
+from vb_evaluation.system_observer import SystemObserver
 from vb_msgs.msg import DetectorStatus, LaserSpot, NoticeArray
 from vb_sim.lab_simulator_node import MIN_PACE
 from vb_sim import floor_plan
@@ -49,7 +49,7 @@ class WholeScenario(unittest.TestCase):
         cls.spots = []
         cls.alarms = set()
         cls.codes_heard = set()
-        cls.observer = Observer()
+        cls.observer = SystemObserver()
         cls.pace = Pace()  # works as long as the test runs
         rospy.Subscriber(names.NOTICES, NoticeArray, cls.hear)
         subscriber = rospy.Subscriber(names.SPOTS, LaserSpot, cls.keep)

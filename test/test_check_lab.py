@@ -120,7 +120,7 @@ def test_a_camera_that_does_not_work_is_described(monkeypatch, capsys, arguments
     monkeypatch.setattr(check_lab.rosservice, "get_service_uri", lambda *_: f"rosrpc://{host}:1")
     monkeypatch.setattr(check_lab.rospy, "init_node", lambda *_, **__: None)
     monkeypatch.setattr(check_lab.rospy, "get_param", lambda *_: {"source": "/dev/x"})
-    assert check_lab.run(arguments) == check_lab.READY
+    assert check_lab.main(arguments) == check_lab.READY
     output = capsys.readouterr().out
     assert [part for part in (*DESCRIBED, ELSEWHERE) if part in output] == said
 

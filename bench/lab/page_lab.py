@@ -18,7 +18,7 @@ import rospy
 from bench.harness import TOP
 from vb_core import names
 from vb_core.child_processes import ChildProcess, free_port
-from vb_evaluation.navigation_check.plan_observer import wait_until
+from vb_core.ros.node import wait_until
 
 LAUNCH = """<launch>
   <node pkg="vb_sim" type="map_server" name="map_server"><param name="world" value="{top}/src/vb_sim/worlds/lab.yaml"/></node>

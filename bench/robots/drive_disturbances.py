@@ -9,7 +9,7 @@ import rospy
 from vb_core.errors import CodedError
 from vb_core.grid_map import distance_transform
 from vb_core.geometry import look_ahead
-from vb_evaluation.navigation_check.plan_observer import wait_until
+from vb_core.ros.node import wait_until
 
 ENDS = [(7.0, 0.9, 180), (1.6, 1.6, 0)]  # (x, y [m], yaw [deg]) between which it drives
 BOX_STANDS = 30.0  # [s]; longer than planner_patience and controller_patience, so that navigation starts its recoveries

@@ -23,9 +23,9 @@ from vb_core.child_processes import free_port, start_roslaunch
 from vb_core.errors import CodedError
 from vb_core.geometry import chain_length
 from vb_core.grid_map import distance_transform
-from vb_core.ros import messages, services
+from vb_core.ros import messages, node, services
 from vb_evaluation.navigation_check.move_base_goals import GoalRunner
-from vb_evaluation.navigation_check.plan_observer import Observer, wait_until
+from vb_evaluation.system_observer import SystemObserver
 from vb_msgs.msg import DriverState, LabState, ParticipantState, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
 from vb_sim.world import load_world
@@ -58,7 +58,7 @@ class Lab:
         # waits for the parameters, because this node would use wall time without /use_sim_time
         wait(lambda: rosgraph.Master("/robot_drives").hasParam("/use_sim_time"), "roslaunch's parameters")
         rospy.init_node("robot_drives", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
-        self.observer = Observer()
+        self.observer = SystemObserver()
         self._pace = rospy.Publisher(names.PACE, Float64, queue_size=1, latch=True)
         self.set_slow(False)
         self.runner = GoalRunner()
@@ -143,13 +143,13 @@ class Lab:
         reply = services.call(names.ADD_BORDER, AddBorder, request, {"who": "map_integrator"})
         if not reply.success:
             raise CodedError(reply.code, reply.message)
-        wait_until(lambda: self.observer.posterior is not previous, 10.0)
+        node.wait_until(lambda: self.observer.posterior is not previous, 10.0)
         return reply.id
 
     def remove(self, border: str) -> None:
         previous = self.observer.posterior
         services.call(names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(id=border), {"who": "map_integrator"})
-        wait_until(lambda: self.observer.posterior is not previous, 10.0)
+        node.wait_until(lambda: self.observer.posterior is not previous, 10.0)
 
     def entered(self, path) -> float:
         """Returns how far [m] the footprint entered the restricted area, minus 1.5 cells; 0 or less is permitted."""

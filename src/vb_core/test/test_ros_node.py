@@ -172,7 +172,7 @@ def build() -> "Lamp":
 def test_help_prints_the_interface_without_a_ros_master(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["lamp", "--help"])
     monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:1")
-    node.run("lamp", build)
+    node.run_node("lamp", build)
     assert capsys.readouterr().out == f"lamp\n\n{inspect.getdoc(Lamp)}\n"
 
 

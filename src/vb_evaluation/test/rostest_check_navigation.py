@@ -12,7 +12,7 @@ from vb_testing import wait_until
 from vb_core import names
 from vb_core.ros import node
 from vb_evaluation.navigation_check.check_navigation import NavigationCheck
-from vb_evaluation.navigation_check.plan_observer import Observer
+from vb_evaluation.system_observer import SystemObserver
 from vb_msgs.srv import ListBorders
 
 GOAL = (1.6, 1.6)
@@ -27,7 +27,7 @@ class NavigationCheckTest(unittest.TestCase):
         for service in (names.ADD_BORDER, names.LIST_BORDERS):
             rospy.wait_for_service(service, 120.0)
         rospy.wait_for_message(names.MAP_WITH_BORDERS, OccupancyGrid, 120.0)
-        observer, near = Observer(), (GOAL[0] + 0.1, GOAL[1], 0.0)
+        observer, near = SystemObserver(), (GOAL[0] + 0.1, GOAL[1], 0.0)
         for service in ("/move_base/make_plan", "/miswired/move_base/make_plan"):
             rospy.wait_for_service(service, 120.0)
             wait_until(lambda: len(observer.plan((*GOAL, 0.0), near, service)), f"a plan of {service}")

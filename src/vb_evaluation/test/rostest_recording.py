@@ -19,6 +19,7 @@ import rostest
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 
+from study_recordings import measure_study, write_protocol
 from vb_testing import TIMEOUT, wait_until
 from vb_core import names
 from vb_core.errors import CodedError
@@ -27,9 +28,7 @@ from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
 from vb_core.ros import commands
 from vb_core.ros.messages import NumpyOccupancyGrid, array_from_points, grid_from_message, message_from_grid
-from vb_evaluation.report.study_files import read_sheet
 from vb_evaluation.repository_revision import repository_root
-from vb_evaluation.user_study import recording_measures
 from vb_evaluation.user_study.recording import Recording
 from vb_sim.in_process_ros.rospy_stand_in import Graph, Node
 from vb_sim.in_process_ros.launch_file import start_launch
@@ -163,13 +162,12 @@ class RecordingTest(unittest.TestCase):
         write_map(study / "map", ROOM)
         truth = cv2.imread(str(study / "map.pgm"))
         truth[::-1][20:50, 20:60] = (0, 215, 247)
-        (study / "truth").mkdir()
-        cv2.imwrite(str(study / "truth" / "carpet.png"), truth)
-        (study / "protocol.csv").write_text(
-            f"participant,method,scenario,recording\np1,nrs,carpet,{self.folder.name}\n"
-        )
-        self.assertEqual(recording_measures.measure_study(study / "protocol.csv", study / "truth", study / "out"), [])
-        (row,) = read_sheet(study / "out" / "runs.csv", ()).to_dict("records")
+        (study / "ground_truth").mkdir()
+        cv2.imwrite(str(study / "ground_truth" / "carpet.png"), truth)
+        write_protocol(study, f"p1,1,nrs,carpet,{self.folder.name},,")
+        rows, notes = measure_study(study)
+        self.assertEqual(notes, [])
+        (row,) = rows.values()
         self.assertEqual(row["completed"], "1")
         self.assertGreater(float(row["jaccard"]), 0.9)
         self.assertGreater(float(row["time_border_s"]), 0.0)

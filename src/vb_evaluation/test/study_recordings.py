@@ -47,15 +47,22 @@ def painted_room(color):
     return picture
 
 
+def make_study(folder):
+    """Makes the folder of a study with a ground truth of the scenario carpet."""
+    (folder / "ground_truth").mkdir(parents=True)
+    cv2.imwrite(str(folder / "ground_truth" / "carpet.png"), painted_room(YELLOW))
+    return folder
+
+
 def write_protocol(study, *runs):
     """Writes a study's protocol: "participant,order,method,scenario,recording,completed,note" of each run."""
     columns = "participant,order,method,scenario,recording,completed,note"
     (study / "protocol.csv").write_text("\n".join([columns, *runs]) + "\n")
 
 
-def measure_study(study):
+def measure_study(study, physical=None):
     """Measures a study's runs into its folder out; returns each recording's row of runs.csv, and the warnings."""
-    notes = recording_measures.measure_study(study / "protocol.csv", study / "ground_truth", study / "out")
+    notes = recording_measures.measure_study(study / "protocol.csv", study / "ground_truth", study / "out", physical)
     rows = read_sheet(study / "out" / "runs.csv", ()).to_dict("records")
     return {row["recording"]: row for row in rows}, notes
 
@@ -76,9 +83,9 @@ def write_state(folder, grid, borders, stamp_s, cameras=()):
 class RecordedLab:
     """Writes a recording like that of a running system, with the cameras that reported."""
 
-    def __init__(self, folder, cameras=("green",)):
-        self.folder, self.borders = folder, []
-        write_state(folder, ROOM, [], 1.0, cameras)
+    def __init__(self, folder, cameras=("green",), grid=ROOM):
+        self.folder, self.borders, self.grid = folder, [], grid
+        write_state(folder, grid, [], 1.0, cameras)
         self.time = 10.0
 
     def interaction(self, key, low=(1.0, 0.4), high=(2.4, 1.2), seed=None, save=True, method="nrs"):
@@ -94,8 +101,8 @@ class RecordedLab:
             seed = corners.mean(axis=0) if seed is None else seed
             border = VirtualBorder(corners, seed, closed=True, id=f"b{len(self.borders) + 1}")
             self.borders.append(border)
-            cells = np.max([compute_region(ROOM, each).posterior.data for each in self.borders], axis=0)
-            write_state(self.folder, ROOM.with_data(cells), self.borders, self.time - 0.1)
+            cells = np.max([compute_region(self.grid, each).posterior.data for each in self.borders], axis=0)
+            write_state(self.folder, self.grid.with_data(cells), self.borders, self.time - 0.1)
             machine.command("save", "wizard", self.time)
             machine.finish_pending(Answer(True, "saved"), self.time, border.id)
         else:

@@ -36,7 +36,7 @@ class Planner:
         self.posterior = GridMap(np.zeros((100, 100), np.int8), 0.05)
         monkeypatch.setattr(rospy, "wait_for_service", lambda *_, **__: None)
         monkeypatch.setattr(rospy, "get_param", lambda name, default: default)
-        monkeypatch.setattr(check_navigation, "Observer", lambda: self)
+        monkeypatch.setattr(check_navigation, "SystemObserver", lambda: self)
         transforms = SimpleNamespace(lookup=lambda *_, **__: np.eye(4))
         monkeypatch.setattr(check_navigation, "TransformLookup", lambda: transforms)
         monkeypatch.setattr(check_navigation, "call", self.call)
@@ -90,6 +90,15 @@ def test_check_names_what_a_move_base_lacks_for_soft_borders(monkeypatch, trinar
     checks = {check.name: check for check in NavigationCheck((4.0, 0.0), at_once=60.0, timeout=60.0).run()}
     soft = checks["a soft border is gone round where that is possible"]
     assert soft.passed is passed and ("trinary_costmap" in soft.result) is (passed is None)
+
+
+def test_without_another_way_round_nothing_is_claimed_of_borders(monkeypatch):
+    planner = Planner(monkeypatch)
+    straight = np.array([(0.0, 0.0), (4.0, 0.0)])
+    monkeypatch.setattr(planner, "plan", lambda *_: straight[:0] if planner.borders else straight)
+    checks = NavigationCheck((4.0, 0.0), at_once=60.0, timeout=0.1).run()
+    assert [check.passed for check in checks] == [None, None, True, None, True]
+    assert "another way round" in checks[0].result
 
 
 def test_a_goal_that_is_too_near_is_reported(monkeypatch):

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, Dict, NamedTuple, Optional
 
@@ -11,7 +12,7 @@ import pytest
 
 from refusals import refused
 from study_recordings import BLUE, EXACT, RED, ROOM, TRUTH, YELLOW, RecordedLab
-from study_recordings import measure_study, painted_room, picture_of_room, write_protocol
+from study_recordings import make_study, measure_study, painted_room, picture_of_room, write_protocol
 from vb_core.errors import CodedError
 from vb_core.files import append_line
 from vb_evaluation import metrics
@@ -75,13 +76,6 @@ def test_no_seed_is_right_where_no_floor_is_free():
 
 
 # ------------------------------------------------------------------ one recording for each run
-def make_study(folder):
-    """Makes the folder of a study with a ground truth of the scenario carpet."""
-    (folder / "ground_truth").mkdir(parents=True)
-    cv2.imwrite(str(folder / "ground_truth" / "carpet.png"), painted_room(YELLOW))
-    return folder
-
-
 @pytest.fixture(scope="module")
 def three_runs(tmp_path_factory):
     """A measured study with an exact border, one of half the area at the second try, and one in another condition."""
@@ -161,6 +155,14 @@ def test_other_files_beside_the_maps_stay(plain_study):
     assert (plain_study / "out" / "maps" / "mine.txt").read_text() == "keep me"
 
 
+def test_the_map_of_no_saved_border_is_refused_and_earlier_results_stay(plain_study):
+    measure_study(plain_study)
+    with refused("other_map"):
+        measure_study(plain_study, SHIFTED)
+    row = read_sheet(plain_study / "out" / "runs.csv", ()).iloc[0]
+    assert (plain_study / "out" / row["map"]).is_file()
+
+
 def test_another_study_is_not_overwritten(plain_study):
     measure_study(plain_study)
     (plain_study / "out" / "study.json").write_text("{}")
@@ -179,6 +181,7 @@ class Mishap(NamedTuple):
 
 
 CANCELLED, WRONG_SEED = dict(save=False), dict(seed=(3.2, 2.0))
+SHIFTED = replace(ROOM, origin=(0.5, -0.25, 0.0))
 MISHAPS = {  # by the recording's name
     "good": Mishap("completed", "1"),
     "never begun": Mishap("not_started", "", interaction=None, noted=False),
@@ -188,6 +191,7 @@ MISHAPS = {  # by the recording's name
     "wrong seed, noted as completed": Mishap("disputed", interaction=WRONG_SEED, noted=True),
     "judged as not completed": Mishap("judged_failed"),
     "with the other method": Mishap("not_as_planned", interaction=dict(method="robot_only")),
+    "on another map": Mishap("other_map", ""),
     "torn by a full disk": Mishap("unreadable", ""),
     "lost": Mishap("unreadable", ""),
 }
@@ -197,7 +201,7 @@ def record_mishaps(study):
     """Records each mishap with the method nrs, beside a good run of the same person with robot_only."""
     runs = []
     for number, (name, mishap) in enumerate(MISHAPS.items(), 1):
-        lab = RecordedLab(study / name)
+        lab = RecordedLab(study / name, grid=SHIFTED if name == "on another map" else ROOM)
         if mishap.interaction is not None:
             lab.interaction("i", *EXACT, **mishap.interaction)
         if mishap.noted is not None:
@@ -250,7 +254,8 @@ def test_a_wrong_seed_has_its_index_and_a_run_that_was_never_begun_no_time(misha
 
 def test_each_doubtful_run_has_a_warning(mishaps):
     written = read_sheet(mishaps.folder / "out" / "warnings.csv", ()).to_dict("records")
-    assert [line["warning"] for line in written] == mishaps.notes and len(mishaps.notes) == 7
+    assert [line["warning"] for line in written] == mishaps.notes and len(mishaps.notes) == 8
+    assert mishaps.notes[-3].startswith("p9, carpet, nrs: counts for nothing: its map differs")
     assert "session.bag" in mishaps.notes[-2] and "there is no folder" in mishaps.notes[-1]
 
 
@@ -258,9 +263,9 @@ def test_each_doubtful_run_has_a_warning(mishaps):
     "table, row, cells",
     [
         ("completeness", 0, {"Completed": "1 of 6", "With help": "1", "With a problem of the system": "1"}),
-        ("completeness", 0, dict.fromkeys(["Outcome not_started", "Outcome judged_failed"], "1")),
+        ("completeness", 0, dict.fromkeys(["Outcome not_started", "Outcome judged_failed", "Outcome other_map"], "1")),
         ("completeness", 0, dict.fromkeys(["Outcome unreadable", "Outcome disputed"], "2")),
-        ("completeness", 1, {"Completed": "10 of 10"}),
+        ("completeness", 1, {"Completed": "11 of 11"}),
         ("summary", 0, {"Pairs": "6"}),
         ("summary_without_help", 0, {"Pairs": "5"}),
         ("not_completed", 0, {"Outcome": "not_saved"}),

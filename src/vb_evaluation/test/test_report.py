@@ -263,9 +263,8 @@ def test_people_have_p_corrected_in_each_family_and_the_ueq_s_as_published(tmp_p
     tables = {table.name: table.rows for table in report_tables(study)}
     means = [(row["Network robot system"], row["Robot only"]) for row in tables["questionnaire"]]
     assert means == [(5, 1), (4, 2), (5, 3), (4, 3), (5, 4), (2.25, -3.0), (-1.5, -3.0), (0.375, -3.0)]
-    assert [row["p (Holm)"] for row in tables["questionnaire"]] == [".156"] * 5 + [
-        ".094"
-    ] * 3  # 5 and 3 times 2 of 2**6
+    # 5 and 3 times 2 of 2**6
+    assert [row["p (Holm)"] for row in tables["questionnaire"]] == [".156"] * 5 + [".094"] * 3
     for column, (title, _, sign, margin) in COMPARED.items():
         family = study.differences(study.runs, column).values()
         ps = {"tests": [statistics.signed_rank_test(differences).p_exact for differences in family]}

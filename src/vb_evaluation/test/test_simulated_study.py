@@ -14,7 +14,7 @@ from vb_evaluation.report.study_files import META, read_meta
 from vb_evaluation.simulated_study import campaign, config, run_plan
 from vb_evaluation.simulated_study.__main__ import main
 from vb_evaluation.simulated_study.run_plan import Job
-from vb_evaluation.simulated_study.live_run import run
+from vb_evaluation.simulated_study.live_run import LiveRun
 from vb_fusion import extraction
 from vb_sim import floor_plan
 
@@ -28,7 +28,7 @@ def moments(seconds, **changes):
 
 
 def test_without_cameras_the_robot_is_led_there():
-    result = run(moments(10.0), Job(1, "carpet", "robot_only"))
+    result = LiveRun(moments(10.0), Job(1, "carpet", "robot_only")).run()
     assert result.spots and all(spot.mobile for spot in result.spots)
     # the time limit came while the robot was being led
     assert result.records[0]["guide_s"] > 3.0 and result.records[0]["border_s"] == 0.0
@@ -39,11 +39,11 @@ def test_a_run_is_the_same_whatever_was_run_before():
     task = Job(2, "carpet", "nrs")
     study = moments(7.0)
     extract = extraction.extract_border
-    first = run(study, task)
+    first = LiveRun(study, task).run()
     # the next run would never get its borders if it extracted them on this run's clock, which has stopped
     assert extraction.extract_border is extract
-    run(moments(0.1), Job(5, "corner", "nrs"))
-    again = run(study, task)
+    LiveRun(moments(0.1), Job(5, "corner", "nrs")).run()
+    again = LiveRun(study, task).run()
     sources = [[(spot.camera, spot.header.stamp) for spot in result.spots] for result in (first, again)]
     assert sources[0] == sources[1]
     # the last bits of OpenCV's results depend on where its arrays lie in memory

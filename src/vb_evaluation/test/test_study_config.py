@@ -2,9 +2,9 @@
 
 import re
 import textwrap
-from collections import defaultdict
+from collections import Counter, defaultdict
 from dataclasses import replace
-from itertools import product
+from itertools import chain, product
 
 import numpy as np
 import pytest
@@ -25,7 +25,8 @@ STUDY = config.load()
 
 def test_people_differ_and_stay_who_they_are():
     traits = [STUDY.traits(number) for number in range(1, 9)]
-    assert len({person.model.tremor for person in traits}) == 8 and len({person.body.height for person in traits}) == 8
+    assert len({person.model.tremor for person in traits}) == 8
+    assert len({person.body.height for person in traits}) == 8
     assert [STUDY.traits(number) for number in range(1, 9)] == traits
     assert STUDY.traits(3) != config.load(seed=2).traits(3)
 
@@ -43,7 +44,8 @@ def test_people_differ_and_stay_who_they_are():
 def test_distributions_have_their_moments(spec, mean, spread):
     rng = np.random.default_rng(0)
     values = [draw("trait", spec, rng) for _ in range(4000)]
-    assert np.mean(values) == pytest.approx(mean, abs=0.12) and np.std(values) == pytest.approx(spread, abs=0.06)
+    assert np.mean(values) == pytest.approx(mean, abs=0.12)
+    assert np.std(values) == pytest.approx(spread, abs=0.06)
 
 
 @pytest.mark.parametrize(
@@ -70,7 +72,7 @@ def test_a_file_of_ones_own_needs_only_what_differs(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text("design: {participants: 3}\nparticipants: {traits: {tremor: 0.02}}\n")
     study = config.load(path)
-    assert study.design.participants == 3 and study.design.scenarios == STUDY.design.scenarios
+    assert study.design == replace(STUDY.design, participants=3)
     usual = STUDY.traits(4)
     assert study.traits(4) == replace(usual, model=replace(usual.model, tremor=0.02)) != usual
     path.write_text("colour: red\n")
@@ -82,35 +84,55 @@ def test_a_file_of_ones_own_needs_only_what_differs(tmp_path):
 
 def test_hash_distinguishes_configurations():
     same, other = config.load(), STUDY.changed({"timing/save_s": 0.5})
-    assert same.hash == STUDY.hash and campaign.configuration_hash(same) == campaign.configuration_hash(STUDY)
-    assert other.hash != STUDY.hash and campaign.configuration_hash(other) != campaign.configuration_hash(STUDY)
+    for hash_of in (lambda study: study.hash, campaign.configuration_hash):
+        assert hash_of(same) == hash_of(STUDY)
+        assert hash_of(other) != hash_of(STUDY)
     assert STUDY.changed({"world/robots/0/radius": 0.2}).hash != STUDY.hash
 
 
-def test_orders_are_random_and_balanced():
-    scenarios, methods = ["room", "carpet", "corner"], ["nrs", "robot_only"]
-    follows, uneven = defaultdict(set), set()  # which method comes next, by the lead of one; where no block ends
-    for seed in range(100):
-        orders = [order_runs(number, 12, scenarios, methods, seed) for number in range(1, 13)]
-        for order in orders:
-            assert len(set(order)) == 6
-            # all runs of one method, then all of the other, as in the paper
-            assert len({method for _, method in order[:3]}) == len({method for _, method in order[3:]}) == 1
-        first = [order[0][1] for order in orders]
-        leads = [first[:count].count("nrs") - first[:count].count("robot_only") for count in range(13)]
-        assert leads[12] == 0
-        uneven |= set(np.flatnonzero(leads))
-        for lead, method in zip(leads, first):
-            follows[lead].add(method)
-        # in each half, each scenario is equally often at each position, exactly so for whole blocks of three
-        for half, place in product((0, 3), range(3)):
-            third = [order[half + place][0] for order in orders]
-            assert [third.count(scenario) for scenario in scenarios] == [4, 4, 4]
-        assert len(set(map(tuple, orders))) > 8
-    # the next method is foreseen only at the end, and where the longest block must still become even
-    assert uneven == set(range(1, 12))
-    assert follows.pop(3) == {"robot_only"} and follows.pop(-3) == {"nrs"}
-    assert set(follows) == {-2, -1, 0, 1, 2} and all(next_ == set(methods) for next_ in follows.values())
+SCENARIOS, METHODS = ["room", "carpet", "corner"], ["nrs", "robot_only"]
+
+
+@pytest.fixture(scope="module")
+def studies():
+    """The orders of the runs of 12 participants, of 100 studies."""
+    return [[order_runs(number, 12, SCENARIOS, METHODS, seed) for number in range(1, 13)] for seed in range(100)]
+
+
+def leads_of(orders):
+    """Returns how many more began with nrs than with robot_only, before each participant and after the last."""
+    return np.cumsum([0, *(1 if order[0][1] == "nrs" else -1 for order in orders)])
+
+
+def test_everybody_does_all_runs_of_one_method_then_all_of_the_other(studies):
+    for order in chain(*studies):
+        assert {*order[:3]} in [{*product(SCENARIOS, [method])} for method in METHODS]
+        assert {*order} == {*product(SCENARIOS, METHODS)}
+
+
+def test_each_method_is_equally_often_first(studies):
+    assert not any(leads_of(orders)[-1] for orders in studies)
+
+
+def test_each_scenario_is_equally_often_at_each_position(studies):
+    for orders, place in product(studies, range(6)):
+        assert Counter(order[place][0] for order in orders) == dict.fromkeys(SCENARIOS, 4)
+
+
+def test_orders_are_drawn(studies):
+    assert min(len(set(map(tuple, orders))) for orders in studies) > 8
+
+
+def test_the_next_method_is_foreseen_only_where_the_longest_block_must_become_even(studies):
+    next_methods = defaultdict(set)
+    for orders in studies:
+        for lead, order in zip(leads_of(orders), orders):
+            next_methods[lead].add(order[0][1])
+    assert next_methods == {3: {"robot_only"}, **dict.fromkeys(range(-2, 3), {*METHODS}), -3: {"nrs"}}
+
+
+def test_methods_need_not_be_even_before_the_last_participant(studies):
+    assert (np.array([leads_of(orders) for orders in studies]) != 0).any(axis=0)[1:-1].all()
 
 
 def test_columns_begin_with_the_contracts():
@@ -124,10 +146,12 @@ def test_columns_begin_with_the_contracts():
 def test_the_marks_are_laid_for_each_person_beside_the_map():
     grid = floor_plan.physical_map(STUDY.world)
     laid = np.array([STUDY.marks(number, "room") for number in range(1, 201)])
-    assert len(np.unique(laid, axis=0)) == 200 and np.allclose(laid[:, :2].std(axis=0), 0.02, rtol=0.2)
+    assert len(np.unique(laid, axis=0)) == 200
+    assert np.allclose(laid[:, :2].std(axis=0), 0.02, rtol=0.2)
     for key in STUDY.design.scenarios:
         marks, scenario = STUDY.marks(1, key), STUDY.world.scenario(key)
-        assert marks == STUDY.marks(1, key) and marks != STUDY.marks(1, "elsewhere")
+        assert marks == STUDY.marks(1, key)
+        assert marks != STUDY.marks(1, "elsewhere")
         lines = [personal_scenario(scenario, STUDY.traits(n), grid, marks).border for n in (1, 2)]
         assert 0.002 < np.linalg.norm(lines[0] - scenario.border, axis=1).max() < 0.2
         assert np.allclose(*lines) != scenario.closed  # people who draw round an object keep a margin
@@ -139,7 +163,8 @@ def test_people_stand_off_the_line_on_free_floor():
     everybody = product(range(1, 9), STUDY.design.scenarios)
     runs = [personal_scenario(world.scenario(key), STUDY.traits(number), grid, (0, 0, 0)) for number, key in everybody]
     places = np.array([run.stand for run in runs])
-    assert (sample(grid, grid.data, places, UNKNOWN) == 0).all() and len(np.unique(places, axis=0)) > 12
+    assert (sample(grid, grid.data, places, UNKNOWN) == 0).all()
+    assert len(np.unique(places, axis=0)) > 12
 
 
 def leaves(document, path=""):
@@ -163,7 +188,8 @@ def test_every_figure_has_its_source():
 def test_worlds_are_a_latin_hypercube_of_everything():
     study = STUDY.changed({"design/worlds": 40})
     worlds = run_plan.draw_worlds(study)
-    assert set(worlds[0]) == set(run_plan.varied_assumptions(STUDY)) and len(worlds[0]) > 60
+    assert len(worlds[0]) > 60
+    assert set(worlds[0]) == set(run_plan.varied_assumptions(STUDY))
     for key, entry in run_plan.varied_assumptions(STUDY).items():
         low, high = entry.range
         cells = np.floor(40 * np.log([factors[key] / low for factors in worlds]) / np.log(high / low) + 1e-3)
@@ -176,7 +202,7 @@ def test_worlds_are_a_latin_hypercube_of_everything():
 def test_the_corners_of_every_range_are_possible():
     for index in (0, 1):
         factors = {key: entry.range[index] for key, entry in run_plan.varied_assumptions(STUDY).items()}
-        assert STUDY.changed(run_plan.world_changes(STUDY, factors)).traits(1) != STUDY.traits(1)
+        assert STUDY.changed(run_plan.scaled_values(STUDY, factors)).traits(1) != STUDY.traits(1)
 
 
 def test_worlds_cover_all_scenarios_and_both_methods():
@@ -192,7 +218,8 @@ def test_the_examples_of_the_documentation_work(tmp_path):
     for number, document in enumerate(re.findall(r"```yaml\n(.*?)```", text, re.S)):
         (tmp_path / f"{number}.yaml").write_text(textwrap.dedent(document))
         studies.append(config.load(tmp_path / f"{number}.yaml"))
-    assert [study.world.name for study in studies].count("studio") == 1 and len(studies) > 1
+    assert len(studies) > 1
+    assert [study.world.name for study in studies].count("studio") == 1
 
 
 def test_the_quick_study_is_part_of_the_whole_one():
@@ -200,8 +227,10 @@ def test_the_quick_study_is_part_of_the_whole_one():
         return [(job.file, *map(str, job.columns(1).values())) for job in run_plan.plan_jobs(STUDY, quick)]
 
     quick, whole = rows(True), rows(False)
-    assert quick == whole[:6] and len(set(whole)) == len(whole) == 100
+    assert quick == whole[:6]
+    assert len(set(whole)) == len(whole) == 100
     assert {row[0] for row in whole} == {"runs.csv", "worlds.csv"}
     # the names of the rows' files sort in the order of the jobs
     names = [job.name for job in run_plan.plan_jobs(STUDY)]
-    assert names[:60] == sorted(names[:60]) and names[60::2] == sorted(names[60::2])
+    for name_group in (names[:60], names[60::2]):
+        assert name_group == sorted(name_group)

@@ -16,7 +16,6 @@ from vb_core import files
 from vb_core.errors import CodedError
 from vb_map_integration.storage import border_database as module
 from vb_map_integration.storage import durable_values
-from vb_map_integration.storage.border_database import Database
 from vb_map_integration.storage.durable_values import FILE, DurableValues
 from vb_map_integration.map_integrator import MapIntegrator
 
@@ -258,7 +257,7 @@ def test_a_database_of_a_newer_version_is_refused_and_left_alone(restart, tmp_pa
     before = {path: path.read_bytes() for path in tmp_path.glob("borders*")}
     for _ in range(2):  # the lock is released each time
         with refused("database_newer"):
-            Database(tmp_path)
+            DurableValues(tmp_path)
     assert {path: path.read_bytes() for path in tmp_path.glob("borders*")} == before
 
 

@@ -129,9 +129,10 @@ def test_preview_changes_nothing_and_says_that_the_floor_is_split(monkeypatch):
     check = keeper.check(band, at((20, 60)))
     assert check.free_parts == 2 and "splits_free_space" in [issue.code for issue in check.issues]
     assert (np.array_equal(keeper.map_with_borders.data, before), keeper.borders) == (True, ())
-    # what was checked is not computed again
+    # what was checked is not computed again, nor is a border that does not change
     monkeypatch.setattr("vb_map_integration.borders_in_force.compute_region", None)
     outcome = keeper.add(band, 1.0)
+    keeper.add(square(20, 60), 2.0)
     assert "splits_free_space" in [issue.code for issue in outcome.issues]
     # floor that is split already is not reported again for another border
     assert "splits_free_space" not in [issue.code for issue in keeper.check(square(20, 20)).issues]

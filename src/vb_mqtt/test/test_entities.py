@@ -172,7 +172,7 @@ def drawn(*borders):
     cells[:10, 100:] = -1
     posterior = cells.copy()
     posterior[50:] = 100
-    encoded = entities.draw_map(GridMap(cells, 0.05), GridMap(posterior, 0.05), borders)
+    encoded = entities.map_png(GridMap(cells, 0.05), GridMap(posterior, 0.05), borders)
     return cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_COLOR)
 
 

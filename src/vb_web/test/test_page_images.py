@@ -18,7 +18,7 @@ def test_a_map_is_drawn_with_its_highest_y_on_top():
     data = np.zeros((20, 30), np.int8)
     data[0, 5] = 100
     data[19] = -1
-    pixels = decode(page_images.draw_map(GridMap(data, 0.05)))
+    pixels = decode(page_images.map_layer(GridMap(data, 0.05)))
     assert pixels.shape == (20, 30, 4)
     assert (pixels[19, 5, 3], pixels[10, 10, 3]) == (255, 0)
     assert 0 < pixels[0, 3, 3] < 255
@@ -28,7 +28,7 @@ def test_a_map_is_drawn_with_its_highest_y_on_top():
 def test_large_maps_are_reduced_and_no_wall_vanishes(shape):
     data = np.zeros(shape, np.int8)
     data[shape[0] // 2, shape[1] // 2] = 100
-    image = page_images.draw_map(GridMap(data, 0.05))
+    image = page_images.map_layer(GridMap(data, 0.05))
     pixels = decode(image)
     assert max(pixels.shape) <= page_images.MAX_SIDE
     assert (np.multiply(pixels.shape[:2], image.cells_per_pixel) >= shape).all()
@@ -48,7 +48,7 @@ def test_restricted_floor_is_where_the_map_became_fuller():
 
 
 def test_the_cache_keeps_two_images_named_by_content():
-    maps = [page_images.draw_map(GridMap(np.full((5, 5), value, np.int8), 0.05)) for value in (0, 100, -1, 0)]
+    maps = [page_images.map_layer(GridMap(np.full((5, 5), value, np.int8), 0.05)) for value in (0, 100, -1, 0)]
     assert maps[0].name == maps[3].name
     assert len({image.name for image in maps}) == 3
     cache = ImageCache()

@@ -10,7 +10,7 @@ from geometry_msgs.msg import Point
 from vb_core import sentences
 from vb_msgs.msg import VirtualBorder
 from vb_web import page_messages
-from vb_web.page_view import PageView, coarse_age, mark_borders, rounded
+from vb_web.page_view import PageView, coarse_age, mark_borders, json_number
 
 STATIC = Path(__file__).resolve().parents[1] / "src" / "vb_web" / "static"
 
@@ -32,7 +32,7 @@ def test_a_browser_gets_what_is_newer_than_it_knows():
 
 
 def test_nan_and_infinity_never_reach_json():
-    assert [rounded(value) for value in (float("nan"), float("inf"), 1.23456)] == [None, None, 1.235]
+    assert [json_number(value) for value in (float("nan"), float("inf"), 1.23456)] == [None, None, 1.235]
     with pytest.raises(ValueError):
         PageView().put("robots", float("nan"))
 

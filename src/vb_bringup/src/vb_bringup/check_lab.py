@@ -226,7 +226,7 @@ def to_json(lines: List[Notice], language: str) -> str:
     return json.dumps(rows, indent=1, ensure_ascii=False, default=str)
 
 
-def run(arguments: List[str]) -> int:
+def main(arguments: Optional[List[str]] = None) -> int:
     """Checks the lab and prints the result.
 
     Returns:
@@ -241,7 +241,7 @@ def run(arguments: List[str]) -> int:
     parser.add_argument("--seconds", type=float, default=4.0, help="how long to listen to the nodes (4)")
     parser.add_argument("--language", default=sentences.ENGLISH, choices=sentences.languages())
     parser.add_argument("--camera", metavar="SOURCE", help="only describe a camera, given as to new_lab; without a lab")
-    options = parser.parse_args(arguments)
+    options = parser.parse_args(rospy.myargv()[1:] if arguments is None else arguments)
     if options.camera:
         print("\n".join(describe_camera(parse_source(options.camera), CaptureParams())))
         return READY
@@ -261,8 +261,3 @@ def run(arguments: List[str]) -> int:
         for camera in sorted({line.camera for line in lines if line.code in REPORTED}):
             print_camera(camera)
     return FAULTS if any(line.severity is Severity.ERROR for line in lines) else READY
-
-
-def main() -> None:
-    """Runs the program."""
-    sys.exit(run(rospy.myargv()[1:]))

@@ -241,7 +241,7 @@ def find_roslaunch_call(process: int) -> Tuple[List[str], List[Path], str]:
     return arguments, files, uri
 
 
-def run() -> int:
+def main() -> int:
     """Checks what the parent process, roslaunch, is about to start. Returns the exit status, 0 or 1."""
     parser = argparse.ArgumentParser(prog="check_launch", description=__doc__.split("\n")[0])
     parser.add_argument("launch_file", choices=("lab", "simulation", "navigation"))
@@ -275,4 +275,4 @@ def run() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(run())
+    sys.exit(main())

@@ -110,7 +110,7 @@ def _copy_map(map_file: Path, folder: Path) -> None:
     (folder / "map.yaml").write_text(yaml.safe_dump({**description, "image": image_copy.name}), encoding="utf-8")
 
 
-def run(arguments: Optional[List[str]] = None) -> int:
+def main(arguments: Optional[List[str]] = None) -> int:
     """Writes the folder and prints the next step. Returns the exit status, 0, or 1 if nothing was written."""
     parser = argparse.ArgumentParser(prog="new_lab", description=__doc__.split("\n")[0])
     parser.add_argument("folder", type=Path, help="a new folder, for instance ~/my_lab")
@@ -120,10 +120,8 @@ def run(arguments: Optional[List[str]] = None) -> int:
         help='ceiling cameras: "north south" from drivers, "north=/dev/video0 south=rtsp://192.168.1.7/stream" without',
     )
     parser.add_argument("--robot", default="", help="robot type, for instance turtlebot2; by default, no robot")
-    parser.add_argument(
-        "--map", default="", help="YAML file of the map, which is copied; by default, others publish /map"
-    )
-    options = parser.parse_args(sys.argv[1:] if arguments is None else arguments)
+    parser.add_argument("--map", default="", help="YAML file of the map to copy; by default, others publish /map")
+    options = parser.parse_args(arguments)
     profiles = Path(rospkg.RosPack().get_path("vb_bringup")) / "robots"
     try:
         folder = options.folder.expanduser().resolve()
@@ -135,8 +133,3 @@ def run(arguments: Optional[List[str]] = None) -> int:
         return REFUSED
     print(f"Next: read {options.folder}/README.md")
     return CREATED
-
-
-def main() -> None:
-    """Runs the program."""
-    sys.exit(run())

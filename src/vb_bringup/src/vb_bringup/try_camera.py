@@ -39,7 +39,7 @@ from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
 from vb_core.request_origin import may_use_local_page
 from vb_core.ros import commands
-from vb_evaluation.navigation_check.plan_observer import wait_until
+from vb_core.ros.node import wait_until
 from vb_laser_detect.calibration import pose_file
 from vb_laser_detect.calibration.pose_file import CameraPose
 from vb_laser_detect.calibration.pose import PosedCamera, project, click_uncertainty, estimate_camera_from_rectangle

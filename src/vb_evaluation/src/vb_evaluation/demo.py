@@ -31,12 +31,12 @@ from vb_core import names
 from vb_core.child_processes import ChildProcess, free_port, start_roslaunch
 from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import Pose, chain_length
-from vb_core.ros import services
+from vb_core.ros import node, services
 from vb_evaluation import metrics
 from vb_evaluation.repository_revision import repository_root
 from vb_evaluation.report.paper_results import METHOD_TITLES
 from vb_evaluation.navigation_check.move_base_goals import GoalOutcome, GoalRunner
-from vb_evaluation.navigation_check.plan_observer import Observer, wait_until
+from vb_evaluation.system_observer import SystemObserver
 from vb_msgs.srv import SaveMap, SaveMapRequest
 from vb_sim import floor_plan
 from vb_sim.world import load_world
@@ -127,7 +127,7 @@ class Demo:
         self.console.rule(f"[bold]{options.scenario.title}[/bold], {METHOD_TITLES[options.method].lower()}")
         self._launch()
         self._register()
-        observer = Observer()
+        observer = SystemObserver()
         self._wait_until_ready(observer)
         start, goal = ((x, y, math.radians(yaw)) for x, y, yaw in (proof.start, proof.goal))
         plan_before = observer.plan(start, goal, "/move_base/make_plan")
@@ -169,14 +169,14 @@ class Demo:
             rviz=options.rviz and has_screen,
         )
         # rospy would complain about a master that is not up yet
-        if not wait_until(lambda: rosgraph.is_master_online() or not self._launched.running, READY_TIMEOUT):
+        if not node.wait_until(lambda: rosgraph.is_master_online() or not self._launched.running, READY_TIMEOUT):
             raise CodedError("not_ready", "the ROS master did not come up")
         self._print(f"watch it, and take part, at http://127.0.0.1:{page}/")
 
     def _register(self) -> None:
         """Makes this process a node. If the master ended with roslaunch, rospy alone would retry forever."""
-        node = {"anonymous": True, "disable_signals": True, "log_level": rospy.ERROR}
-        attempt = threading.Thread(target=rospy.init_node, args=("demo_observer",), kwargs=node, daemon=True)
+        node_options = {"anonymous": True, "disable_signals": True, "log_level": rospy.ERROR}
+        attempt = threading.Thread(target=rospy.init_node, args=("demo_observer",), kwargs=node_options, daemon=True)
         attempt.start()
         while attempt.is_alive() and self._launched.running:
             attempt.join(0.2)
@@ -192,7 +192,7 @@ class Demo:
         self._stack.callback(child.stop)
         return child
 
-    def _wait_until_ready(self, observer: Observer) -> None:
+    def _wait_until_ready(self, observer: SystemObserver) -> None:
         """Waits until every part of the system has published, or raises an error that names those that have not."""
         ready_conditions = {
             "the interaction manager (/virtual_borders/state)": lambda: observer.state is not None,
@@ -208,7 +208,7 @@ class Demo:
         def missing() -> List[str]:
             return [name for name, is_ready in ready_conditions.items() if not is_ready()]
 
-        if not wait_until(lambda: not missing() or not self._launched.running, READY_TIMEOUT) or missing():
+        if not node.wait_until(lambda: not missing() or not self._launched.running, READY_TIMEOUT) or missing():
             last_lines = f"The last lines of {self._launched.log}:\n{self._launched.tail()}"
             raise CodedError("not_ready", f"these did not come up: {'; '.join(missing())}. {last_lines}")
         self._print(f"all nodes are up: {len(self._cameras) + 1} cameras, maps, interaction, navigation")
@@ -217,10 +217,10 @@ class Demo:
     def _print(self, text: str) -> None:
         self.console.print(f"[dim]{time.monotonic() - self._started:6.1f} s[/dim]  {text}")
 
-    def _follow(self, observer: Observer) -> None:
+    def _follow(self, observer: SystemObserver) -> None:
         """Starts the participant, and prints what happens until the person is done."""
         self._roslaunch(["parts/participant.launch"], scenario=self.options.scenario.key)
-        if not wait_until(
+        if not node.wait_until(
             lambda: self._print_progress(observer) or observer.outcome is not None or not self._launched.running,
             INTERACTION_TIMEOUT,
             0.1,
@@ -232,7 +232,7 @@ class Demo:
         if outcome is not None and outcome.get("outcome") != "saved":
             self._print(f"the participant ended with '{outcome.get('outcome')}': {outcome.get('reason', '')}")
 
-    def _print_progress(self, observer: Observer) -> None:
+    def _print_progress(self, observer: SystemObserver) -> None:
         """Prints what has changed since the last call."""
         state, progress, lab = observer.state, observer.progress, observer.lab
         news = {
@@ -251,7 +251,7 @@ class Demo:
                     self._print(text)
 
     @staticmethod
-    def _plan_round_border(observer: Observer, start: Pose, goal: Pose) -> np.ndarray:
+    def _plan_round_border(observer: SystemObserver, start: Pose, goal: Pose) -> np.ndarray:
         """Asks for plans until one (N, 2) [m] does not cross the saved border, or for 5 s. Returns the last one.
 
         The map with the border was published before the state became "saved"; move_base's costmap has it a little later.
@@ -263,7 +263,7 @@ class Demo:
             plans.append(observer.plan(start, goal, "/move_base/make_plan"))
             return not metrics.path_meets_region(plans[-1], observer.prior, region)
 
-        wait_until(goes_round, 5.0, 0.25)
+        node.wait_until(goes_round, 5.0, 0.25)
         return plans[-1]
 
     def _drive(self, start: Pose, goal: Pose) -> List[GoalOutcome]:
@@ -289,7 +289,7 @@ class Demo:
             self._print(f"the map could not be saved: {failed}")
 
     # ------------------------------------------------------------- the end
-    def _conclude(self, observer: Observer, plans: Dict[str, np.ndarray], drives: Sequence[GoalOutcome]) -> int:
+    def _conclude(self, observer: SystemObserver, plans: Dict[str, np.ndarray], drives: Sequence[GoalOutcome]) -> int:
         """Writes the summary, and says whether the border is respected. Returns the exit code.
 
         Args:

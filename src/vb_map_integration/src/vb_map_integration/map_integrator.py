@@ -23,6 +23,7 @@ from vb_map_integration.places.border_location import BorderLocator
 from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer
 from vb_map_integration.places.transform import Transform
 from vb_map_integration.storage.border_database import BorderChange, Change, Database, fingerprint
+from vb_map_integration.storage.durable_values import DurableValues
 
 Positions = Sequence[Sequence[float]]  # x, y of each robot [m]
 
@@ -44,12 +45,7 @@ class BorderCheck:
 
 @dataclass(frozen=True)
 class ChangeResult:
-    """Result of a change.
-
-    Attributes:
-        ids: ids of the borders that changed.
-        issues: warnings.
-    """
+    """Result of a change: the ids of the borders that changed, and warnings."""
 
     ids: Tuple[str, ...] = ()
     issues: Tuple[Notice, ...] = ()
@@ -77,7 +73,8 @@ class MapIntegrator:
         self, root: Optional[Path], map_name: str = "", robots: Sequence[str] = (), robot_radius: float = 0.18
     ) -> None:
         self._expected_name, self._robots, self._robot_radius = map_name, robots, robot_radius
-        self._database = Database(root)
+        self._store = DurableValues(root)
+        self._database = Database(self._store)
         self._recognizer = PlaceRecognizer(self._database, map_name)
         self._recognition = PlaceRecognition()
         self._locator: Optional[BorderLocator] = None  # None until the first map arrives, as `_borders_in_force`
@@ -88,7 +85,7 @@ class MapIntegrator:
 
     def close(self) -> None:
         """Releases the database."""
-        self._database.close()
+        self._store.close()
 
     # ------------------------------------------------------------- state
     @property
@@ -130,7 +127,7 @@ class MapIntegrator:
     @property
     def revision(self) -> int:
         """The revision; it grows with every change."""
-        return self._database.revision
+        return self._store.revision
 
     @property
     def map_name(self) -> str:
@@ -146,7 +143,7 @@ class MapIntegrator:
     def notices(self) -> List[Notice]:
         """Notices about the database, the map's place, and borders that have changed on this map."""
         about_borders = find_notices(self._statuses, self._recognition.is_certain, self.map_name)
-        return [*self._database.notices, *self._place_notices, *about_borders]
+        return [*self._store.notices, *self._place_notices, *about_borders]
 
     # ------------------------------------------------------------- the physical map
     def set_map(self, grid: GridMap) -> bool:
@@ -173,7 +170,7 @@ class MapIntegrator:
         """Puts a place's borders in force on a map: a new one, or the same one after a person's answer about it."""
         self._set_recognition(grid, recognition)
         self._borders_in_force = None
-        self._recompute_borders()
+        self._recompute_borders(self._database.borders(recognition.place))
 
     def _set_recognition(self, grid: GridMap, recognition: PlaceRecognition) -> None:
         """Sets what the current map was recognised as, and with it the locator of borders on it."""
@@ -181,9 +178,8 @@ class MapIntegrator:
         self._locator = BorderLocator(grid, self.map_id, maps, recognition.transform, recognition.other_transform)
         self._recognition = recognition
 
-    def _recompute_borders(self, drawn: Optional[BorderRegion] = None) -> None:
-        """Puts in force the borders that the database has now; see `compute_borders_in_force` for `drawn`."""
-        borders = self._database.borders(self._recognition.place)
+    def _recompute_borders(self, borders: Sequence[VirtualBorder], drawn: Optional[BorderRegion] = None) -> None:
+        """Puts the place's stored borders in force; see `compute_borders_in_force` for `drawn`."""
         self._borders_in_force = compute_borders_in_force(borders, self._locator, self._borders_in_force, drawn)
         self._free_parts = None
 
@@ -275,7 +271,9 @@ class MapIntegrator:
             return ChangeResult((earlier,))
         self._check_revision(expected_revision)
         border = self._database.new_border(border, now, self._recognition.place, self.map_id)
-        return self._store_drawn_border(border, None, robot_positions, request_id)
+        after, check = self._check_drawn(border, robot_positions)
+        self._remember_map()
+        return self._make_change((BorderChange(border.id, None, after),), request_id=request_id, check=check)
 
     def update(
         self, border: VirtualBorder, now: float, robot_positions: Positions = (), expected_revision: int = 0
@@ -290,29 +288,33 @@ class MapIntegrator:
             raise CodedError("on_another_map", id=border.id)
         name = border.name or before.name
         border = border.replace(name=name, created=before.created, modified=now, map_id=self.map_id)
-        if not border.has_same_area(self.borders_in_force.statuses[border.id].map_border):
-            return self._store_drawn_border(border, before, robot_positions)
-        self._check_robots(border)
-        after = border.replace(points=before.points, seed=before.seed, map_id=before.map_id)
-        return self._make_change((BorderChange(border.id, before, after),))
+        if border.has_same_area(self.borders_in_force.statuses[border.id].map_border):
+            self._check_robots(border)
+            after, check = border.replace(points=before.points, seed=before.seed, map_id=before.map_id), None
+        else:
+            after, check = self._check_drawn(border, robot_positions)
+            self._remember_map()
+        return self._make_change((BorderChange(border.id, before, after),), check=check)
 
-    def _store_drawn_border(
-        self, border: VirtualBorder, before: Optional[VirtualBorder], robot_positions: Positions, request_id: str = ""
-    ) -> ChangeResult:
-        """Adds a border that was drawn on the current map, or replaces `before` by it."""
+    def _check_drawn(self, border: VirtualBorder, robot_positions: Positions) -> Tuple[VirtualBorder, BorderCheck]:
+        """Checks a border drawn on the current map; returns it in its place's frame, and its check; raises CodedError."""
         transform = self._recognition.transform
-        after = border.transform(transform.inverse)
+        stored_border = border.transform(transform.inverse)
         # A preview is not enough: the map, the borders or the robots may have changed since. The border is checked as it
         # will be read back: a rounding error may change it on its way to its place's frame and back.
-        check = self.check(after.transform(transform), robot_positions)
+        check = self.check(stored_border.transform(transform), robot_positions)
         if not self._recognition.is_certain:  # a border would belong to no place
             raise IntegrationError("confirm_map_first")
-        place = self._recognition.place
-        if self.map_id not in self._locator.stored_maps:  # later maps are compared with those on which a person draws
-            name = "" if place or self._database.find_place(self._expected_name) else self._expected_name
-            place = self._database.add_map(self.physical_map, self.map_id, place, transform, name)
-            self._set_recognition(self.physical_map, PlaceRecognition(place, transform))
-        return self._make_change((BorderChange(border.id, before, after),), request_id=request_id, check=check)
+        return stored_border, check
+
+    def _remember_map(self) -> None:
+        """Stores the current map if it is new: later maps are compared with those on which a person draws."""
+        if self.map_id in self._locator.stored_maps:
+            return
+        place, transform = self._recognition.place, self._recognition.transform
+        name = "" if place or self._database.find_place(self._expected_name) else self._expected_name
+        place = self._database.add_map(self.physical_map, self.map_id, place, transform, name)
+        self._set_recognition(self.physical_map, PlaceRecognition(place, transform))
 
     def set_enabled(self, border_id: str, enabled: bool, now: float, expected_revision: int = 0) -> ChangeResult:
         """Turns a border of any map on or off; raises CodedError."""
@@ -374,10 +376,10 @@ class MapIntegrator:
             check: the check of a single border; None for changes whose warnings are the statuses of their borders.
         """
         place = place or self._recognition.place
-        self._database.commit(place, change, kind, request_id)
+        borders = self._database.commit(place, change, kind, request_id)
         issues = ()
         if place == self._recognition.place:
-            self._recompute_borders(check.region if check else None)
+            self._recompute_borders(borders, check.region if check else None)
             statuses = [self.borders_in_force.statuses[entry.id] for entry in change if entry.after is not None]
             issues = tuple(warning(status.code, **status.sentence_values) for status in statuses if status.code)
         return ChangeResult(tuple(entry.id for entry in change), check.issues if check else issues)

@@ -159,22 +159,22 @@ class MapIntegratorNode:
         return response
 
     def _add(self, request: srv.AddBorderRequest) -> srv.AddBorderResponse:
-        def add() -> ChangeResult:
-            border = self._read_border(request).replace(enabled=not request.disabled)
-            robots, now = self._robot_positions(border), rospy.get_time()
-            result = self._integrator.add(border, now, robots, request.expected_revision, request.request_id)
-            return ChangeResult(result.ids, result.issues + self._warn_if_soft_cost_is_ignored(border))
-
-        return self._carry_out(add, srv.AddBorderResponse())
+        add = partial(self._integrator.add, request_id=request.request_id)
+        return self._store_drawn(request, add, srv.AddBorderResponse(), enabled=not request.disabled)
 
     def _update(self, request: srv.UpdateBorderRequest) -> srv.UpdateBorderResponse:
-        def update() -> ChangeResult:
-            border = self._read_border(request)
+        return self._store_drawn(request, self._integrator.update, srv.UpdateBorderResponse())
+
+    def _store_drawn(self, request: Any, store: Callable[..., ChangeResult], response: Any, **changes: Any) -> Any:
+        """Carries out a request to add or update a border, whose fields `changes` replaces."""
+
+        def store_border() -> ChangeResult:
+            border = self._read_border(request).replace(**changes)
             robots, now = self._robot_positions(border), rospy.get_time()
-            result = self._integrator.update(border, now, robots, request.expected_revision)
+            result = store(border, now, robots, request.expected_revision)
             return ChangeResult(result.ids, result.issues + self._warn_if_soft_cost_is_ignored(border))
 
-        return self._carry_out(update, srv.UpdateBorderResponse())
+        return self._carry_out(store_border, response)
 
     def _read_border(self, request: Any) -> VirtualBorder:
         """Reads the border of a request to preview, add or update one; raises IntegrationError if it is invalid."""

@@ -265,7 +265,7 @@ def answer_payload(sender_id: str, request_name: str, success: bool, code: str, 
     return {"event_type": outcome, "id": sender_id, "command": request_name, "code": code, "text": text[:_MAX_TEXT]}
 
 
-def draw_map(prior: GridMap, posterior: GridMap, borders: Sequence[Any]) -> bytes:
+def map_png(prior: GridMap, posterior: GridMap, borders: Sequence[Any]) -> bytes:
     """Draws the map with walls, restricted areas and borders as a PNG of at most MAX_SIDE pixels in each direction.
 
     Args:

@@ -145,7 +145,7 @@ class MqttNode:
             return
         prior, posterior = map(messages.grid_from_message, grids)
         if prior.same_geometry(posterior):
-            image = entities.draw_map(prior, posterior, list((self._borders or {}).values()))
+            image = entities.map_png(prior, posterior, list((self._borders or {}).values()))
             self._broker.put(self._lab.topic("map"), image)
 
     # ------------------------------------------------------------------ to the broker

@@ -23,7 +23,7 @@ from vb_core.ros.preview_service import PreviewBorderArray
 from vb_core.vocabulary import REDO, UNDO
 from vb_web.action_parser import ActionRequest
 from vb_web.page_messages import apply_draft, issues_section, region_uri
-from vb_web.page_view import answer_from_error, make_answer, rounded
+from vb_web.page_view import answer_from_error, make_answer, json_number
 
 _TIMEOUT = 20.0  # [s] a preview of 16 million cells takes half a second on a busy computer
 _MONITOR = {"who_code": "robot_monitor"}
@@ -100,7 +100,7 @@ class ActionExecutor:
         response = _call(names.PREVIEW_BORDER, PreviewBorderArray, border=border, frame_id=names.MAP_FRAME)
         return {
             **_answer(response),
-            "area": rounded(response.area_m2, 2),
+            "area": json_number(response.area_m2, 2),
             "parts": int(response.free_parts),
             "region": region_uri(response.region) if response.success else "",
         }

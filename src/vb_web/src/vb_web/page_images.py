@@ -16,7 +16,7 @@ import numpy as np
 from vb_core.camera_model import CameraModel
 from vb_core.geometry import transform_points
 from vb_core.grid_map import UNKNOWN, GridMap
-from vb_web.page_view import rounded
+from vb_web.page_view import json_number
 
 MAX_SIDE = 2048  # [px] of an image; more is neither visible on a display nor smooth on a phone
 FLOOR_SIDE = 1400  # [px] of the floor's image
@@ -80,7 +80,7 @@ def _encode(pixels: np.ndarray, cells: float, kind: Tuple[str, List[int]] = _PNG
     return EncodedImage(data, hashlib.blake2b(data, digest_size=8).hexdigest(), cells)
 
 
-def draw_map(grid: GridMap) -> EncodedImage:
+def map_layer(grid: GridMap) -> EncodedImage:
     """Draws walls as ink, by their occupancy, and unknown floor as grey."""
     data, cells = _reduce(grid.data, MAX_SIDE)
     pixels = np.zeros((*data.shape, 4), np.uint8)
@@ -98,8 +98,8 @@ def map_section(grid: GridMap, base: EncodedImage, restricted: Optional[EncodedI
         "restricted": restricted.name if restricted is not None else "",
         "rows": rows,
         "columns": columns,
-        "resolution": rounded(grid.resolution, 6),
-        "origin": [rounded(value, 5) for value in grid.origin],
+        "resolution": json_number(grid.resolution, 6),
+        "origin": [json_number(value, 5) for value in grid.origin],
         "cells_per_pixel": base.cells_per_pixel,
         "floor": floor_cells_per_pixel(grid) if floor else 0,
     }

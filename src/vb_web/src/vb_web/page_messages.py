@@ -19,7 +19,7 @@ from vb_core.capabilities import Capabilities, describe_ignored_zone
 from vb_core.ros.messages import mapping_from_values
 from vb_core.zones import ZONES, zone_by_number
 from vb_web import page_images
-from vb_web.page_view import rounded
+from vb_web.page_view import json_number
 
 _KINDS = {"polygon": VirtualBorder.POLYGON, "curve": VirtualBorder.SEPARATING_CURVE, "wall": VirtualBorder.VIRTUAL_WALL}
 _KIND_NAMES = {number: name for name, number in _KINDS.items()}
@@ -62,7 +62,7 @@ def state_section(message: InteractionState) -> Dict[str, Any]:
             "code": message.last_code,
             "values": mapping_from_values(message.last_values),
             "message": message.last_message,
-            "at": rounded(message.last_answered.to_sec(), 2),
+            "at": json_number(message.last_answered.to_sec(), 2),
         },
     }
 
@@ -98,7 +98,7 @@ def preview_section(message: BorderPreview) -> Dict[str, Any]:
     return {
         "available": True,
         "ok": message.success,
-        "area": rounded(message.area_m2, 2),
+        "area": json_number(message.area_m2, 2),
         "parts": message.free_parts,
         "issues": issues_section(message.issues),
         "region": region_uri(message.region),
@@ -118,8 +118,8 @@ def border_section(border: VirtualBorder, capabilities: Optional[Capabilities] =
         "kind": _KIND_NAMES.get(border.kind, "curve"),
         "seed": centimeters([border.seed]),
         "zone": zone,
-        "max_speed": rounded(border.max_speed, 2),
-        "area": rounded(border.area_m2, 2),
+        "max_speed": json_number(border.max_speed, 2),
+        "area": json_number(border.area_m2, 2),
         "before": centimeters(border.before),
         "after": centimeters(border.after),
         "unkept": {"code": unkept[0], "values": unkept[1]} if unkept else None,
@@ -171,8 +171,8 @@ def detector_entry(message: DetectorStatus) -> Dict[str, Any]:
     """Converts a detector's status to the entry of its camera."""
     return {
         "name": message.camera,
-        "hz": rounded(message.rate_hz, 0),
-        "ms": rounded(message.latency_ms, 0),
+        "hz": json_number(message.rate_hz, 0),
+        "ms": json_number(message.latency_ms, 0),
         "spots": int(message.spots),
     }
 

@@ -31,7 +31,7 @@ from vb_web.action_executor import ActionExecutor
 from vb_web.camera_images import CameraImages
 from vb_web.action_parser import Bounds
 from vb_web.server import PageParams, PageServer, page_urls
-from vb_web.page_view import PageView, coarse_age, mark_borders, rounded
+from vb_web.page_view import PageView, coarse_age, mark_borders, json_number
 
 _POSE_PERIOD = 0.1  # [s] between two updates of the robots' poses
 _HEALTH_PERIOD = 0.5  # [s] between two checks of what has fallen silent
@@ -181,7 +181,7 @@ class PageNode:
         if prior is None:
             return
         self._grid = prior
-        base = page_images.draw_map(prior)
+        base = page_images.map_layer(prior)
         self._images.put("map", base)
         restricted = None
         if posterior is not None and posterior.same_geometry(prior):
@@ -253,7 +253,7 @@ class PageNode:
         entry = page_messages.spot_entry(message)
         if entry is not None and message.header.frame_id.lstrip("/") == names.MAP_FRAME:
             # the stamp distinguishes a spot at rest from a repeated message
-            self._spots[message.camera] = [*entry, rounded(message.header.stamp.to_sec(), 3)]
+            self._spots[message.camera] = [*entry, json_number(message.header.stamp.to_sec(), 3)]
             while len(self._spots) > 20:
                 self._spots.pop(next(iter(self._spots)))
             self._view.put("spots", dict(self._spots))
@@ -278,7 +278,7 @@ class PageNode:
         for robot, frame in self._base_frames.items():
             pose = self._transforms.pose_on_map(frame, _SILENCE_TIMEOUT)
             if pose is not None:
-                poses[robot] = [rounded(value, 2) for value in pose]  # a robot at rest is then reported once
+                poses[robot] = [json_number(value, 2) for value in pose]  # a robot at rest is then reported once
         self._view.put("robots", poses)
 
     def _show_health(self) -> None:

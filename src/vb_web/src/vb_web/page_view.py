@@ -16,7 +16,7 @@ from typing import Any, Callable, Dict, List, Optional, Tuple
 from vb_core.errors import CodedError
 
 
-def rounded(value: float, digits: int = 3) -> Optional[float]:
+def json_number(value: float, digits: int = 3) -> Optional[float]:
     """Rounds a number for JSON. Returns None if it is not finite."""
     return round(float(value), digits) if math.isfinite(value) else None
 

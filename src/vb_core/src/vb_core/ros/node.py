@@ -27,7 +27,7 @@ T = TypeVar("T")
 _failures: List[CodedError] = []
 
 
-def run(name: str, build: Callable[[], Any]) -> None:
+def run_node(name: str, build: Callable[[], Any]) -> None:
     """Runs a node until it is shut down; with --help prints its interface instead, without a ROS master.
 
     Args:
@@ -104,6 +104,16 @@ def wait_for_publishers(subscribers: Iterable[rospy.Subscriber], timeout: float)
         rospy.rostime.wallsleep(0.05)
 
 
+def wait_until(condition: Callable[[], bool], timeout: float, period: float = 0.05) -> bool:
+    """Waits until a condition holds. Returns False after `timeout` of wall time or at shutdown."""
+    deadline = time.monotonic() + timeout
+    while time.monotonic() < deadline and not rospy.is_shutdown():
+        if condition():
+            return True
+        time.sleep(period)
+    return condition()
+
+
 def has_exited(master: rosgraph.Master, name: str) -> bool:
     """Returns whether a registered node no longer answers at its address: the master lists killed nodes too.
 
@@ -130,7 +140,7 @@ def keep_private(*paths: Path) -> None:
 
 
 def shut_down_with_error(error: CodedError) -> None:
-    """Ends a running node that cannot do its work: logs a line, and `run` exits with status 1."""
+    """Ends a running node that cannot do its work: logs a line, and `run_node` exits with status 1."""
     rospy.logfatal("%s: %s", rospy.get_name(), error)
     _failures.append(error)
     rospy.signal_shutdown(error.code)

@@ -10,6 +10,8 @@ import argparse
 import contextlib
 import sys
 import time
+from dataclasses import dataclass
+from functools import partial
 from typing import Callable, Iterator, List, NamedTuple, Optional, Tuple
 
 import numpy as np
@@ -21,16 +23,17 @@ from std_srvs.srv import Empty, EmptyRequest
 from vb_core import geometry, names, sentences
 from vb_core.errors import CodedError
 from vb_core.navigation_parameters import is_trinary
-from vb_core.ros import messages
+from vb_core.ros import messages, node
 from vb_core.ros.services import INTEGRATOR, call
 from vb_core.ros.transforms import TransformLookup
-from vb_evaluation.navigation_check.plan_observer import Observer, wait_until
+from vb_evaluation.system_observer import SystemObserver
 from vb_msgs.msg import RobotStatus, RobotStatusArray, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
 
 WATCH_TIME = 2.0  # [s] for which plans are requested after the costmaps were cleared
 MAX_DRIFT = 0.05  # [m] by which the robot's pose may move while nothing but a border changes
 SOFT_OCCUPANCY = 0.75  # delta of the soft border
+AROUND, ACROSS, NO_PLAN = "around", "across", "no plan"  # courses of plans
 _SIGNS = {True: "[green]ok[/green]", False: "[red]NO[/red]", None: "[yellow]?[/yellow]"}
 
 
@@ -42,6 +45,22 @@ class Check(NamedTuple):
     result: str
 
 
+def find_course(plan: Callable[[], np.ndarray], middle: np.ndarray, half_size: float) -> str:
+    """Asks for a plan and returns whether it leads `AROUND` or `ACROSS` a border, or that there is `NO_PLAN`.
+
+    Args:
+        plan: returns a plan (N, 2) [m], empty if there is none.
+        middle: (2,) [m] middle of the border.
+        half_size: [m] from there, in x and in y, within which a plan crosses the border.
+    """
+    path = plan()
+    if not len(path):
+        return NO_PLAN
+    distances = np.abs(geometry.resample_chain(path, 0.01) - middle).max(axis=1)
+    return ACROSS if np.any(distances < half_size) else AROUND
+
+
+@dataclass(frozen=True)
 class NavigationCheck:
     """Runs the checks against map_integrator and move_base of a running system.
 
@@ -54,18 +73,12 @@ class NavigationCheck:
         timeout: [s] to wait for anything before giving up.
     """
 
-    def __init__(
-        self,
-        goal: Tuple[float, float],
-        size: float = 0.5,
-        move_base: str = "move_base",
-        base_frame: str = "base_link",
-        at_once: float = 1.0,
-        timeout: float = 10.0,
-    ) -> None:
-        self._goal = (*goal, 0.0)
-        self._move_base = "/" + move_base.strip("/")
-        self._size, self._base_frame, self._at_once, self._timeout = size, base_frame, at_once, timeout
+    goal: Tuple[float, float]
+    size: float = 0.5
+    move_base: str = "move_base"
+    base_frame: str = "base_link"
+    at_once: float = 1.0
+    timeout: float = 10.0
 
     def run(self) -> List[Check]:
         """Runs all checks, in order.
@@ -74,52 +87,54 @@ class NavigationCheck:
             CodedError: "no_map_with_borders", "no_transform", "no_planner", "no_path" or "path_too_short" if the checks
                 cannot be made; "refused" if the map integrator refuses the border.
         """
-        service = f"{self._move_base}/make_plan"
+        service = self._resource("make_plan")
         try:
             # a running move_base offers this service without delay
             rospy.wait_for_service(service, timeout=2.0)
         except rospy.ROSException:
             raise CodedError("no_planner", f"no node offers {service}: start move_base first") from None
-        observer, transforms = Observer(), TransformLookup()
-        if not wait_until(lambda: observer.posterior is not None, 10.0):
+        observer, transforms = SystemObserver(), TransformLookup()
+        if not node.wait_until(lambda: observer.posterior is not None, 10.0):
             raise CodedError("no_map_with_borders", topic=names.MAP_WITH_BORDERS)
+        start = self._robot_pose(transforms)
+        plan = partial(observer.plan, start, (*self.goal, 0.0), service)
+        middle = self._place_border(plan(), start)
+        # one cell less: a path may touch the border's edge
+        course = partial(find_course, plan, middle, 0.5 * self.size - observer.posterior.resolution)
+        checks = []
+        with self._border(middle, 1.0):
+            checks.append(self._soon("plans respect a new border at once", course, AROUND, self.at_once))
+            checks.append(self._check_cleared_costmaps(course))
+        checks.append(self._soon("the way is free again once the border is removed", course, ACROSS))
+        with self._border(middle, SOFT_OCCUPANCY):
+            checks.append(self._check_soft_border(course))
+        moved = float(np.hypot(*(np.array(self._robot_pose(transforms)) - start)[:2]))
+        return [*checks, Check("localisation does not jump", moved <= MAX_DRIFT, f"moved by {100 * moved:.1f} cm")]
 
-        def pose(frame: str) -> np.ndarray:
-            return transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0), timeout=5.0)
+    def _resource(self, name: str) -> str:
+        return f"/{self.move_base.strip('/')}/{name}"
 
-        start = geometry.pose2d_from_transform(pose(self._base_frame))
-        path = observer.plan(start, self._goal, service)
+    def _robot_pose(self, transforms: TransformLookup) -> geometry.Pose:
+        transform = transforms.lookup(names.MAP_FRAME, self.base_frame, rospy.Time(0), timeout=5.0)
+        return geometry.pose2d_from_transform(transform)
+
+    def _place_border(self, path: np.ndarray, start: geometry.Pose) -> np.ndarray:
+        """Returns the middle (2,) [m] of a path (N, 2) [m], if a border fits there between the robot and the goal."""
         if not len(path):
             raise CodedError("no_path", "move_base finds no path to the goal: choose another one with --goal")
         points = geometry.resample_chain(path, 0.02)
         middle = points[len(points) // 2]
         # the border must be clear of the robot and of the goal
-        if np.abs(np.array([start[:2], self._goal[:2]]) - middle).max(axis=1).min() < self._size:
-            reason = f"a border of {self._size:g} m does not fit on the path: choose a --goal farther away"
+        if np.abs(np.array([start[:2], self.goal]) - middle).max(axis=1).min() < self.size:
+            reason = f"a border of {self.size:g} m does not fit on the path: choose a --goal farther away"
             raise CodedError("path_too_short", reason)
-        # one cell less: a path may touch the border's edge
-        half_size = 0.5 * self._size - observer.posterior.resolution
-
-        def plan_avoids_border() -> bool:
-            path = observer.plan(start, self._goal, service)
-            distances = np.abs(geometry.resample_chain(path, 0.01) - middle).max(axis=1) if len(path) else np.inf
-            return not np.any(distances < half_size)
-
-        checks = []
-        with self._border(middle, 1.0):
-            checks.append(self._soon("plans respect a new border at once", plan_avoids_border, self._at_once))
-            checks.append(self._check_cleared_costmaps(plan_avoids_border))
-        checks.append(self._soon("the way is free again once the border is removed", lambda: not plan_avoids_border()))
-        with self._border(middle, SOFT_OCCUPANCY):
-            checks.append(self._check_soft_border(plan_avoids_border))
-        moved = float(np.hypot(*(np.array(geometry.pose2d_from_transform(pose(self._base_frame))) - start)[:2]))
-        return [*checks, Check("localisation does not jump", moved <= MAX_DRIFT, f"moved by {100 * moved:.1f} cm")]
+        return middle
 
     @contextlib.contextmanager
     def _border(self, middle: np.ndarray, occupancy: float) -> Iterator[None]:
         """Adds a square border round a point (2,) [m], and removes it at the end."""
         border = VirtualBorder(name="navigation check", kind=VirtualBorder.POLYGON, occupancy=occupancy, enabled=True)
-        corners = middle + 0.5 * self._size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        corners = middle + 0.5 * self.size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
         border.points = messages.points_from_array(corners)
         border.seed = messages.points_from_array(middle[None])[0]
         reply = call(names.ADD_BORDER, AddBorder, AddBorderRequest(border=border, source="check"), INTEGRATOR)
@@ -130,38 +145,42 @@ class NavigationCheck:
         finally:
             call(names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(id=reply.id), INTEGRATOR)
 
-    def _check_soft_border(self, plan_avoids_border: Callable[[], bool]) -> Check:
+    def _check_soft_border(self, course: Callable[[], str]) -> Check:
         """Checks a soft border, if move_base is configured to see one."""
         name = "a soft border is gone round where that is possible"
-        costmaps = [f"{self._move_base}/{name}" for name in ("global_costmap", "local_costmap")]
-        blind = [name for name in costmaps if is_trinary(rospy.get_param(name, None))]
+        costmaps = [self._resource(costmap) for costmap in ("global_costmap", "local_costmap")]
+        blind = [costmap for costmap in costmaps if is_trinary(rospy.get_param(costmap, None))]
         if blind:
             return Check(name, None, sentences.translate("soft_border_ignored", {"costmaps": ", ".join(blind)}))
-        return self._soon(name, plan_avoids_border)
+        return self._soon(name, course, AROUND)
 
-    def _check_cleared_costmaps(self, plan_avoids_border: Callable[[], bool]) -> Check:
+    def _check_cleared_costmaps(self, course: Callable[[], str]) -> Check:
         """Checks that plans still go round the border soon after the costmaps were cleared, and keep doing so."""
         name = "a border survives clear_costmaps"
         try:
-            call(f"{self._move_base}/clear_costmaps", Empty, EmptyRequest(), "move_base")
+            call(self._resource("clear_costmaps"), Empty, EmptyRequest(), "move_base")
         except CodedError as error:
             return Check(name, None, str(error))
         # the costmap is empty until its next cycle; what counts is that the border returns on its own
-        check = self._soon(name, plan_avoids_border, self._at_once)
+        check = self._soon(name, course, AROUND, self.at_once)
         if not check.passed:
             return check
-        plans = []
+        courses = []
         end = time.monotonic() + WATCH_TIME
         while time.monotonic() < end:
-            plans.append(plan_avoids_border())
-        result = f"back {check.result}; {plans.count(False)} of {len(plans)} plans after that cross it"
-        return Check(name, all(plans), result)
+            courses.append(course())
+        crossing, missing = courses.count(ACROSS), courses.count(NO_PLAN)
+        result = f"back {check.result}; of {len(courses)} plans after that {crossing} cross it, {missing} are missing"
+        is_unknown = missing > 0 and crossing == 0
+        return Check(name, None if is_unknown else crossing == 0, result)
 
-    def _soon(self, name: str, condition: Callable[[], bool], limit: float = float("inf")) -> Check:
-        """Checks that a condition comes to hold within a limit [s] of wall time."""
+    def _soon(self, name: str, course: Callable[[], str], expected: str, limit: float = float("inf")) -> Check:
+        """Checks that plans come to take a course within a limit [s] of wall time."""
         start = time.monotonic()
-        if not wait_until(condition, self._timeout, 0.02):
-            return Check(name, False, f"not within {self._timeout:g} s")
+        if not node.wait_until(lambda: course() == expected, self.timeout, 0.02):
+            if expected == AROUND and course() == NO_PLAN:  # the border may close the only way
+                return Check(name, None, "move_base finds no plan: choose a --goal with another way round")
+            return Check(name, False, f"not within {self.timeout:g} s")
         seconds = time.monotonic() - start
         is_in_time = seconds <= limit
         excess = "" if is_in_time else f", {limit:g} s are allowed"

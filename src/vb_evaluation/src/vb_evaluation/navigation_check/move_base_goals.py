@@ -15,7 +15,7 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 from vb_core import names
 from vb_core.geometry import Pose
 from vb_core.ros.messages import message_from_pose2d
-from vb_evaluation.navigation_check.plan_observer import wait_until
+from vb_core.ros.node import wait_until
 from vb_msgs.msg import LabState
 
 GOAL_RADIUS = 0.5  # [m] above navigation's tolerance and localisation error (0.1 each), below a false report's (metres)

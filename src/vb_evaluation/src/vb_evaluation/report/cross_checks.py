@@ -93,6 +93,7 @@ def worlds_table(study: StudyResults) -> Table:
 def _conclusions(study: StudyResults) -> List[Dict[str, Any]]:
     """Computes the share of worlds in which each conclusion holds: of all, and of those with no camera too bright."""
     method, baseline = study.comparison
+    titles = [paper_results.method_title(key).lower() for key in study.comparison]
     ours = select(study.worlds, method=method)
     worlds = ours.merge(select(study.worlds, method=baseline), on=["draw", "scenario"], suffixes=("", "_base"))
     is_faster = worlds.time_total_s < worlds.time_total_s_base
@@ -110,11 +111,8 @@ def _conclusions(study: StudyResults) -> List[Dict[str, Any]]:
         "at least 1.5 times as fast (both completed)": (is_much_faster, are_timed),
         f"mean boundary error at most {TOLERATED_CM} cm larger": (is_as_exact, are_measured),
         "completed wherever robot only was": (is_completed, is_completed_base),
-        f"completed: {paper_results.method_title(method).lower()}": (is_completed, worlds.completed.notna()),
-        f"completed: {paper_results.method_title(baseline).lower()}": (
-            is_completed_base,
-            worlds.completed_base.notna(),
-        ),
+        f"completed: {titles[0]}": (is_completed, worlds.completed.notna()),
+        f"completed: {titles[1]}": (is_completed_base, worlds.completed_base.notna()),
     }
     rows = []
     for claim, (holds, is_about) in claims.items():

@@ -12,19 +12,13 @@ from vb_evaluation.report.study_files import pairs, select
 from vb_evaluation.statistics import CONFIDENCE, Interval
 
 
-def paired_shift(differences: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
-    """Computes the Hodges-Lehmann difference, without an interval where there are too few pairs for one of 90 %."""
-    interval = statistics.hodges_lehmann(differences, confidence)
-    return interval if interval.confidence >= 0.89 else Interval(interval.estimate)
-
-
 def speed_up(runs: pandas.DataFrame, methods: Tuple[str, str]) -> Interval:
     """Computes how many times as fast the first method is: the second's mean time over its own."""
     first, second = pairs(runs, "time_total_s", methods)
     return statistics.ratio_of_means(second, first)
 
 
-def completed_more(runs: pandas.DataFrame, methods: Tuple[str, str], confidence: float = CONFIDENCE) -> Interval:
+def completion_difference(runs: pandas.DataFrame, methods: Tuple[str, str], confidence: float = CONFIDENCE) -> Interval:
     """Computes by how much the first method's share of completed runs is larger [percentage points]."""
     first = select(runs, method=methods[0]).completed.dropna()
     second = select(runs, method=methods[1]).completed.dropna()

@@ -12,7 +12,7 @@ from typing import Any, Dict, List, Mapping
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_evaluation import statistics
-from vb_evaluation.report import effect_sizes, paper_results
+from vb_evaluation.report import paper_results
 from vb_evaluation.report.html_page import report_tables
 from vb_evaluation.report.paper_results import METHODS
 from vb_evaluation.report.study_files import StudyResults, read_study, select
@@ -81,7 +81,7 @@ def _counts(rows: List[Dict[str, Any]]) -> str:
 def _effect(study: StudyResults, scenario: str) -> str:
     """Tells whether the paper's effect on accuracy was found again: our interval has it, and not 0."""
     effect = EFFECTS[scenario]
-    here = effect_sizes.paired_shift(study.differences(study.runs, "jaccard")[scenario])
+    here = statistics.hodges_lehmann(study.differences(study.runs, "jaccard")[scenario])
     has_effect = here.low <= effect <= here.high
     has_zero = here.low <= 0.0 <= here.high
     found = "found" if has_effect and not has_zero else "not found"

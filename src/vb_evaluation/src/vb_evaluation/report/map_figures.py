@@ -34,7 +34,7 @@ def write_truths(folder: Path, physical: GridMap, truths: Mapping[str, np.ndarra
         write_map(maps / f"truth_{scenario}", physical.with_data(np.where(truth, np.int8(100), physical.data)))
 
 
-def draw_map(
+def plot_map(
     prior: GridMap, truth: np.ndarray, drawn: Optional[np.ndarray] = None, start: Optional[Sequence[float]] = None
 ) -> bytes:
     """Draws a ground truth, or what a person restricted against it, as a PNG.
@@ -91,7 +91,7 @@ def _representatives(study: StudyResults, scenario: str, prior: GridMap) -> Dict
     row = {"Scenario": study.scenario_title(scenario)}
     try:
         truth = metrics.restricted_cells(prior, read_map(study.folder / "maps" / f"truth_{scenario}.yaml"))
-        row["Ground truth"] = _image(draw_map(prior, truth, start=study.meta.get("robot_start")), "as asked for")
+        row["Ground truth"] = _image(plot_map(prior, truth, start=study.meta.get("robot_start")), "as asked for")
         for method in study.methods:
             run = nearest_to_median(study, scenario, method)
             if run is None:
@@ -99,7 +99,7 @@ def _representatives(study: StudyResults, scenario: str, prior: GridMap) -> Dict
                 continue
             drawn = metrics.restricted_cells(prior, read_map(study.folder / run["map"]))
             caption = f"Jaccard {metrics.jaccard(truth, drawn):.3f}, line {run.name}"
-            row[method_title(method)] = _image(draw_map(prior, truth, drawn), caption)
+            row[method_title(method)] = _image(plot_map(prior, truth, drawn), caption)
     except CodedError as error:
         row["Missing"] = error.message
     return row

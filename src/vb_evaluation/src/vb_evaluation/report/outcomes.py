@@ -66,9 +66,9 @@ def _effects(study: StudyResults, runs: pandas.DataFrame) -> List[Dict[str, Any]
         row["Pairs"] = len(differences["time_total_s"][scenario])
         row["Pairs, accuracy"] = len(differences["error_mean_cm"][scenario])
         for column, measure in COMPARED.items():
-            row[measure.title] = effect_sizes.paired_shift(differences[column][scenario])
+            row[measure.title] = statistics.hodges_lehmann(differences[column][scenario])
         row["Speed-up"] = effect_sizes.speed_up(scenario_runs, study.comparison)
-        row[COMPLETED.title] = effect_sizes.completed_more(scenario_runs, study.comparison)
+        row[COMPLETED.title] = effect_sizes.completion_difference(scenario_runs, study.comparison)
         rows.append(row)
     return rows
 
@@ -81,10 +81,10 @@ def noninferiority_table(study: StudyResults) -> Table:
         gains = {key: measure.sign * values for key, values in study.differences(study.runs, column).items()}
         corrected = statistics.holm([statistics.noninferiority_p(gain, measure.margin) for gain in gains.values()])
         for (scenario, gain), p in zip(gains.items(), corrected):
-            reading = _compare_with_margin(effect_sizes.paired_shift(gain, 0.9), measure)
+            reading = _compare_with_margin(statistics.hodges_lehmann(gain, 0.9), measure)
             test = {"p (Holm)": statistics.format_p(p)} if study.has_people else {}
             rows.append({"Scenario": study.scenario_title(scenario), **reading, "Pairs": len(gain), **test})
-    completed = effect_sizes.completed_more(study.runs, study.comparison, 0.9)
+    completed = effect_sizes.completion_difference(study.runs, study.comparison, 0.9)
     rows.append({"Scenario": "all", **_compare_with_margin(completed, COMPLETED)})
     text = (
         "Gains: positive is better. Not worse: the 90 % interval lies above minus the margin, which is a one-sided test at "
@@ -118,8 +118,8 @@ def tests_table(study: StudyResults) -> Table:
             rows.append({"Measure": measure.title, "Scenario": study.scenario_title(scenario), **test})
     text = (
         "Wilcoxon signed-rank test: Z as SPSS gives it (zero differences left out, ties corrected, no continuity "
-        "correction), exact p over all signs, r = |Z| / √(2 × pairs), Hodges-Lehmann difference. Accuracy: who completed "
-        "both. Holm: corrected over a measure's scenarios."
+        "correction), exact p over all signs, r = |Z| / √(2 × pairs), Hodges-Lehmann difference and 95 % "
+        "interval ([?]: too few pairs). Accuracy: who completed both. Holm: corrected over a measure's scenarios."
     )
     return Table("tests", "Tests", text, rows, {"Z": 3, "Difference": 3})
 
@@ -170,7 +170,7 @@ def accuracy_table(study: StudyResults) -> Table:
         row = study.titles(scenario, method)
         row["Median"] = statistics.median(indices)
         row["Smallest"] = indices.min()
-        row["Paper"], _ = paper_results.published(scenario, method)
+        row["Paper"], _ = paper_results.paper_figures(scenario, method)
         row["Runs"] = len(indices)
         rows.append(row)
     text = "Restricted cells against those that were asked for, over completed runs."
@@ -183,7 +183,7 @@ def completeness_table(study: StudyResults) -> Table:
     rows = []
     for scenario, method, runs in study.by_method():
         flags = runs.completed.dropna()
-        _, published = paper_results.published(scenario, method)
+        _, published = paper_results.paper_figures(scenario, method)
         row = study.titles(scenario, method)
         row["Completed"] = f"{int(flags.sum())} of {len(flags)}"
         row["Share [%]"] = statistics.percentage(flags)

@@ -37,7 +37,7 @@ METHOD_TITLES = {"nrs": "Network robot system", "robot_only": "Robot only"}
 METHODS = ("nrs", "robot_only")
 
 
-def published(scenario: str, method: str) -> Tuple[float, float]:
+def paper_figures(scenario: str, method: str) -> Tuple[float, float]:
     """Returns the paper's (Jaccard index, completeness) of a scenario with a method, or nan where it has none."""
     entry = PAPER.get(scenario)
     if entry is None or method not in entry.jaccard:

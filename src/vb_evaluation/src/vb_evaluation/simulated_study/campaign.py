@@ -125,10 +125,10 @@ def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> 
     """Carries out one run of the study that a document and the files named in it describe."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     try:
-        from vb_evaluation.simulated_study.live_run import run
+        from vb_evaluation.simulated_study.live_run import LiveRun
 
         study = study_from_mapping(document, sources)
-        ended = run(study.changed(job.changes) if job.changes else study, job)
+        ended = LiveRun(study.changed(job.changes) if job.changes else study, job).run()
         row = {**job.columns(study.design.seed), **measure_run(ended)}
         if job.file != RUNS:
             return Outcome(job, row)

@@ -83,7 +83,7 @@ class LiveRun:
         self.records: List[Dict[str, Any]] = []
 
     def run(self) -> LiveRun:
-        """Runs until the person is done, or time is up."""
+        """Runs until the person is done, or time is up. The result depends on study and job alone, not on earlier runs."""
         render_cache().enter(self._study.world, self._models)
         timing = self._study.timing
         scheduler = Scheduler(START_NS)
@@ -204,8 +204,3 @@ def personal_scenario(scenario: Scenario, traits: Traits, grid: GridMap, marks: 
 def render_cache() -> RenderCache:
     """Returns the rendered room, which all runs of this process share."""
     return RenderCache()
-
-
-def run(study: Study, job: Job) -> LiveRun:
-    """Carries out one run. The result depends on the arguments alone, not on earlier runs."""
-    return LiveRun(study, job).run()

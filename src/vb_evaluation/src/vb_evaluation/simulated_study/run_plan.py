@@ -1,6 +1,6 @@
 """Plans the runs of a study: main runs, and plausible worlds in which all assumptions vary at once.
 
-Use it to see what a study consists of before it is run. `live_run.run(study, job)` carries out one of the runs,
+Use it to see what a study consists of before it is run. `live_run.LiveRun(study, job).run()` carries out one of the runs,
 `make study` all.
 
 >>> from vb_evaluation.simulated_study import config
@@ -80,8 +80,8 @@ def draw_worlds(study: Study) -> List[Dict[str, float]]:
     return worlds
 
 
-def world_changes(study: Study, factors: Mapping[str, float]) -> Dict[str, Any]:
-    """Returns a world's changes, for `Study.changed`."""
+def scaled_values(study: Study, factors: Mapping[str, float]) -> Dict[str, Any]:
+    """Returns a world's assumptions, each times its factor, for `Study.changed`."""
     return {key: scale_value(_get(study, key), factor) for key, factor in factors.items()}
 
 
@@ -166,7 +166,7 @@ def world_jobs(study: Study) -> List[Job]:
     """Lists a run of each method in each world, each world with a different person. Scenarios take turns."""
     scenarios = study.design.scenarios
     return [
-        Job(draw, scenarios[draw % len(scenarios)], method, draw, world_changes(study, factors))
+        Job(draw, scenarios[draw % len(scenarios)], method, draw, scaled_values(study, factors))
         for draw, factors in enumerate(draw_worlds(study), 1)
         for method in study.design.methods
     ]

@@ -13,7 +13,7 @@ from typing import Dict
 from vb_core.errors import CodedError
 from vb_core.map_files import read_map
 from vb_evaluation.metrics import restricted_cells
-from vb_evaluation.report.map_figures import draw_map
+from vb_evaluation.report.map_figures import plot_map
 from vb_evaluation.report.study_files import RUNS, read_sheet, write_table, yes_or_no
 
 FOLDER, SHEET, KEY = "judging", "judgements.csv", "judging_key.csv"
@@ -35,7 +35,7 @@ def write_judging_sheet(study: Path, results: Path) -> Path:
     for row in rows.to_dict("records"):
         map_files = (f"maps/truth_{row['scenario']}.yaml", row["map"])
         areas = [restricted_cells(physical, read_map(results / name)) for name in map_files]
-        pictures.append(draw_map(physical, *areas))
+        pictures.append(plot_map(physical, *areas))
     try:
         (study / FOLDER).mkdir()
         for code, picture in zip(codes, pictures):

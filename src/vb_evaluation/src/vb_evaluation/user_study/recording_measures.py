@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Set, Tuple
 
 import cv2
 import numpy as np
@@ -26,6 +26,7 @@ SEED_REACH = 0.2  # [m] from a seed to the free floor that it means
 MIN_COLOR = 40  # [grey levels] between the largest and the smallest channel; less is grey
 _EXTRAS = "order as_planned revision map outcome saved seed_is_right helped problems recording interaction note".split()
 COLUMNS = (*REQUIRED, *metrics.ERRORS, *_EXTRAS)
+_UNMEASURED = {"bad_recording": "unreadable", "other_map": "other_map"}  # outcome of a run, by the error's code
 
 
 def measure_study(protocol_file: Path, ground_truths: Path, out: Path, physical: Optional[GridMap] = None) -> List[str]:
@@ -40,7 +41,8 @@ def measure_study(protocol_file: Path, ground_truths: Path, out: Path, physical:
         Sentences about what looks wrong.
 
     Raises:
-        CodedError: what is wrong with protocol, recordings or ground truths.
+        CodedError: what is wrong with protocol, recordings or ground truths; "other_map" if the physical map is that of
+            no saved border. Then earlier results stay.
     """
     entries = protocol.read_protocol(protocol_file)
     if not entries:
@@ -51,8 +53,6 @@ def measure_study(protocol_file: Path, ground_truths: Path, out: Path, physical:
     physical = physical or _physical(folders)
     scenarios = list(dict.fromkeys(entry.scenario for entry in entries))
     truths = {scenario: read_ground_truth(ground_truths / f"{scenario}.png", physical) for scenario in scenarios}
-    _delete_maps(out)
-    write_truths(out, physical, truths)
     judged = blind_judging.read_judgements(protocol_file.parent)
     rows, notes = [], []
     for entry, folder in zip(entries, folders):
@@ -61,12 +61,16 @@ def measure_study(protocol_file: Path, ground_truths: Path, out: Path, physical:
         try:
             row, warnings = _measured_row(entry, noted, Recording(folder), physical, truth, out / "maps")
         except CodedError as error:
-            if error.code != "bad_recording":
+            if error.code not in _UNMEASURED:
                 raise
-            row = _empty_row(entry, "unreadable")
+            row = _empty_row(entry, _UNMEASURED[error.code])
             warnings = [f"{_describe(entry)}: counts for nothing: {error.message}"]
         rows.append(row)
         notes += warnings
+    if "other_map" in {row["outcome"] for row in rows} and not any(row["saved"] for row in rows):
+        raise CodedError("other_map", "all saved borders are on another map: name that one with --map")
+    _delete_maps(out, {row.get("map") for row in rows})
+    write_truths(out, physical, truths)
     write_table(out / RUNS, COLUMNS, rows)
     write_table(out / WARNINGS, ["warning"], [{"warning": note} for note in notes])
     for name in QUESTIONNAIRE_FILES:
@@ -77,10 +81,10 @@ def measure_study(protocol_file: Path, ground_truths: Path, out: Path, physical:
     return notes
 
 
-def _delete_maps(out: Path) -> None:
-    """Deletes the maps of earlier measures: that of a run deleted at its participant's request must not stay."""
+def _delete_maps(out: Path, kept: Set[Optional[str]]) -> None:
+    """Deletes the other maps of earlier measures: that of a run deleted at its participant's request must not stay."""
     names = read_sheet(out / RUNS, ("map",))["map"] if (out / RUNS).exists() else []
-    for name in filter(None, names):
+    for name in set(filter(None, names)) - kept:
         for suffix in (".yaml", ".pgm"):
             (out / name).with_suffix(suffix).unlink(missing_ok=True)
 
@@ -152,6 +156,7 @@ def classify_outcome(is_as_planned: bool, is_saved: bool, seed_is_right: bool, j
     """Returns the outcome of a run, from which every table is made.
 
     unreadable      its recording is damaged or incomplete, which is the system's failure too (not returned here)
+    other_map       its border is on another map than the physical one, so it cannot be measured (not returned here)
     not_started     no interaction was begun, which is the system's failure and nobody's result (not returned here)
     not_as_planned  in another condition than planned, and left out
     completed       saved, with the seed in the ground truth, and not judged to have failed
@@ -203,8 +208,7 @@ def _measured_row(
     if result is not None:
         posterior, seed = result
         if not posterior.same_geometry(physical):
-            difference = "its map differs from the physical map in size, resolution or origin"
-            raise CodedError("bad_recording", f"{run}: {difference}")
+            raise CodedError("other_map", "its map differs from the physical map in size, resolution or origin")
         name = "_".join((entry.participant, entry.scenario, entry.method)).replace("/", "-")
         write_map(maps / name, posterior)
         row.update(metrics.accuracy(physical, truth, metrics.restricted_cells(physical, posterior)))

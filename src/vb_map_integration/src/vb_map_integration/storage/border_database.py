@@ -1,4 +1,4 @@
-"""The borders of all maps, with their history and their maps; `DurableValues` keeps them on disk.
+"""The borders of all maps, with their history and their maps, in a store of `DurableValues`.
 
 Keys: maps/FINGERPRINT, names/PLACE, borders/PLACE/ID, changes/NUMBER (history), requests/ID; `_PLACE`, `_NEXT`.
 """
@@ -9,7 +9,6 @@ import base64
 import functools
 import hashlib
 import itertools
-import json
 import zlib
 from dataclasses import dataclass, field
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
@@ -76,15 +75,22 @@ def fingerprint(grid: GridMap) -> str:
     return digest.hexdigest()
 
 
-class Database(DurableValues):
-    """Borders by place, with their history; each method makes its changes completely or not at all."""
+class Database:
+    """Borders by place, with their history, in a store of its own; each method makes its changes completely or not at all."""
+
+    def __init__(self, store: DurableValues) -> None:
+        self._store = store
+        self._borders: Dict[int, Dict[str, VirtualBorder]] = {}  # by place and id
+        for name, feature in store.values_of_kind("borders").items():
+            place, border_id = name.split("/")
+            self._borders.setdefault(int(place), {})[border_id] = border_from_feature(feature)
 
     # ------------------------------------------------------------- maps
     def maps(self) -> Dict[str, StoredMap]:
         """Returns all maps by fingerprint, the oldest first."""
         return {
             key: StoredMap(values["id"], values["place"], key, Transform(*values["transform"]), values)
-            for key, values in self.values_of_kind("maps").items()
+            for key, values in self._store.values_of_kind("maps").items()
         }
 
     def maps_of(self, place: int) -> Dict[str, StoredMap]:
@@ -112,27 +118,28 @@ class Database(DurableValues):
         changes[_PLACE] = place
         if name:
             changes.update(self._name_changes(place, name))
-        self.write(changes)
+        self._store.write(changes)
         return place
 
     def place_name(self, place: int) -> str:
         """Returns a place's name; "" if it has none."""
-        return str(self.get(f"names/{place}", ""))
+        return str(self._store.get(f"names/{place}", ""))
 
     def find_place(self, name: str) -> int:
         """Returns the place that has a name and borders; 0 if there is none."""
-        places = (int(place) for place, other in self.values_of_kind("names").items() if name == other)
+        places = (int(place) for place, other in self._store.values_of_kind("names").items() if name == other)
         return next(filter(self.borders, places), 0)
 
     def rename_place(self, place: int, name: str) -> None:
         """Names a place; raises CodedError "name_taken" or "bad_name"."""
         if self.place_name(place) != name:
             self.check_name(name, place)
-            self.write(self._name_changes(place, name))
+            self._store.write(self._name_changes(place, name))
 
     def _name_changes(self, place: int, name: str) -> Dict[str, Any]:
         """Returns the changes that name a place; a place without borders that has the name loses it."""
-        others = {f"names/{other}": None for other, taken in self.values_of_kind("names").items() if taken == name}
+        names = self._store.values_of_kind("names")
+        others = {f"names/{other}": None for other, taken in names.items() if taken == name}
         return {**others, f"names/{place}": name or None}
 
     def check_name(self, name: str, place: int = 0) -> None:
@@ -145,25 +152,24 @@ class Database(DurableValues):
     @property
     def last_place(self) -> int:
         """The last place in force; 0 if there was none yet."""
-        return int(self.get(_PLACE, 0))
+        return int(self._store.get(_PLACE, 0))
 
     def remember_place(self, place: int) -> None:
         """Records the last place in force."""
         if self.last_place != place:
-            self.write({_PLACE: place})
+            self._store.write({_PLACE: place})
 
     # ------------------------------------------------------------- borders
     def borders(self, place: int) -> Tuple[VirtualBorder, ...]:
-        """Returns the borders of a place in its frame, the oldest first."""
-        ids = sorted(self.names_of_kind(f"borders/{place}"), key=lambda border_id: int(border_id[1:]))
-        return tuple(_read_border(self._values[f"borders/{place}/{border_id}"]) for border_id in ids)
+        """Returns the borders of a place in its frame, the oldest first; an unchanged border stays the same object."""
+        borders = self._borders.get(place, {})
+        return tuple(borders[border_id] for border_id in sorted(borders, key=lambda border_id: int(border_id[1:])))
 
     def find_border(self, border_id: str) -> Tuple[int, VirtualBorder]:
         """Finds a border of any place by its id, and returns its place with it; raises CodedError "unknown_border"."""
-        for name in self.names_of_kind("borders"):
-            place, key = name.split("/")
-            if key == border_id:
-                return int(place), _read_border(self._values[f"borders/{name}"])
+        for place, borders in self._borders.items():
+            if border_id in borders:
+                return place, borders[border_id]
         raise CodedError("unknown_border", id=border_id)
 
     def new_border(self, border: VirtualBorder, now: float, place: int, map_id: str) -> VirtualBorder:
@@ -178,10 +184,10 @@ class Database(DurableValues):
         kind = "wall" if border.is_wall else "border"
         numbered = (f"{kind} {number}" for number in itertools.count(1))
         name = border.name or next(name for name in numbered if name not in taken)
-        return border.replace(id=f"b{self.get(_NEXT, 1)}", name=name, created=now, modified=now, map_id=map_id)
+        return border.replace(id=f"b{self._store.get(_NEXT, 1)}", name=name, created=now, modified=now, map_id=map_id)
 
-    def commit(self, place: int, change: Change, kind: str = "new", request_id: str = "") -> None:
-        """Makes a change of borders of one place.
+    def commit(self, place: int, change: Change, kind: str = "new", request_id: str = "") -> Tuple[VirtualBorder, ...]:
+        """Makes a change of borders of one place; returns the place's borders, as `borders` does.
 
         Args:
             kind: "new" (undone changes are dropped), "undo" or "redo".
@@ -200,17 +206,21 @@ class Database(DurableValues):
             changes[f"borders/{place}/{border_id}"] = after
         if request_id:
             changes[f"requests/{request_id}"] = change[0].id
-            changes.update({f"requests/{old}": None for old in self.names_of_kind("requests")[:-MAX_REQUESTS]})
+            earlier = list(self._store.values_of_kind("requests"))
+            changes.update({f"requests/{old}": None for old in earlier[:-MAX_REQUESTS]})
         next_number = max(int(entry.id[1:]) + 1 for entry in change)
-        changes[_NEXT] = max(next_number, self.get(_NEXT, 1))
-        self.write(changes)
+        changes[_NEXT] = max(next_number, self._store.get(_NEXT, 1))
+        self._store.write(changes)
+        borders = {**self._borders.get(place, {}), **{entry.id: entry.after for entry in change}}
+        self._borders[place] = {border_id: border for border_id, border in borders.items() if border is not None}
+        return self.borders(place)
 
     def _history(self, place: int, entries: List[List[Any]], kind: str) -> Dict[str, Any]:
         """Returns the values that record a change, so that it can be undone or redone."""
         if kind in ("undo", "redo"):
             key = self._newest_key(place, kind)
-            return {key: {**self.get(key), "undone": kind == "undo"}}
-        records = self.values_of_kind("changes")
+            return {key: {**self._store.get(key), "undone": kind == "undo"}}
+        records = self._store.values_of_kind("changes")
         dropped = [number for number, record in records.items() if record["place"] == place and record["undone"]]
         dropped += list(records)[: 1 - MAX_CHANGES]
         changes: Dict[str, Any] = {f"changes/{number}": None for number in dropped}
@@ -221,7 +231,7 @@ class Database(DurableValues):
     def _numbers(self, place: int, kind: str) -> List[int]:
         """Lists the numbers of a place's changes that can be undone ("undo") or repeated ("redo")."""
         is_undone = kind == "redo"
-        records = self.values_of_kind("changes").items()
+        records = self._store.values_of_kind("changes").items()
         return [int(key) for key, record in records if record["place"] == place and record["undone"] == is_undone]
 
     def available_commands(self, place: int) -> List[str]:
@@ -242,7 +252,7 @@ class Database(DurableValues):
             CodedError: "nothing_to_undo", "nothing_to_redo".
         """
         change = []
-        for border_id, before, after in self.get(self._newest_key(place, kind))["entries"]:
+        for border_id, before, after in self._store.get(self._newest_key(place, kind))["entries"]:
             border_before = before and border_from_feature(before)
             border_after = after and border_from_feature(after)
             change.append(BorderChange(border_id, border_before, border_after))
@@ -252,9 +262,4 @@ class Database(DurableValues):
 
     def find_border_of_request(self, request_id: str) -> str:
         """Returns the id of the border that an earlier request changed; "" if the request is new."""
-        return str(self.get(f"requests/{request_id}", "")) if request_id else ""
-
-
-@functools.lru_cache(maxsize=10_000)  # an unchanged border stays the same object
-def _read_border(text: str) -> VirtualBorder:
-    return border_from_feature(json.loads(text))
+        return str(self._store.get(f"requests/{request_id}", "")) if request_id else ""

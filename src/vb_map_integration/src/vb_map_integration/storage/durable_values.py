@@ -22,6 +22,7 @@ import hashlib
 import json
 import os
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional
 
@@ -35,15 +36,26 @@ MAX_COPIES = 14  # days
 LOCK_TIMEOUT = 5.0  # [s] how long a new process waits for the previous one to end
 
 
+@dataclass(frozen=True)
+class _Value:
+    """A value and its JSON; each is computed only once, as each change writes all values."""
+
+    json: str
+
+    @functools.cached_property
+    def parsed(self) -> Any:
+        return json.loads(self.json)
+
+
 class _Content(NamedTuple):
-    """The content of an undamaged file: the revision, and the values as JSON by their keys."""
+    """The content of an undamaged file: the revision, and the values by their keys."""
 
     revision: int
-    values: Dict[str, str]
+    values: Dict[str, _Value]
 
 
 class DurableValues:
-    """JSON values by keys "kind/name", in the order in which the keys were added; not to be changed in place.
+    """Values that JSON can hold, by keys "kind/name" in the order in which these were added; not to be changed in place.
 
     Args:
         folder: the files' folder; None keeps everything in memory.
@@ -61,7 +73,7 @@ class DurableValues:
         self.revision = 0
         self.notices: List[Notice] = []
         self._folder, self._today = folder, today
-        self._values: Dict[str, str] = {}
+        self._values: Dict[str, _Value] = {}
         self._lock: Optional[int] = None
         if folder is None:
             return
@@ -83,15 +95,12 @@ class DurableValues:
 
     def get(self, key: str, default: Any = None) -> Any:
         """Returns the value of a key, or the default."""
-        return _parse(self._values[key]) if key in self._values else default
-
-    def names_of_kind(self, kind: str) -> List[str]:
-        """Lists the names of one kind, the oldest first."""
-        return [key[len(kind) + 1 :] for key in self._values if key.startswith(f"{kind}/")]
+        return self._values[key].parsed if key in self._values else default
 
     def values_of_kind(self, kind: str) -> Dict[str, Any]:
-        """Returns the values of one kind by their names."""
-        return {name: self.get(f"{kind}/{name}") for name in self.names_of_kind(kind)}
+        """Returns the values of one kind by their names, the oldest first."""
+        start = f"{kind}/"
+        return {key[len(start) :]: value.parsed for key, value in self._values.items() if key.startswith(start)}
 
     def write(self, changes: Mapping[str, Any]) -> None:
         """Sets values, all or none of them; None removes a value.
@@ -104,7 +113,7 @@ class DurableValues:
             if value is None:
                 values.pop(key, None)
             else:
-                values[key] = json.dumps(value, separators=(",", ":"))
+                values[key] = _Value(json.dumps(value, separators=(",", ":")))
         content = _Content(self.revision + 1, values)
         if self._folder is not None:
             try:
@@ -166,7 +175,7 @@ class DurableValues:
 
     def _write_files(self, folder: Path, content: _Content) -> None:
         lines = [json.dumps([FORMAT, content.revision])]
-        lines += [f"{json.dumps(key)}\t{value}" for key, value in content.values.items()]
+        lines += [f"{json.dumps(key)}\t{value.json}" for key, value in content.values.items()]
         rest = "\n".join([*lines, ""]).encode()
         whole = _checksum(rest) + b"\n" + rest
         copy = self._copy_path(folder)
@@ -220,7 +229,7 @@ def _read(path: Path) -> Optional[_Content]:
     if version != FORMAT:
         raise CodedError("database_newer", what=str(path))
     pairs = (line.split("\t", 1) for line in lines)
-    return _Content(revision, {json.loads(key): value for key, value in pairs})
+    return _Content(revision, {json.loads(key): _Value(value) for key, value in pairs})
 
 
 def _read_or_none(path: Path) -> Optional[_Content]:
@@ -228,11 +237,6 @@ def _read_or_none(path: Path) -> Optional[_Content]:
         return _read(path)
     except OSError:
         return None
-
-
-@functools.lru_cache(maxsize=500)  # for all values but borders, which have their own cache
-def _parse(value: str) -> Any:
-    return json.loads(value)
 
 
 def _checksum(content: bytes) -> bytes:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import time
-from typing import Callable, Dict, List, Optional, Tuple
+from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -19,7 +18,7 @@ from vb_core.ros.messages import NumpyOccupancyGrid, array_from_points, grid_fro
 from vb_msgs.msg import BorderProgress, DetectorStatus, InteractionState, LabState, VirtualBorder, VirtualBorderArray
 
 
-class Observer:
+class SystemObserver:
     """Subscribes to the topics on which the stack reports its state. Each attribute is the newest value, or None.
 
     Must be created after `rospy.init_node`. It sends the system nothing but `plan`'s requests to move_base.
@@ -37,13 +36,13 @@ class Observer:
         self.outcome: Optional[dict] = None
         self._subscribers = [
             rospy.Subscriber(names.STATE, InteractionState, self._on_state),
-            rospy.Subscriber(names.PROGRESS, BorderProgress, lambda m: setattr(self, "progress", m)),
-            rospy.Subscriber(names.BORDERS, VirtualBorderArray, lambda m: setattr(self, "borders", m.borders)),
-            rospy.Subscriber(names.PHYSICAL_MAP, NumpyOccupancyGrid, lambda m: self._on_map("prior", m)),
-            rospy.Subscriber(names.MAP_WITH_BORDERS, NumpyOccupancyGrid, lambda m: self._on_map("posterior", m)),
-            rospy.Subscriber(names.LAB_STATE, LabState, lambda m: setattr(self, "lab", m), queue_size=1),
-            rospy.Subscriber(names.DETECTORS, DetectorStatus, lambda m: self.detectors.update({m.camera: m})),
-            rospy.Subscriber("/sim/participant_done", String, lambda m: setattr(self, "outcome", json.loads(m.data))),
+            rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress),
+            rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders),
+            rospy.Subscriber(names.PHYSICAL_MAP, NumpyOccupancyGrid, self._on_prior),
+            rospy.Subscriber(names.MAP_WITH_BORDERS, NumpyOccupancyGrid, self._on_posterior),
+            rospy.Subscriber(names.LAB_STATE, LabState, self._on_lab, queue_size=1),
+            rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_detector),
+            rospy.Subscriber("/sim/participant_done", String, self._on_outcome),
         ]
 
     def _on_state(self, message: InteractionState) -> None:
@@ -51,11 +50,26 @@ class Observer:
         if message.last_outcome == "saved" and self.lab_at_save is None:
             self.lab_at_save = self.lab
 
-    def _on_map(self, which: str, message) -> None:
-        try:
-            setattr(self, which, grid_from_message(message))
-        except CodedError as error:
-            rospy.logwarn("%s: %s", which, error)
+    def _on_progress(self, message: BorderProgress) -> None:
+        self.progress = message
+
+    def _on_borders(self, message: VirtualBorderArray) -> None:
+        self.borders = message.borders
+
+    def _on_prior(self, message: NumpyOccupancyGrid) -> None:
+        self.prior = grid_from_message(message)
+
+    def _on_posterior(self, message: NumpyOccupancyGrid) -> None:
+        self.posterior = grid_from_message(message)
+
+    def _on_lab(self, message: LabState) -> None:
+        self.lab = message
+
+    def _on_detector(self, message: DetectorStatus) -> None:
+        self.detectors[message.camera] = message
+
+    def _on_outcome(self, message: String) -> None:
+        self.outcome = json.loads(message.data)
 
     def plan(self, start: Tuple[float, float, float], goal: Tuple[float, float, float], service: str) -> np.ndarray:
         """Asks move_base for a plan between two poses [m, m, rad]. Returns (N, 2) [m], empty if there is none.
@@ -71,13 +85,3 @@ class Observer:
         except (rospy.ROSException, rospy.ServiceException) as error:
             raise CodedError("no_planner", f"{service} does not answer: {error}") from None
         return array_from_points([pose.pose.position for pose in reply.plan.poses])
-
-
-def wait_until(condition: Callable[[], bool], timeout: float, period: float = 0.05) -> bool:
-    """Waits until a condition holds. Returns False after `timeout` of wall time or at shutdown."""
-    deadline = time.monotonic() + timeout
-    while time.monotonic() < deadline and not rospy.is_shutdown():
-        if condition():
-            return True
-        time.sleep(period)
-    return condition()

@@ -1,12 +1,12 @@
 """The launch files as roslaunch reads them: nodes' machines, publishers of poses, parameters."""
 
-from pathlib import Path
-
 import pytest
 from roslaunch.config import ROSLaunchConfig
 from roslaunch.xmlloader import XmlLoader
 
-LAUNCH = Path(__file__).resolve().parents[3] / "launch"
+from vb_testing import TOP
+
+LAUNCH = TOP / "launch"
 
 
 def load(*arguments, file="parts/perception.launch"):
