@@ -34,6 +34,7 @@ def lab(monkeypatch):
     monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(10)))
     monkeypatch.setattr(robot_profile, "read", lambda name: PROFILE)
     dropped_codes, transforms = [], TransformLookup()
+    drive(transforms._buffer, "red", 2.0, 5.0, static=True)
     report = SimpleNamespace(count_dropped=dropped_codes.append)
     lens = Mock(model_for=Mock(side_effect=lambda size: CameraModel.ideal(*size, 500.0)))
     camera = CameraGeometry("red", False, transforms, lens, None, FloorProjection(), ["/", "/second"], report)
@@ -86,10 +87,9 @@ def test_a_robot_with_a_fixed_pose_is_never_out_of_date(lab):
 
 
 def test_lens_is_looked_up_twice_a_second_and_for_each_new_size(lab, monkeypatch):
-    red, buffer, _ = lab
+    red, *_ = lab
     clock = SimpleNamespace(monotonic=lambda: 100.0)
     monkeypatch.setattr(camera_geometry, "time", clock)
-    drive(buffer, "red", 2.0, 5.0, static=True)
     large, small = (640, 480), (320, 240)
     for seconds, size in ((0.0, large), (0.4, large), (0.4, small), (0.8, small), (0.91, small), (1.0, large)):
         clock.monotonic = lambda seconds=seconds: 100.0 + seconds
@@ -100,9 +100,8 @@ def test_lens_is_looked_up_twice_a_second_and_for_each_new_size(lab, monkeypatch
 
 @pytest.mark.parametrize("mobile", [False, True])
 def test_ceiling_cameras_that_share_a_frame_are_named(lab, mobile):
-    red, buffer, _ = lab
+    red, *_ = lab
     red._mobile = mobile
-    drive(buffer, "red", 2.0, 5.0, static=True)
     with contextlib.nullcontext() if mobile else refused("shared_frame") as raised:
         red.geometry_at("red", rospy.Time(5.0), (640, 480), {"green": "red"})
     assert mobile or raised.value.values["cameras"] == "green, red"
