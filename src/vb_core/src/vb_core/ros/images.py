@@ -57,7 +57,7 @@ def array_from_compressed_image(message: CompressedImage) -> np.ndarray:
 
 
 def decode(message: Union[Image, CompressedImage], reader: PixelReader) -> Picture:
-    """Decodes an image message to a picture. Raises CodedError "bad_image", or as `reader.read`, which knows the camera."""
+    """Decodes an image message to a picture by its camera's reader. Raises CodedError "bad_image", or as `PixelReader.read`."""
     if isinstance(message, Image):
         return reader.read(array_from_image(message), message.encoding)
     image = array_from_compressed_image(message)
