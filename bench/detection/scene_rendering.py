@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from types import SimpleNamespace
 from typing import Any, Callable, Iterator, Tuple
 
 import numpy as np
@@ -92,8 +91,9 @@ def frames(
     def floor_projection(version: Any) -> Any:
         return version.FloorProjection(version.ProjectionParams.from_mapping(config), floor)
 
-    def geometry(view: Any, snapshot: DisturbedSnapshot, lookups: Any, version: Any) -> Any:
-        return version.ImageGeometry(view.model, floor_projection(version), view.camera_pose(snapshot), lookups)
+    def geometry(view: Any, snapshot: DisturbedSnapshot, find_depth: Any, version: Any) -> Any:
+        pose = view.camera_pose(snapshot)
+        return version.ImageGeometry(view.model, floor_projection(version), lambda: pose, find_depth)
 
     views = [rooms.view(world, "" if scene.mobile else scene.camera) for world in scene.worlds]
     first = next(course(scene))[1]
@@ -111,9 +111,8 @@ def frames(
             places = [tuple(view.spot(snapshot).center)]
         seen, unclear = (places, []) if view.spot_share(snapshot) >= clear else ([], places)
         # depth is rendered with random noise, hence only if needed, and once for all versions
-        draw = lru_cache(maxsize=None)(lambda *image: (view.depth(snapshot), view.depth_model))
-        lookups = SimpleNamespace(depth_at=draw, robot_cylinders=lambda stamp: ()) if scene.mobile else None
-        frame_geometry = partial(geometry, view, snapshot, lookups)
+        draw = lru_cache(maxsize=None)(lambda: (view.depth(snapshot), view.depth_model))
+        frame_geometry = partial(geometry, view, snapshot, draw if scene.mobile else None)
         yield LabeledFrame(snapshot.stamp, image, seen, unclear, frame_geometry, encoding=view.encoding)
 
 

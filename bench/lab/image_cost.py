@@ -32,7 +32,7 @@ class Search:
 
     def look(self, jpeg: bytes, stamp: float) -> None:
         start = time.thread_time()
-        geometry = ImageGeometry(scene().model, self._floor_projection, scene().pose)
+        geometry = ImageGeometry(scene().model, self._floor_projection, lambda: scene().pose)
         self._detector.detect(self._decode(jpeg), stamp, geometry)
         self.times.append(1e3 * (time.thread_time() - start))
 

@@ -107,7 +107,7 @@ class ImageDetector(SpotDetector):
         return spots[len(self.earlier) :]
 
 
-def from_above(meters_per_pixel=0.004, floor=None):
-    """Returns the geometry of a camera that looks straight down on (0, 0), with a map of the floor or without."""
+def from_above(meters_per_pixel=0.004, floor=None, find_pose=None):
+    """Returns the geometry of a camera that looks straight down on (0, 0), or whose pose a function finds."""
     pose = geometry.make_transform(geometry.rotation_from_rpy(math.pi, 0.0, 0.0), (0.0, 0.0, 500.0 * meters_per_pixel))
-    return ImageGeometry(CameraModel.ideal(640, 480, 500.0), FloorProjection(floor=floor), pose)
+    return ImageGeometry(CameraModel.ideal(640, 480, 500.0), FloorProjection(floor=floor), find_pose or (lambda: pose))

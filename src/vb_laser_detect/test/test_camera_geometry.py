@@ -1,5 +1,6 @@
 """A camera's lens from camera_info, and the poses of camera and robots at an image's time, from tf2's real buffer."""
 
+import contextlib
 import math
 from types import SimpleNamespace
 from unittest.mock import Mock
@@ -25,7 +26,7 @@ PROFILE = RobotProfile(shape=RobotShape(radius=0.2, height=0.3), limits=Limits(m
 
 @pytest.fixture
 def lab(monkeypatch):
-    """Returns a camera's geometry, tf's buffer, and a list of the codes that the geometry counts as dropped."""
+    """Returns the geometry of a camera `red`, tf's buffer, and a list of the codes that the geometry counts as dropped."""
     monkeypatch.setattr(tf2_ros, "TransformListener", lambda buffer: None)
     monkeypatch.setattr(tf2_ros.Buffer, "__init__", tf2_ros.BufferCore.__init__)
     # a buffer that waits asks for the time, and no node provides it here
@@ -33,8 +34,10 @@ def lab(monkeypatch):
     monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(10)))
     monkeypatch.setattr(robot_profile, "read", lambda name: PROFILE)
     dropped_codes, transforms = [], TransformLookup()
+    drive(transforms._buffer, "red", 2.0, 5.0, static=True)
     report = SimpleNamespace(count_dropped=dropped_codes.append)
-    camera = CameraGeometry(False, transforms, None, None, FloorProjection(), ["/", "/second"], report)
+    lens = Mock(model_for=Mock(side_effect=lambda size: CameraModel.ideal(*size, 500.0)))
+    camera = CameraGeometry("red", False, transforms, lens, None, FloorProjection(), ["/", "/second"], report)
     return camera, transforms._buffer, dropped_codes
 
 
@@ -83,17 +86,24 @@ def test_a_robot_with_a_fixed_pose_is_never_out_of_date(lab):
 
 
 def test_lens_is_looked_up_twice_a_second_and_for_each_new_size(lab, monkeypatch):
-    lookups, clock = [], SimpleNamespace(monotonic=lambda: 100.0)
+    red, *_ = lab
+    clock = SimpleNamespace(monotonic=lambda: 100.0)
     monkeypatch.setattr(camera_geometry, "time", clock)
-    info = SimpleNamespace(model_for=lambda size: lookups.append(size) or CameraModel.ideal(*size, 500.0))
-    transforms = TransformLookup()
-    red = CameraGeometry(False, transforms, info, None, FloorProjection(), (), Mock())
-    drive(transforms._buffer, "red", 2.0, 5.0, static=True)
     large, small = (640, 480), (320, 240)
     for seconds, size in ((0.0, large), (0.4, large), (0.4, small), (0.8, small), (0.91, small), (1.0, large)):
         clock.monotonic = lambda seconds=seconds: 100.0 + seconds
-        red.geometry_at("red", rospy.Time(5.0 + seconds), size)
-    assert lookups == [large, small, small, large]
+        red.geometry_at("red", rospy.Time(5.0 + seconds), size, {})
+    assert [call.args[0] for call in red._info.model_for.call_args_list] == [large, small, small, large]
+    assert red.focal == 500.0
+
+
+@pytest.mark.parametrize("mobile", [False, True])
+def test_ceiling_cameras_that_share_a_frame_are_named(lab, mobile):
+    red, *_ = lab
+    red._mobile = mobile
+    with contextlib.nullcontext() if mobile else refused("shared_frame") as raised:
+        red.geometry_at("red", rospy.Time(5.0), (640, 480), {"green": "red"})
+    assert mobile or raised.value.values["cameras"] == "green, red"
 
 
 # ------------------------------------------------------------------ camera_info

@@ -14,10 +14,10 @@ from vb_core.errors import CodedError
 from vb_core.image_format import Picture
 from vb_laser_detect.detection import features
 from vb_laser_detect.detection.spot_detector import DetectorParams
-from vb_laser_detect.detection.background import Background, block_maxima, max_channel
-from vb_laser_detect.detection.proposals import find_regions
+from vb_laser_detect.detection.background import Background, block_maxima, blocks_around, find_boxes, match_lighting
+from vb_laser_detect.detection.background import max_channel
 from vb_laser_detect.detection.projection import ProjectionParams
-from vb_laser_detect.detection.stage_results import Spot, blocks_around, match_lighting
+from vb_laser_detect.detection.stage_results import Spot
 from vb_laser_detect.detection.detector_counts import DetectorCounts, InputWatch
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -133,7 +133,7 @@ def test_regions_part_a_bright_spot_from_what_it_touches():
     maxima = np.zeros((40, 40), np.uint8)
     maxima[5:35, 5:22] = 50
     maxima[20, 20] = 200
-    found = find_regions(maxima, maxima > 18)
+    found = find_boxes(maxima, maxima > 18)
     assert (20 * 8, 20 * 8, 21 * 8, 21 * 8) in found
 
 

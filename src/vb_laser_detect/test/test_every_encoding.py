@@ -9,7 +9,7 @@ import rospy
 
 from spot_scenes import GREEN, Scene, shown, tinted
 from vb_core.image_format import Picture, PixelReader
-from vb_core.ros.images import array_from_image, message_from_image
+from vb_core.ros.images import decode, message_from_image
 from vb_laser_detect.detection.debug_image import draw_candidates
 from vb_laser_detect.detection.spot_detector import DetectorParams, Spot, SpotDetector
 
@@ -65,7 +65,7 @@ def test_a_message_s_picture_is_the_same_on_every_display(case):
     image = shown(Scene(320, 240, noise=0.0), kind, [(100.0, 80.0)], color=GREEN)
     message = message_from_image(encode(image), case, rospy.Time(5), "camera")
     message.height = 240
-    picture = PixelReader().read(array_from_image(message), case)
+    picture = decode(message, PixelReader())
     truth = Picture(image, "bayer_rggb").bgr() if kind == "bayer" else image
     truth = np.dstack([image] * 3) if kind == "mono" else truth
     drawn = draw_candidates(picture, [Spot(50.2, 40.1, 6.0, confidence=0.9), Spot(100, 50, 9, rejection="too_dark")])

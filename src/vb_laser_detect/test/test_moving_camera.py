@@ -4,16 +4,17 @@ The motion is smooth, as that of a pan-tilt head or a robot; the images are comp
 spot nearly white, so colour alone is not enough.
 """
 
+from unittest.mock import Mock
+
 import cv2
 import numpy as np
 import pytest
 
 from spot_scenes import ImageDetector
-from vb_core.image_format import Picture
-from vb_laser_detect.detection.background import Background
-from vb_laser_detect.detection.spot_detector import DetectorParams
+from vb_laser_detect.detection import features
+from vb_laser_detect.detection.image_registration import ImageRegistration
+from vb_laser_detect.detection.spot_detector import DetectorParams, SpotDetector
 from vb_laser_detect.detection.stage_results import ExpectedSpot
-from vb_laser_detect.detection.proposals import ImageRegistration, RegionProposer
 
 PALE = np.array([0.86, 1.0, 0.84], np.float32)
 WIDE, HIGH = 400, 300
@@ -104,14 +105,15 @@ def test_the_motion_is_the_camera_s_and_not_a_thing_s():
     assert blank.follow(np.full((240, 320), 91, np.uint8)) is None
 
 
-def test_a_spot_is_expected_where_the_motion_has_moved_it():
+def test_a_spot_is_expected_where_the_motion_has_moved_it(monkeypatch):
     picture = photograph(3).astype(np.uint8)
-    proposer = RegionProposer(Background(), moving_camera=True)
-    proposer.propose(Picture(np.ascontiguousarray(picture[:HIGH, :WIDE]), "bgr"), [])
-    panned = np.ascontiguousarray(picture[:HIGH, 24 : 24 + WIDE])
-    cv2.circle(panned, (176, 150), 3, (255, 255, 255), -1)
+    detector, examine = SpotDetector(DetectorParams.mobile()), Mock(return_value=[])
+    monkeypatch.setattr(features, "examine_regions", examine)
+    detector.detect(picture[:HIGH, :WIDE], 0.0)
+    panned = cv2.circle(picture[:HIGH, 24 : 24 + WIDE].copy(), (176, 150), 3, (255, 255, 255), -1)
     expected = ExpectedSpot(last=(200.0, 150.0), step=(0.0, 0.0), reach=6.0, max_width=20.0)
-    regions = proposer.propose(Picture(panned, "bgr"), [expected]).regions
-    assert [region.expected.position for region in regions if region.expected] == [
-        pytest.approx((176.0, 150.0), abs=0.5)
-    ]
+    monkeypatch.setattr(detector._tracker, "predict", lambda stamp: [expected])
+    detector.detect(panned, 0.04)
+    ((searched, *_), _) = examine.call_args
+    (moved,) = (region.expected for region in searched.regions if region.expected)
+    assert moved.position == pytest.approx((176.0, 150.0), abs=0.5)

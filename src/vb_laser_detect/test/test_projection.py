@@ -11,7 +11,6 @@ from board_scene import CAMERA
 from refusals import refused
 from vb_core import geometry
 from vb_core.camera_model import CameraModel, project_to_floor, project_to_pixels
-from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_laser_detect.detection.projection import DEPTH, GROUND_PLANE, GROUND_PLANE_FALLBACK, FloorProjection
 from vb_laser_detect.detection.projection import ImageGeometry, RobotCylinder
@@ -169,28 +168,19 @@ def test_a_ray_that_passes_through_a_robot_has_a_point_in_it(x, y, u, v, height)
         assert CYLINDER.occludes(origin, floor) is bool(off < 0.0)
 
 
-def test_what_a_robot_hides_is_rejected_and_robots_are_asked_for_once():
-    camera, robots = CameraModel.ideal(1920, 1080, 1100.0), Mock(return_value=[CYLINDER])
+def test_what_a_robot_hides_is_rejected_and_pose_and_robots_are_looked_up_once():
+    camera, find_robots = CameraModel.ideal(1920, 1080, 1100.0), Mock(return_value=[CYLINDER])
     pose = geometry.make_transform(geometry.rotation_from_rpy(math.pi, 0.0, 0.3), (1.5, 1.0, 2.9))
-    frame = ImageGeometry(camera, FloorProjection(), pose, Mock(robot_cylinders=robots, depth_at=lambda *image: None))
+    find_pose = Mock(return_value=pose)
+    frame = ImageGeometry(camera, FloorProjection(), find_pose, find_robots=find_robots)
     places = np.array([[2.05, 1.0, 0.2], [1.6, 1.3, 0.0]])
     on, beside = (Spot(*pixel, 8.0) for pixel in project_to_pixels(camera, pose, places))
     assert frame.locate([Spot(50, 50, 8.0, rejection="peak")])[0].rejection == "peak"
-    assert not robots.called
+    assert not find_pose.called and not find_robots.called
     beside, hidden = frame.locate([beside, on])
+    assert frame.meters_per_pixel(np.array([[beside.u, beside.v]])) == beside.floor_point.meters_per_pixel
     assert np.allclose(beside.floor_point.position, (1.6, 1.3, 0.0))
-    (without_robots,) = ImageGeometry(camera, FloorProjection(), pose).locate([on])
+    assert hidden.rejection == "on_robot"
+    assert find_pose.call_count == find_robots.call_count == 1
+    (without_robots,) = ImageGeometry(camera, FloorProjection(), find_pose).locate([on])
     assert without_robots.floor_point is not None
-    assert hidden.rejection == "on_robot" and robots.call_count == 1
-
-
-def test_a_pose_is_looked_up_once_and_without_it_no_floor_is_seen():
-    lookups = Mock(pose_at=Mock(side_effect=[down(), CodedError("no_transform")]))
-    middle = np.array([[950.0, 545.0]])
-    truth = FloorProjection().project_to_plane(CAMERA, down(), *middle[0])
-    frame = ImageGeometry(CAMERA, FloorProjection(), None, lookups, "red_optical_frame", 7.0)
-    for _ in range(2):
-        assert frame.meters_per_pixel(middle) == truth.meters_per_pixel
-    lookups.pose_at.assert_called_once_with("red_optical_frame", 7.0)
-    frame = ImageGeometry(CAMERA, FloorProjection(), None, lookups)
-    assert np.isnan(frame.meters_per_pixel(middle)).all() and frame.pose_error.code == "no_transform"

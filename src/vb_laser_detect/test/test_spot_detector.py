@@ -1,6 +1,7 @@
 """Spots rendered at known positions, and everything that is not a spot."""
 
 from itertools import product
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from spot_scenes import GREEN, RED, ImageDetector, Scene, from_above, shown, tinted
 from refusals import refused
+from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_laser_detect.detection.features import SpotClassifier
 from vb_laser_detect.detection.spot_detector import DetectorParams
@@ -159,13 +161,12 @@ def test_small_glints_that_move_are_no_spots_on_bayer_images():
     looked_at, found, time = 0, 0, 0.4
     for sigma in (0.5, 0.6, 0.7):
         for u, v in ((7.3, 3.1), (9.4, 0.6), (5.7, 8.2), (8.3, 4.7)):
-            for i in range(12):
-                place = (100.2 + u * i, 100.3 + v * i)
-                found += len(detector.detect(scene.render([place], sigma, 700.0, (1.0, 1.0, 1.0), bayer=True), time))
-                looked_at += sum(c.rejection != "too_dark" for c in detector.detections[-1].candidates)
-                time += PERIOD
-            feed(detector, [scene.render(bayer=True) for _ in range(8)], time)
-            time += 8 * PERIOD
+            places = [(100.2 + u * i, 100.3 + v * i) for i in range(12)]
+            glints = [scene.render([place], sigma, 700.0, (1.0, 1.0, 1.0), bayer=True) for place in places]
+            found += sum(map(len, feed(detector, glints, time)))
+            looked_at += sum(c.rejection != "too_dark" for each in detector.detections[-12:] for c in each.candidates)
+            feed(detector, [scene.render(bayer=True) for _ in range(8)], time + 12 * PERIOD)
+            time += 20 * PERIOD
     assert looked_at > 100 and found == 0
 
 
@@ -197,10 +198,8 @@ def test_what_comes_beside_a_followed_spot_is_no_reason_to_lose_it():
 @pytest.mark.parametrize("gain, bayer", [(1.4, False), (0.4, False), (0.4, True)])
 def test_a_spot_is_followed_over_a_switched_light(gain, bayer):
     scene, detector = settled(Scene(), at_once(bayer=bayer))
-    held = []
-    for i, light in enumerate([1.0] * 5 + [gain] * 60):
-        image = scene.render([(300, 150)], gain=light, power=420.0 / light, bayer=bayer)
-        held.append(detector.detect(image, 0.4 + PERIOD * i))
+    lights = [1.0] * 5 + [gain] * 60
+    held = follow(detector, scene, [(300, 150)] * 65, change=lambda i: {"gain": lights[i], "power": 420.0 / lights[i]})
     # held still throughout: not even in the image with the new light is it taken for floor
     assert sum(len(spots) for spots in held) >= 64
     assert feed(detector, [scene.render(gain=gain, bayer=bayer) for _ in range(10)], 4.0) == [[]] * 10
@@ -236,6 +235,14 @@ def test_sizes_count_in_millimetres_where_the_pose_is_known():
         scene, detector = settled(Scene(), at_once(geometry=from_above(scale)))
         assert len(detector.detect(scene.render([(200, 150)]), 0.3)) == expected
     assert detector.detections[-1].candidates[0].rejection == "too_large"
+
+
+def test_without_a_pose_no_spot_is_accepted_and_the_reason_is_returned():
+    geometry = from_above(find_pose=Mock(side_effect=CodedError("no_transform")))
+    scene, detector = settled(Scene(), at_once(geometry=geometry))
+    assert not detector.detect(scene.render([(200, 150)]), 0.3)
+    assert detector.detections[-1].candidates[0].rejection == "off_floor"
+    assert detector.detections[-1].pose_error.code == "no_transform"
 
 
 def test_a_place_can_be_rejected_and_the_reason_is_kept():

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from vb_laser_detect.detection.projection import GROUND_PLANE
-from vb_laser_detect.detection.proposals import move_spot, part_within_reach
 from vb_laser_detect.detection.spot_tracker import SpotTracker
 from vb_laser_detect.detection.stage_results import FloorPoint, Spot
 
@@ -119,12 +118,12 @@ def test_a_spot_is_expected_where_its_motion_and_the_camera_s_take_it():
     u = int(expected.position[0])
     assert expected.position[0] == pytest.approx(500 * 0.008 * 30)
     near_box, far_box = (u + 8, 0, u + 24, 8), (u - 48, 0, u - 30, 8)
-    assert part_within_reach(expected, near_box) and not part_within_reach(expected, far_box)
+    assert expected.part_within_reach(near_box) and not expected.part_within_reach(far_box)
     # the camera turns by 40 px
     film.tracker.update([sighting(0.008 * 30)], film.image)
     film.image.motion = np.array([[1.0, 0, 40], [0, 1, 0], [0, 0, 1]])
     (expected,) = film.tracker.predict(film.now + film.period)
-    assert move_spot(expected, film.image.motion).position[0] == pytest.approx(500 * 0.008 * 31 + 40.0)
+    assert expected.moved_by(film.image.motion).position[0] == pytest.approx(500 * 0.008 * 31 + 40.0)
     film.tracker.update([], film.image)
     (expected,) = film.tracker.predict(film.now + 2 * film.period)
     assert expected.position[0] == pytest.approx(500 * 0.008 * 32 + 40.0)

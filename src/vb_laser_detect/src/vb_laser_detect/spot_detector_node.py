@@ -141,7 +141,14 @@ class CameraDetector:
         depth = DepthTopic(rospy.resolve_name(params.depth), self._report) if params.depth else None
         lens_source = self._start_receiving()
         self._camera_geometry = CameraGeometry(
-            self._mobile, transforms, lens_source, depth, self._floor_projection, params.robots, self._report
+            params.camera,
+            self._mobile,
+            transforms,
+            lens_source,
+            depth,
+            self._floor_projection,
+            params.robots,
+            self._report,
         )
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._report.record_detector, queue_size=20)
         rospy.Subscriber(names.PHYSICAL_MAP, messages.NumpyOccupancyGrid, self._on_map, queue_size=1)
@@ -211,11 +218,12 @@ class CameraDetector:
             raise CodedError("no_stamp", "the images carry no time: they cannot be matched with poses")
         picture = received.decode()
         self._stamps.append(stamp)
-        geometry = pose_error = None
+        geometry = geometry_error = None
         try:
-            geometry = self._camera_geometry.geometry_at(received.frame_id, stamp, picture.size)
+            frames = self._report.frames_of_others()
+            geometry = self._camera_geometry.geometry_at(received.frame_id, stamp, picture.size, frames)
         except CodedError as error:  # spots are then found, but not published
-            pose_error = error.without_traceback()
+            geometry_error = error.without_traceback()
         began = time.perf_counter()
         detection = self._detector.detect(picture, stamp.to_sec(), geometry)
         search_s = time.perf_counter() - began
@@ -224,13 +232,13 @@ class CameraDetector:
             self._spots.publish(self._message(spot))
         if detection.lamp_count:
             self._report.report_fault(CodedError("lamp"))
-        if geometry is not None:
-            pose_error = geometry.pose_error  # not None if the pose was needed and is unknown
+        missing = geometry_error or detection.pose_error
         # rejections are normal: they are counted, without a warning
         rejected = [spot.rejection for spot in detection.candidates if spot.rejection]
         if detection.is_late:
             rejected.append("late_image")
-        self._report.record_image(stamp, received.frame_id, picture, pose_error, search_s, len(located), rejected)
+        focal = self._camera_geometry.focal
+        self._report.record_image(stamp, received.frame_id, picture, focal, missing, search_s, len(located), rejected)
         if self._debug.get_num_connections() > 0:
             self._publish_debug(picture, detection.candidates, received)
         if self._feed is not None:

@@ -29,7 +29,7 @@ def to_bgr(message: Union[Image, CompressedImage]) -> np.ndarray:
     Raises:
         CodedError: "bad_image", or "unknown_encoding" for an image that is not a picture, such as depth.
     """
-    return PixelReader().read(*decode(message)).bgr()
+    return decode(message, PixelReader()).bgr()
 
 
 class CameraImages:

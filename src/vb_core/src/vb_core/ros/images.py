@@ -5,7 +5,7 @@ cv_bridge does the same, but loads a second OpenCV with video and GDAL backends,
 
 from __future__ import annotations
 
-from typing import Tuple, Union
+from typing import Union
 
 import cv2
 import numpy as np
@@ -15,7 +15,7 @@ from std_msgs.msg import Header
 
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_core.image_format import find_encoding
+from vb_core.image_format import Picture, PixelReader, find_encoding
 
 
 def array_from_image(message: Image) -> np.ndarray:
@@ -56,18 +56,16 @@ def array_from_compressed_image(message: CompressedImage) -> np.ndarray:
     return image
 
 
-def decode(message: Union[Image, CompressedImage]) -> Tuple[np.ndarray, str]:
-    """Decodes an image message to pixels and their encoding, as in sensor_msgs/Image. Raises CodedError "bad_image"."""
+def decode(message: Union[Image, CompressedImage], reader: PixelReader) -> Picture:
+    """Decodes an image message to a picture by its camera's reader. Raises CodedError "bad_image", or as `PixelReader.read`."""
     if isinstance(message, Image):
-        return array_from_image(message), message.encoding
+        return reader.read(array_from_image(message), message.encoding)
     image = array_from_compressed_image(message)
     if image.ndim == 3:
-        return image, "bgr8"
+        return reader.read(image, "bgr8")
     # the format is "bayer_rggb8; jpeg compressed ..." if the driver names the encoding that it compressed
     driver_encoding = message.format.split(";")[0].strip()
-    if driver_encoding.startswith("bayer"):
-        return image, driver_encoding
-    return image, "mono8"
+    return reader.read(image, driver_encoding if driver_encoding.startswith("bayer") else "mono8")
 
 
 def message_from_image(image: np.ndarray, encoding: str, stamp: rospy.Time, frame_id: str) -> Image:

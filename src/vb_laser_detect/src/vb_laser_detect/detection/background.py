@@ -1,4 +1,4 @@
-"""Models a camera's scene without a spot, and finds what an image changes in it, by blocks of pixels.
+"""Models a camera's scene without a spot, and finds the regions that an image changes in it, by blocks of pixels.
 
 Each image is compared with a keyframe, which never includes a spot. A stationary camera's averages one image a second,
 except where something has just changed; a moving camera's is replaced every few images. Whole images are compared only by
@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from functools import reduce
-from typing import NamedTuple, Optional, Sequence
+from typing import List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
 from vb_core.image_format import AnyPicture
-from vb_laser_detect.detection.stage_results import BLOCK, ExpectedSpot, Part, Spot, blocks_around, match_lighting
+from vb_laser_detect.detection.stage_results import BLOCK, Box, ChangedRegion, Changes, ExpectedSpot, Part, Spot
 
 _BAND_BYTES = 240_000  # [bytes] of one pixel row of all blocks in a band: small enough for a core's cache
 # half of a block's rows are read, in half the time, as a spot covers several rows
@@ -35,29 +35,10 @@ _KEYFRAME_PART = 0.1  # share of its width by which the image may have moved: fl
 _MIN_FLICKER = 0.1  # under flickering lamps, the light of an image's rows differs by at least this share
 _MIN_CHANGE = 0.15  # share of `bright_level`; smaller differences become part of the background
 _MAX_CHANGE = 0.15  # if this share of the image is brighter, or twice as much darker, the light was switched
+_HALF_LEVEL = 0.8  # a spot of few pixels keeps at least this share of its level in the halved image
+_MAX_REGIONS = 24  # walking people cause fewer, and examining more would take longer than an image period
+_LARGE = 14  # [blocks] larger regions are cut down to their brightest parts
 _SQUARE = np.ones((3, 3), np.uint8)
-
-
-class Changes(NamedTuple):
-    """What an image changes in the background.
-
-    Attributes:
-        rise: (rows, columns) uint8, each block's largest rise above the background.
-        brighter, darker: (rows, columns) bool, blocks that clearly became so.
-    """
-
-    rise: np.ndarray
-    brighter: np.ndarray
-    darker: np.ndarray
-
-    @property
-    def is_global_change(self) -> bool:
-        """Returns whether so much changed that the background no longer holds.
-
-        A person close to the camera darkens much of the image too, and must not become its background.
-        """
-        changed = max(np.count_nonzero(self.brighter), 0.5 * np.count_nonzero(self.darker))
-        return changed > _MAX_CHANGE * self.brighter.size
 
 
 class Background:
@@ -104,7 +85,7 @@ class Background:
         """
         self.is_keyframe = False
         changes = None if self._image is None else self._compare(picture.search_pixels, motion)
-        if changes is None or changes.is_global_change:
+        if changes is None or _is_global(changes):
             self._begin_scene(picture, expected)
             changes = self._compare(picture.search_pixels, None)
         return changes
@@ -140,7 +121,7 @@ class Background:
         self.reference = self._image
         now = sample_blocks(image)
         changes = self._changes(image, now, self._sample)
-        if changes.is_global_change and self._relight_rows(now):
+        if _is_global(changes) and self._relight_rows(now):
             changes = self._changes(image, now, sample_blocks(self.reference))
         return changes
 
@@ -258,6 +239,15 @@ class Background:
         self._limit = None
 
 
+def _is_global(changes: Changes) -> bool:
+    """Returns whether so much changed that the background no longer holds.
+
+    A person close to the camera darkens much of the image too, and must not become its background.
+    """
+    changed = max(np.count_nonzero(changes.brighter), 0.5 * np.count_nonzero(changes.darker))
+    return changed > _MAX_CHANGE * changes.brighter.size
+
+
 def _warp(image: np.ndarray, motion: np.ndarray, target: np.ndarray, interpolation: int) -> np.ndarray:
     """Warps an image by a motion (3, 3) onto another image, which stays where nothing covers it."""
     return cv2.warpAffine(image, motion[:2], target.shape[1::-1], target, interpolation, cv2.BORDER_TRANSPARENT)
@@ -267,6 +257,19 @@ def _apply_row_gains(image: np.ndarray, gains: np.ndarray) -> np.ndarray:
     """Returns an image times the gains of its rows of blocks, interpolated."""
     rows = np.interp(np.arange(len(image)), BLOCK * (np.arange(len(gains)) + 0.5) - 0.5, gains).astype(np.float32)
     return cv2.convertScaleAbs(image * rows.reshape((-1, 1) + (1,) * (image.ndim - 2)))
+
+
+def match_lighting(background: np.ndarray, image: np.ndarray, max_width: float) -> np.ndarray:
+    """Returns a background relit as in an image, whose light narrower than `max_width` [px] does not count."""
+    half = 2 * math.ceil(max_width / 4)
+    size = 2 * half + 1
+    kernel = np.zeros((size, size), np.uint8)
+    # the colours of a Bayer image are not mixed
+    step = 2 if image.ndim == 2 else 1
+    kernel[::step, ::step] = 1
+    gain = (image + np.float32(1.0)) / (background + np.float32(1.0))
+    gain = cv2.morphologyEx(gain, cv2.MORPH_OPEN, kernel)
+    return cv2.multiply(background, gain, dtype=cv2.CV_8U)
 
 
 # ------------------------------------------------------------------ blocks
@@ -326,6 +329,18 @@ def sample_blocks(image: np.ndarray) -> np.ndarray:
     return cv2.resize(image[: rows * BLOCK, : columns * BLOCK], (columns, rows), interpolation=cv2.INTER_NEAREST)
 
 
+def blocks_around(shape: Tuple[int, ...], u: float, v: float, reach: float, scale: int) -> Part:
+    """Returns the rows and columns of blocks within `reach` of a place, in pixels of which a searched one is `scale` wide."""
+    block = BLOCK * scale
+    top = int(max(0.0, v - reach)) // block
+    left = int(max(0.0, u - reach)) // block
+    bottom = int(max(-1.0, v + reach)) // block + 1
+    right = int(max(-1.0, u + reach)) // block + 1
+    rows = slice(top, min(shape[0], bottom))
+    columns = slice(left, min(shape[1], right))
+    return rows, columns
+
+
 def _pixels_of(rows: slice, columns: slice) -> Part:
     """Returns the pixels of these rows and columns of blocks."""
     return slice(BLOCK * rows.start, BLOCK * rows.stop), slice(BLOCK * columns.start, BLOCK * columns.stop)
@@ -343,3 +358,72 @@ def mask_of_blocks(blocks: np.ndarray, height: int, width: int) -> np.ndarray:
     rest = height - rows * BLOCK, width - columns * BLOCK
     # pixels left over at the edges belong to the last blocks
     return cv2.copyMakeBorder(mask, 0, rest[0], 0, rest[1], cv2.BORDER_REPLICATE) if any(rest) else mask
+
+
+# ------------------------------------------------------------------ regions
+def find_regions(
+    picture: AnyPicture, changes: Changes, min_level: float, expected: Sequence[ExpectedSpot]
+) -> List[ChangedRegion]:
+    """Finds an image's regions that became brighter, the brightest first; those darker than `min_level` have no boxes."""
+    image = picture.search_pixels
+    # a spot is white on any floor, but on a bright floor a person next to it rises more
+    boxes = sorted(find_boxes(changes.rise, changes.brighter), key=lambda box: -_max_in_box(image, box))
+    return [_region(picture, box, min_level, expected) for box in boxes[:_MAX_REGIONS]]
+
+
+def _region(picture: AnyPicture, box: Box, min_level: float, expected: Sequence[ExpectedSpot]) -> ChangedRegion:
+    """Makes a region from a box of the searched pixels. The last blocks include the pixels left over at the edges."""
+    left, top, right, bottom = box
+    height, width = picture.search_pixels.shape[:2]
+    if width - right < BLOCK:
+        right = width
+    if height - bottom < BLOCK:
+        bottom = height
+    box = picture.scale * left, picture.scale * top, picture.scale * right, picture.scale * bottom
+    if picture.is_fully_decoded:
+        level = _max_in_box(picture.pixels, box)
+    else:  # the highest level that is possible
+        level = _max_in_box(picture.search_pixels, (left, top, right, bottom)) / _HALF_LEVEL
+    for spot in expected:
+        part = spot.part_within_reach(box)
+        if part is not None:
+            return ChangedRegion(box, [box, part] if level >= min_level else [], spot)
+    return ChangedRegion(box, [box] if level >= min_level else [], None)
+
+
+def _max_in_box(image: np.ndarray, box: Box) -> int:
+    """Returns the brightest sample [grey levels] of a box."""
+    left, top, right, bottom = box
+    return int(image[top:bottom, left:right].max())
+
+
+def find_boxes(maxima: np.ndarray, hot: np.ndarray) -> List[Box]:
+    """Finds the boxes [px] of connected hot blocks, those with the highest peaks first.
+
+    A large region is cut down to the parts above 60 % of its peak, so that no spot is lost in a person's region.
+    """
+    # few blocks are hot, and they are close together: only their surroundings are processed
+    x, y, wide, high = cv2.boundingRect(hot.view(np.uint8))
+    if not wide:
+        return []
+    around = slice(y, y + high), slice(x, x + wide)
+    hot = np.ascontiguousarray(hot[around])
+    maxima = np.ascontiguousarray(maxima[around])
+    labels, stats, peaks = _components(hot, maxima)
+    is_large = stats[:, 2:4].max(axis=1) > _LARGE
+    is_large[0] = False
+    if is_large.any():
+        is_dim_part = is_large[labels] & (maxima <= 0.6 * peaks[labels])
+        labels, stats, peaks = _components(hot & ~is_dim_part, maxima)
+    order = np.argsort(-peaks[1:], kind="stable")
+    left, top, width, height = stats[1:][order, :4].T
+    boxes = BLOCK * np.column_stack([x + left, y + top, x + left + width, y + top + height])
+    return list(map(tuple, boxes.tolist()))
+
+
+def _components(hot: np.ndarray, maxima: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns the connected components: labels (rows, columns), and the statistics of OpenCV and the peak of each."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(hot.view(np.uint8), connectivity=8)
+    peaks = np.zeros(len(stats))
+    np.maximum.at(peaks, labels[hot], maxima[hot])
+    return labels, stats, peaks

@@ -7,8 +7,9 @@ on it is a spot on the floor. As the robots' poses are known, no rules are neede
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import Any, List, Optional, Sequence, Tuple
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Callable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -180,35 +181,29 @@ class ImageGeometry:
     Attributes:
         camera: camera model for the image's size.
         floor_projection: projection of this camera's spots.
-        pose: (4, 4) T_map_camera; None: it is looked up when it is needed.
-        lookups: the `CameraGeometry` that knows pose, depth and robots; None: a plane floor without robots.
-        frame_id, stamp: frame and time of the image.
-        pose_error: why the pose is unknown, although it was looked up; else None.
+        find_pose: returns T_map_camera (4, 4) at the image's time, or raises CodedError if it is unknown.
+        find_depth: returns the depth at that time; None: the floor is a plane.
+        find_robots: returns where robots hide the floor at that time; by default nowhere.
     """
 
     camera: CameraModel
     floor_projection: FloorProjection
-    pose: Optional[np.ndarray] = None
-    lookups: Any = None
-    frame_id: str = ""
-    stamp: Any = None
-    pose_error: Optional[CodedError] = field(default=None, init=False)
+    find_pose: Callable[[], np.ndarray]
+    find_depth: Optional[Callable[[], Depth]] = None
+    find_robots: Callable[[], Sequence[RobotCylinder]] = tuple
 
-    def __post_init__(self) -> None:
-        self._robots: Optional[Sequence[RobotCylinder]] = () if self.lookups is None else None  # None: to be looked up
+    @cached_property
+    def _pose(self) -> np.ndarray:
+        return self.find_pose()
+
+    @cached_property
+    def _robots(self) -> Sequence[RobotCylinder]:
+        return self.find_robots()
 
     def meters_per_pixel(self, pixels: np.ndarray) -> np.ndarray:
-        """Returns the floor length (N,) [m/px] of pixels (N, 2). It is NaN where no floor is seen, or with a `pose_error`."""
-        if self.pose is None:
-            try:
-                self.pose = self.lookups.pose_at(self.frame_id, self.stamp)
-            except CodedError as error:
-                if error.code not in ("no_transform", "bad_transform"):
-                    raise
-                self.pose_error = error.without_traceback()
-                return np.full(len(pixels), np.nan)
+        """Returns the floor length (N,) [m/px] of pixels (N, 2), NaN where no floor is seen. Raises CodedError without a pose."""
         corners = (pixels[:, None] + _CORNER).reshape(-1, 2)
-        floor = project_to_floor(self.camera, self.pose, corners, self.floor_projection.params.floor_height)
+        floor = project_to_floor(self.camera, self._pose, corners, self.floor_projection.params.floor_height)
         return _scales(floor.reshape(-1, 3, 3))
 
     def locate(self, spots: Sequence[Spot]) -> List[Spot]:
@@ -225,15 +220,12 @@ class ImageGeometry:
         """Projects a pixel to the floor.
 
         Raises:
-            CodedError: where there is no floor point; "on_robot" if a robot hides it.
+            CodedError: where there is no floor point, or without a pose; "on_robot" if a robot hides it.
         """
-        depth = None if self.lookups is None else self.lookups.depth_at(self.frame_id, self.stamp)
-        if depth is None:
-            point = self.floor_projection.project_to_plane(self.camera, self.pose, u, v)
+        if self.find_depth is None:
+            point = self.floor_projection.project_to_plane(self.camera, self._pose, u, v)
         else:
-            point = self.floor_projection.project_with_depth(self.camera, self.pose, u, v, depth)
-        if self._robots is None:
-            self._robots = self.lookups.robot_cylinders(self.stamp)
-        if any(robot.occludes(self.pose[:3, 3], point.position) for robot in self._robots):
+            point = self.floor_projection.project_with_depth(self.camera, self._pose, u, v, self.find_depth())
+        if any(robot.occludes(self._pose[:3, 3], point.position) for robot in self._robots):
             raise CodedError("on_robot")
         return point

@@ -33,16 +33,18 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.image_format import AnyPicture, HalvedPicture, Picture
 from vb_core.parameters import Parameters, param
 from vb_laser_detect.detection import features
-from vb_laser_detect.detection.background import Background
+from vb_laser_detect.detection.background import Background, find_regions
 from vb_laser_detect.detection.features import SpotClassifier
+from vb_laser_detect.detection.image_registration import ImageRegistration
 from vb_laser_detect.detection.projection import ImageGeometry
-from vb_laser_detect.detection.proposals import RegionProposer
 from vb_laser_detect.detection.spot_tracker import SpotTracker
 from vb_laser_detect.detection.stage_results import BLOCK, Box, DetectionResult, SearchedImage, Spot
 
 __all__ = ["DetectionResult", "DetectorParams", "Spot", "SpotDetector"]
 
 _BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
+# lowest level of a spot, as a share of `bright_level`: only 3 of 464 known spots are darker, all in darkened clips
+_MIN_LEVEL = 0.86
 _MAX_DIAGONAL_SHARE = 0.09  # a spot's largest diameter if no pose is known, as a share of the image's diagonal
 _MAX_LATENESS = 1.0  # [s] if an image is older than the last one by more, it is not late: the clock was set
 # a spot at least this probable is never averaged into the background; a less probable one may be a ghost
@@ -97,7 +99,7 @@ class SpotDetector:
         self._measured = False  # whether anything in the last image had to be measured at full size
         self._shape: Optional[Tuple[int, ...]] = None
         self._background = Background()
-        self._proposer = RegionProposer(self._background, self.params.moving_camera)
+        self._registration = ImageRegistration() if self.params.moving_camera else None
         self._tracker = SpotTracker(self.params.confirm_frames, self.params.max_dwell_time)
 
     def detect(
@@ -128,8 +130,24 @@ class SpotDetector:
         self._shape = shape
 
         expected = self._tracker.predict(stamp)
-        searched = self._proposer.propose(picture, expected)
-        max_diameters = self._max_diameters(searched, geometry)
+        motion, motion_since_keyframe = self._estimate_motion(picture)
+        if motion is not None:
+            expected = [spot.moved_by(motion) for spot in expected]
+        changes = self._background.compare(picture, motion_since_keyframe, expected)
+        min_level = _MIN_LEVEL * self._background.bright_level
+        searched = SearchedImage(
+            picture,
+            diagonal=math.hypot(*picture.size),
+            bright_level=self._background.bright_level,
+            min_level=min_level,
+            regions=find_regions(picture, changes, min_level, expected),
+            reference=self._background.reference,
+            motion=motion,
+            shifted=self._background.motion is not None,
+            changed=changes.brighter | changes.darker,
+            ghost_s=self._background.ghost_s,
+        )
+        max_diameters, pose_error = self._max_diameters(searched, geometry)
         candidates = features.examine_regions(searched, max_diameters, self._classifier, self.params.min_probability)
         self._measured = any(
             region.boxes and candidate.rejection not in ("off_floor", "too_large")
@@ -142,7 +160,7 @@ class SpotDetector:
         kept_out = [spot for spot in detection.candidates if spot.track and spot.confidence >= certain]
         # a pause must not make one frame outweigh all earlier ones
         self._background.update(picture, searched.changed, kept_out, min(elapsed, 1.0))
-        return detection
+        return detection._replace(pose_error=pose_error)
 
     def _prepare(self, picture: AnyPicture) -> AnyPicture:
         """Decodes as much of a picture as will be needed."""
@@ -153,18 +171,32 @@ class SpotDetector:
             picture.decode_full_size()  # what was measured in the last image is likely to be there still
         return picture
 
-    def _max_diameters(self, searched: SearchedImage, geometry: Optional[ImageGeometry]) -> Dict[Box, float]:
+    def _estimate_motion(self, picture: AnyPicture) -> Tuple[Optional[np.ndarray], Optional[np.ndarray]]:
+        """Returns a moving camera's motions (3, 3) since the last image and since the keyframe, each None if there is none."""
+        if self._registration is None:
+            return None, None
+        if self._background.is_keyframe:
+            self._registration.set_keyframe()
+        motion = self._registration.follow(picture.search_pixels)
+        return motion, self._registration.motion
+
+    def _max_diameters(
+        self, searched: SearchedImage, geometry: Optional[ImageGeometry]
+    ) -> Tuple[Dict[Box, float], Optional[CodedError]]:
         """Returns a spot's largest allowed diameter [px] in each box that may contain one, or NaN where no floor is seen.
 
-        Only if there is such a box does the geometry look up a moving camera's pose.
+        Only if there is such a box does the geometry look up a moving camera's pose. The error says why it is unknown.
         """
         boxes = [box for region in searched.regions for box in region.boxes]
         if geometry is None or not boxes:
-            return dict.fromkeys(boxes, _MAX_DIAGONAL_SHARE * searched.diagonal)
+            return dict.fromkeys(boxes, _MAX_DIAGONAL_SHARE * searched.diagonal), None
         corners = np.array(boxes).reshape(-1, 2, 2)
-        meters_per_pixel = geometry.meters_per_pixel(corners.mean(axis=1))
+        try:
+            meters_per_pixel = geometry.meters_per_pixel(corners.mean(axis=1))
+        except CodedError as error:
+            return dict.fromkeys(boxes, math.nan), error.without_traceback()
         diameters = 0.001 * self.params.max_diameter_mm / meters_per_pixel + _BLUR_PX
-        return dict(zip(boxes, diameters.tolist()))
+        return dict(zip(boxes, diameters.tolist())), None
 
 
 def _without_repetitions(candidates: Sequence[Spot]) -> List[Spot]:

@@ -1,4 +1,4 @@
-"""Types passed between the stages of the detection, in the order in which they are made, and what several stages compute.
+"""Types passed between the stages of the detection, in the order in which they are made.
 
 The tracker makes `ExpectedSpot` and, in the end, `DetectionResult`. Positions and regions are in the image's own pixels,
 even if it is searched at half its size.
@@ -6,13 +6,13 @@ even if it is searched at half its size.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import NamedTuple, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
+from vb_core.errors import CodedError
 from vb_core.image_format import AnyPicture
 
 BLOCK = 8  # [px] edge of a block; whole images are compared by blocks
@@ -39,6 +39,33 @@ class ExpectedSpot(NamedTuple):
     def position(self) -> Tuple[float, float]:
         """The position (u, v) [px] where it should be now."""
         return self.last[0] + self.step[0], self.last[1] + self.step[1]
+
+    def moved_by(self, motion: np.ndarray) -> ExpectedSpot:
+        """Returns the spot expected after the camera's motion (3, 3) has moved the image."""
+        return self._replace(last=cv2.perspectiveTransform(np.array([[self.last]]), motion)[0, 0].tolist())
+
+    def part_within_reach(self, box: Box) -> Optional[Box]:
+        """Returns the part of a box in which the spot may be, or None if it is in no part."""
+        left, top, right, bottom = box
+        u, v = self.position
+        left = max(left, int(u - self.reach))
+        top = max(top, int(v - self.reach))
+        right = min(right, int(u + self.reach) + 1)
+        bottom = min(bottom, int(v + self.reach) + 1)
+        return (left, top, right, bottom) if left < right and top < bottom else None
+
+
+class Changes(NamedTuple):
+    """What an image changes in the background.
+
+    Attributes:
+        rise: (rows, columns) uint8, each block's largest rise above the background.
+        brighter, darker: (rows, columns) bool, blocks that clearly became so.
+    """
+
+    rise: np.ndarray
+    brighter: np.ndarray
+    darker: np.ndarray
 
 
 class ChangedRegion(NamedTuple):
@@ -79,31 +106,6 @@ class SearchedImage(NamedTuple):
     shifted: bool
     changed: np.ndarray
     ghost_s: np.ndarray
-
-
-def blocks_around(shape: Tuple[int, ...], u: float, v: float, reach: float, scale: int) -> Part:
-    """Returns the rows and columns of blocks within `reach` of a place, in pixels of which a searched one is `scale` wide."""
-    block = BLOCK * scale
-    top = int(max(0.0, v - reach)) // block
-    left = int(max(0.0, u - reach)) // block
-    bottom = int(max(-1.0, v + reach)) // block + 1
-    right = int(max(-1.0, u + reach)) // block + 1
-    rows = slice(top, min(shape[0], bottom))
-    columns = slice(left, min(shape[1], right))
-    return rows, columns
-
-
-def match_lighting(background: np.ndarray, image: np.ndarray, max_width: float) -> np.ndarray:
-    """Returns a background relit as in an image, whose light narrower than `max_width` [px] does not count."""
-    half = 2 * math.ceil(max_width / 4)
-    size = 2 * half + 1
-    kernel = np.zeros((size, size), np.uint8)
-    # the colours of a Bayer image are not mixed
-    step = 2 if image.ndim == 2 else 1
-    kernel[::step, ::step] = 1
-    gain = (image + np.float32(1.0)) / (background + np.float32(1.0))
-    gain = cv2.morphologyEx(gain, cv2.MORPH_OPEN, kernel)
-    return cv2.multiply(background, gain, dtype=cv2.CV_8U)
 
 
 @dataclass(frozen=True)
@@ -158,9 +160,11 @@ class DetectionResult(NamedTuple):
         candidates: everything examined in the image; each one's `rejection` says why it is no spot, or is not published.
         lamp_count: number of published tracks that turned out to be lamps.
         is_late: whether the image was left out because it came after a later one.
+        pose_error: why the camera's pose is unknown, if it was needed; no spot of the image is then accepted.
     """
 
     spots: Sequence[Spot] = ()
     candidates: Sequence[Spot] = ()
     lamp_count: int = 0
     is_late: bool = False
+    pose_error: Optional[CodedError] = None

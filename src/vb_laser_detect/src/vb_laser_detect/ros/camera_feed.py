@@ -183,7 +183,7 @@ def subscribe_images(image: str, transport: str, frame: str, put: Callable[[Rece
 
     def on_message(message: Any) -> None:
         header = message.header
-        put(ReceivedImage(header.stamp, frame or header.frame_id, lambda: reader.read(*decode(message))))
+        put(ReceivedImage(header.stamp, frame or header.frame_id, lambda: decode(message, reader)))
 
     kind, topic = (CompressedImage, f"{image}/compressed") if transport == "compressed" else (Image, image)
     # the buffer must hold a whole image, else rospy delivers images older than the newest one

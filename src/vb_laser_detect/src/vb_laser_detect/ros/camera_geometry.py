@@ -6,7 +6,7 @@ import math
 import time
 from collections import deque
 from functools import partial
-from typing import Any, Deque, List, Optional, Sequence, Tuple
+from typing import Any, Deque, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 import rospy
@@ -18,6 +18,7 @@ from vb_core.errors import CodedError
 from vb_core.ros import robot_profile
 from vb_core.ros.images import array_from_image, camera_from_info
 from vb_core.ros.transforms import TransformLookup
+from vb_laser_detect.calibration.pose_file import require_own_frame
 from vb_laser_detect.detection.projection import Depth, FloorProjection, ImageGeometry, RobotCylinder
 from vb_laser_detect.ros.detector_diagnostics import DetectorDiagnostics
 
@@ -151,6 +152,7 @@ class CameraGeometry:
         tf: <optical frame> to map, for a moving camera at the image's time; <robot>/base_link to map
 
     Args:
+        camera: name of the camera.
         mobile: whether the camera moves.
         transforms: lookup in tf, shared by all cameras of the process.
         info: source of the lens model, an `InfoTopic` or `LensFile`.
@@ -158,10 +160,14 @@ class CameraGeometry:
         floor_projection: projection of this camera's spots.
         robots: namespaces of the robots that the camera sees; "/" for a robot without one.
         report: receives faults.
+
+    Attributes:
+        focal: [px] focal length of the lens with which spots are located; 0 while it is not known.
     """
 
     def __init__(
         self,
+        camera: str,
         mobile: bool,
         transforms: TransformLookup,
         info: Any,
@@ -170,22 +176,27 @@ class CameraGeometry:
         robots: Sequence[str],
         report: DetectorDiagnostics,
     ) -> None:
+        self._name = camera
         self._mobile = mobile
         self._info = info
         self._depth = depth
         self._floor_projection = floor_projection
         self._report = report
         self._transforms = transforms
+        self.focal = 0.0
         self._profiles = [(f"{name}/".lstrip("/"), robot_profile.read(name)) for name in robots]
         self._pose: Optional[np.ndarray] = None
         self._cached_for = ("", (0, 0))  # frame and size at the last lookup
         self._cached_at = -math.inf  # [s] when that was
 
-    def geometry_at(self, frame_id: str, stamp: rospy.Time, size: Tuple[int, int]) -> ImageGeometry:
+    def geometry_at(
+        self, frame_id: str, stamp: rospy.Time, size: Tuple[int, int], frames: Mapping[str, str]
+    ) -> ImageGeometry:
         """Returns an image's geometry. A moving camera's pose at the image's time is looked up only if needed.
 
         Args:
             size: [px] width and height of the image.
+            frames: frame of each other stationary camera: a frame has one pose.
 
         Raises:
             CodedError: "camera_no_frame", "shared_frame"; "no_camera_info"; "no_transform", "bad_transform" if tf does not
@@ -194,22 +205,24 @@ class CameraGeometry:
         now = time.monotonic()
         if self._cached_for != (frame_id, size) or now - self._cached_at >= _LOOKUP_PERIOD:
             self._cached_at = -math.inf  # every image tries again until lens and pose are known
-            self._report.check_frame(frame_id)
+            if not frame_id:
+                raise CodedError("camera_no_frame", camera=self._name)
+            if not self._mobile:
+                require_own_frame(self._name, frame_id, frames)
             self._camera = self._info.model_for(size)
-            self._report.focal = float(self._camera.matrix[0, 0])
+            self.focal = float(self._camera.matrix[0, 0])
             self._pose = self._newest_pose(frame_id, stamp)
             self._cached_at = now
             self._cached_for = (frame_id, size)
-        stationary_pose = None if self._mobile else self._pose
-        return ImageGeometry(self._camera, self._floor_projection, stationary_pose, self, frame_id, stamp)
+        newest_pose = self._pose
 
-    def pose_at(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:
-        """Returns a moving camera's pose (4, 4). CodedError "no_transform", "bad_transform" is raised if it is unknown."""
-        return self._transforms.lookup(names.MAP_FRAME, frame_id, stamp, _TF_TIMEOUT)
+        def find_pose() -> np.ndarray:
+            moving = self._mobile
+            return self._transforms.lookup(names.MAP_FRAME, frame_id, stamp, _TF_TIMEOUT) if moving else newest_pose
 
-    def depth_at(self, frame_id: str, stamp: rospy.Time) -> Optional[Depth]:
-        """Returns the depth near a time, see `DepthTopic.nearest`, or None without a depth topic."""
-        return None if self._depth is None else self._depth.nearest(stamp, frame_id)
+        find_depth = None if self._depth is None else partial(self._depth.nearest, stamp, frame_id)
+        find_robots = partial(self.robot_cylinders, stamp)
+        return ImageGeometry(self._camera, self._floor_projection, find_pose, find_depth, find_robots)
 
     def _newest_pose(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:
         """Returns the newest pose (4, 4). A moving camera's only shows that there is one, as most images need none."""

@@ -14,7 +14,6 @@ from vb_core.image_format import AnyPicture
 from vb_core.notices import Notice, Severity
 from vb_core.ros.node import Mailbox, WakeTimer, Worker
 from vb_core.ros.notices import NoticePublisher
-from vb_laser_detect.calibration.pose_file import require_own_frame
 from vb_laser_detect.detection.detector_counts import DetectorCounts, InputWatch
 from vb_laser_detect.camera.exposure import TOO_BRIGHT, saturated_share
 from vb_msgs.msg import DetectorStatus
@@ -41,9 +40,6 @@ class DetectorDiagnostics:
         mailbox: mailbox through which the detector receives images, which counts them.
         mobile: whether the camera is on a robot.
         own_source: whether the detector reads the camera directly, so that stamps come from this computer's clock.
-
-    Attributes:
-        focal: [px] focal length of the lens with which spots are located; 0 while it is not known.
     """
 
     def __init__(
@@ -55,7 +51,7 @@ class DetectorDiagnostics:
         self._mobile = mobile
         self._own_source = own_source
         self._frame_id = ""
-        self.focal = 0.0
+        self._focal = 0.0
         self._others: Dict[str, Tuple[str, float]] = {}  # frame of each other stationary camera, and when it arrived
         self._color = True  # whether the images show colours
         self._saturated_share = 0.0
@@ -107,6 +103,7 @@ class DetectorDiagnostics:
         stamp: rospy.Time,
         frame_id: str,
         picture: AnyPicture,
+        focal: float,
         missing: Optional[CodedError],
         search_s: float,
         spots: int = 0,
@@ -115,6 +112,7 @@ class DetectorDiagnostics:
         """Records an image in which spots were searched for.
 
         Args:
+            focal: [px] focal length of the lens with which its spots are located; 0 if it is not known.
             missing: why none of its spots can be published; None: all inputs are available.
             search_s: [s] duration of the search itself.
             spots: number of spots published after it, including those of earlier images.
@@ -122,6 +120,7 @@ class DetectorDiagnostics:
         """
         now = rospy.get_time()
         self._frame_id = frame_id
+        self._focal = focal
         self._color = picture.color_format != "mono"
         if abs(now - self._measured_at) > 1.0:
             self._saturated_share = saturated_share(picture.search_pixels)
@@ -144,19 +143,11 @@ class DetectorDiagnostics:
             with self._lock:
                 self._others[message.camera] = (message.frame_id, time.monotonic())
 
-    def check_frame(self, frame_id: str) -> None:
-        """Checks that the images name a frame, and that no other stationary camera has it: a frame has one pose.
-
-        Raises:
-            CodedError: "camera_no_frame", "shared_frame"
-        """
-        if not frame_id:
-            raise CodedError("camera_no_frame", camera=self._camera)
+    def frames_of_others(self) -> Dict[str, str]:
+        """Returns the frame of each other stationary camera that has a detector."""
         oldest = time.monotonic() - _DETECTOR_TIMEOUT
         with self._lock:
-            frames = {name: frame for name, (frame, arrival) in self._others.items() if arrival > oldest}
-        if not self._mobile:
-            require_own_frame(self._camera, frame_id, frames)
+            return {name: frame for name, (frame, arrival) in self._others.items() if arrival > oldest}
 
     # ------------------------------------------------------------- what is published
     def _notice(self, error: CodedError, severe: bool) -> Notice:
@@ -208,7 +199,7 @@ class DetectorDiagnostics:
             detector=self._namespace,
             mobile=self._mobile,
             frame_id=self._frame_id,
-            focal_px=self.focal,
+            focal_px=self._focal,
             received=self._mailbox.received,
             dropped=self._mailbox.dropped,
             **counts,
