@@ -10,8 +10,8 @@ from scipy.io import wavfile
 
 from speech import RATE, room_noise, say
 from integrators import flat
+from vb_core.grid_map import Transform
 from vb_core.map_files import write_map
-from vb_map_integration.places.transform import Transform
 from vb_testing import TOP, run_command
 
 HANG_S = 1800  # only a bench that hangs takes this long, even on a busy computer

@@ -3,11 +3,10 @@
 import numpy as np
 import shapely
 
-from vb_core.grid_map import GridMap, sample
+from vb_core.grid_map import GridMap, Transform, sample
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_region import compute_region
 from vb_map_integration.map_integrator import MapIntegrator
-from vb_map_integration.places.transform import Transform
 
 
 def room(height=120, width=160, origin=(-1.0, -1.0, 0.2)):

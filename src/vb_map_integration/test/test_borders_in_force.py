@@ -7,10 +7,10 @@ import pytest
 from integrators import closed_at, closed_off, flat, integrator, keep_out, status_of_first
 from refusals import refused
 from vb_core.errors import CodedError
+from vb_core.grid_map import Transform
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders_in_force import transfer_accepted_region
 from vb_map_integration.places.border_location import BorderLocation, BorderLocator
-from vb_map_integration.places.transform import Transform
 from vb_map_integration.storage.border_database import MAX_MAPS
 
 DOOR = VirtualBorder([(3.1, 1.25), (3.1, 2.05)], (2.6, 1.6), closed=False)  # a doorway of the room on the left

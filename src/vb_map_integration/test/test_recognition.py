@@ -8,10 +8,9 @@ import pytest
 from integrators import GRID, OUTSIDE, ROOM, closed_off, flat, integrator, keep_out, status_of_first
 from refusals import refused
 from vb_core import sentences
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import GridMap, Transform
 from vb_map_integration.places import registration
 from vb_map_integration.places.registration import WallMap
-from vb_map_integration.places.transform import Transform
 
 
 # ----------------------------------------------------------------- registration

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Optional, Tuple
+from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -44,6 +44,53 @@ def distance_transform(cells: np.ndarray) -> np.ndarray:
     np.multiply(distance, distance, out=distance)
     np.rint(distance, out=distance)
     return np.sqrt(distance, out=distance)
+
+
+class Transform(NamedTuple):
+    """A rigid motion in the plane, from one map's frame to another's: q = R(yaw) p + (x, y).
+
+    Attributes:
+        x, y, yaw: [m], [m], [rad].
+
+    >>> Transform(1.0, 0.0, math.pi / 2).apply([(2.0, 0.0)]).round(3).tolist()
+    [[1.0, 2.0]]
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """Moves points (N, 2) [m]; the identity returns the same numbers."""
+        points = np.asarray(points, dtype=float).reshape(-1, 2)
+        if not any(self):
+            return points
+        return points @ self.rotation.T + (self.x, self.y)
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """The rotation matrix (2, 2)."""
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return np.array([[c, -s], [s, c]])
+
+    @property
+    def inverse(self) -> "Transform":
+        """The motion back."""
+        if not any(self):
+            return self
+        x, y = -self.rotation.T @ (self.x, self.y)
+        return Transform(float(x), float(y), -self.yaw)
+
+    def after(self, first: "Transform") -> "Transform":
+        """Returns this motion after another one."""
+        x, y = self.rotation @ (first.x, first.y) + (self.x, self.y)
+        return Transform(float(x), float(y), math.remainder(self.yaw + first.yaw, 2.0 * math.pi))
+
+    @classmethod
+    def rotation_about(cls, center: np.ndarray, destination: np.ndarray, yaw: float) -> "Transform":
+        """Returns the motion that turns about a centre (2,) [m] by a yaw [rad], and takes it to a destination (2,) [m]."""
+        x, y = destination - cls(yaw=yaw).apply(center)[0]
+        return cls(float(x), float(y), math.remainder(yaw, 2.0 * math.pi))
 
 
 @dataclass(frozen=True)
@@ -91,8 +138,7 @@ class GridMap:
     @cached_property
     def _turn(self) -> np.ndarray:
         """The matrix (2, 2) that rotates row vectors from the map frame to (column, row) axes."""
-        c, s = math.cos(self.origin[2]), math.sin(self.origin[2])
-        return np.array([[c, -s], [s, c]])
+        return Transform(*self.origin).rotation
 
     def same_geometry(self, other: "GridMap") -> bool:
         """Returns whether both maps have the same size, resolution and origin."""

@@ -26,9 +26,9 @@ import shapely.geometry
 
 from vb_core import geometry
 from vb_core.errors import CodedError
+from vb_core.grid_map import Transform
 from vb_core.notices import Notice, Severity
 from vb_core.zones import KEEP_OUT, ZONES, Zone
-from vb_map_integration.places.transform import Transform
 
 # more than a person draws: over three minutes without a pause, at 25 spots a second
 MAX_POINTS = 5000

@@ -13,7 +13,7 @@ from typing import Any, List, Optional, Sequence, Tuple
 from vb_core import map_files
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import GridMap, Transform
 from vb_core.notices import Notice, Severity
 from vb_map_integration.border import IntegrationError, VirtualBorder, borders_to_geojson, warning
 from vb_map_integration.border_region import BorderRegion, compute_region
@@ -21,7 +21,6 @@ from vb_map_integration.borders_in_force import BordersInForce, BorderStatus, co
 from vb_map_integration.grid.raster import count_free_parts
 from vb_map_integration.places.border_location import BorderLocator
 from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer
-from vb_map_integration.places.transform import Transform
 from vb_map_integration.storage.border_database import BorderChange, Change, Database, fingerprint
 from vb_map_integration.storage.durable_values import DurableValues
 

@@ -17,10 +17,9 @@ from typing import Mapping, Optional, Tuple
 
 import numpy as np
 
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import GridMap, Transform
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.places.registration import WallMap, compare_walls, refine, subsample
-from vb_map_integration.places.transform import Transform
 from vb_map_integration.storage.border_database import StoredMap
 
 _MIN_SEEN_SHARE = 0.5  # share of a border's points that the map must know before a person is asked about the border

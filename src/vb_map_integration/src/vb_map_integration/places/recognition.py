@@ -14,10 +14,9 @@ from typing import Dict, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
+from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap, Transform
 from vb_map_integration.places.border_location import BorderLocator, wall_map_of
 from vb_map_integration.places.registration import Registration, WallMap, evaluate_transform, register_maps
-from vb_map_integration.places.transform import Transform
 from vb_map_integration.storage.border_database import Database, StoredMap
 
 # how many of a place's maps are compared: the first and the newest ones

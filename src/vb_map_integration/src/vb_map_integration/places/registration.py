@@ -22,8 +22,7 @@ from typing import List, Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
-from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
-from vb_map_integration.places.transform import Transform
+from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap, Transform
 
 # [m] a wall is found again if there is one this near: two cells of a usual map, and SLAM's distortion of a few cm
 TOLERANCE = 0.12

@@ -16,9 +16,8 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 import numpy as np
 
 from vb_core.errors import CodedError
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import GridMap, Transform
 from vb_map_integration.border import MAX_NAME, VirtualBorder, border_from_feature, border_to_feature
-from vb_map_integration.places.transform import Transform
 from vb_map_integration.storage.durable_values import DurableValues
 
 MAX_CHANGES = 100  # changes that are kept and can be undone
