@@ -44,7 +44,7 @@ MODULES = (
     "vb_fusion.seed_point",
     "vb_fusion.strokes",
     "vb_map_integration.border_region",
-    "vb_map_integration.grid.raster",
+    "vb_map_integration.open_chains",
     "vb_robot.driving.command_gate",
     "vb_robot.driving.scan_clearance",
     "vb_robot.driving.arbiter",

@@ -28,8 +28,9 @@ from vb_core.map_files import read_map
 from vb_evaluation.metrics import free_cells, jaccard
 from vb_map_integration.border import IntegrationError, VirtualBorder
 from vb_map_integration.borders_in_force import BorderStatus
-from vb_map_integration.border_region import apply_regions, compute_region
+from vb_map_integration.border_region import compute_region
 from vb_map_integration.map_integrator import MapIntegrator
+from vb_map_integration.region import apply_regions
 
 SILENT = "lines that closed off something else without a word"
 Outcome = Tuple[str, bool, str]  # the figure, whether the case counts for it, and the case to inspect if it does

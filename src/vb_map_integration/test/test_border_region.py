@@ -16,7 +16,7 @@ from vb_core.grid_map import GridMap
 from vb_evaluation.metrics import jaccard
 from vb_map_integration.border import IntegrationError, VirtualBorder
 from vb_map_integration.border_region import compute_region
-from vb_map_integration.grid import separating_curve
+from vb_map_integration.open_chains import BorderOnGrid, cut_free_space
 
 from oracle import ORIGINS, RESOLUTION, ROOMS, place, rasterise, side_of, world
 
@@ -235,9 +235,8 @@ def test_a_seed_within_a_cell_of_the_curve_stays_on_its_side(offset):
 
 
 def test_each_side_of_a_cut_can_be_filled():
-    cells = np.full((22, 42), 255, np.uint8)
-    cells[1:-1, 1:-1] = 0
-    cut = separating_curve.cut_free_space(cells, np.array([(20.0, 5.0), (20.0, 14.0)]), fit_length=5.0, tolerance=2.0)
+    points = np.array([(20.0, 5.0), (20.0, 14.0)])
+    cut = cut_free_space(BorderOnGrid(np.zeros((20, 40), np.uint8), 0.05, points, seed=np.array([5.0, 10.0])))
     areas = [np.count_nonzero(cut.fill_side(start)[1]) for start in [(10, 5), (10, 35)]]
     assert areas == [20 * 20, 20 * 19]
 

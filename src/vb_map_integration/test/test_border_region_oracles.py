@@ -13,8 +13,9 @@ from examples import STEADY, off_thresholds
 from refusals import refused
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.grid import raster
-from vb_map_integration.border_region import MAX_SEED_SHIFT, WALL_WIDTH, Region, compute_region
+from vb_map_integration.border_region import compute_region, polygon_mask
+from vb_map_integration.open_chains import MAX_SEED_SHIFT, WALL_WIDTH, rasterize_chain
+from vb_map_integration.region import Region
 
 # on cells' centres, edges and corners, and anywhere else
 PLACE = st.tuples(*(st.integers(-24, 4 * end).map(lambda n: n / 4) | off_thresholds(-6.0, end) for end in (18, 14)))
@@ -33,7 +34,7 @@ def winding(vertices, shape):
 @given(st.lists(PLACE, min_size=3, max_size=7))
 def test_a_polygons_cells_are_those_whose_centre_it_winds_round(vertices):
     shape, corners = (9, 12), np.array(vertices)
-    window, mask = raster.polygon_mask(corners, shape)
+    window, mask = polygon_mask(corners, shape)
     cells = np.zeros(shape, bool)
     cells[window] = mask == 255
     assert set(np.unique(mask)) <= {0, 255}
@@ -50,7 +51,7 @@ SHAPE = (9, 12)  # of the map on which chains are traced
 def test_a_traced_point_is_on_its_segment_and_in_its_cell(chain):
     steps = np.hypot(*np.diff(chain, axis=0).T)
     assume(steps.min() > 1e-3)
-    trace, arc = raster.rasterize_chain(chain, SHAPE), np.concatenate([[0.0], np.cumsum(steps)])
+    trace, arc = rasterize_chain(chain, SHAPE), np.concatenate([[0.0], np.cumsum(steps)])
     assert trace.points.shape == trace.cells.shape
     assert (np.diff(trace.arc) >= -1e-9).all()
     share = (trace.arc - arc[trace.segment]) / steps[trace.segment]
@@ -66,7 +67,7 @@ def test_a_traced_point_is_on_its_segment_and_in_its_cell(chain):
 @given(CHAINS)
 def test_a_traced_chain_leaves_no_gap(chain):
     assume(np.hypot(*np.diff(chain, axis=0).T).min() > 1e-3)
-    trace = raster.rasterize_chain(chain, SHAPE)
+    trace = rasterize_chain(chain, SHAPE)
     # every cell of the map that a densely sampled chain meets is traced, and none more than one cell off the map
     dense = np.vstack([a + np.linspace(0.0, 1.0, 800)[:, None] * (b - a) for a, b in zip(chain[:-1], chain[1:])])
     is_inner = np.abs(dense - np.round(dense)).max(axis=1) < 0.2  # not near corners, which the samples may miss
@@ -103,7 +104,7 @@ def test_a_wall_covers_half_its_width_on_each_side_of_its_chain(points, noise):
     grid = GridMap(cells, resolution)
     chain = np.array(points)
     assume(np.hypot(*np.diff(chain, axis=0).T).min() > 0.01)
-    trace = raster.rasterize_chain(grid.world_to_grid(chain), cells.shape)
+    trace = rasterize_chain(grid.world_to_grid(chain), cells.shape)
     core = [cell for cell in trace.cells.tolist() if 0 <= cell[0] < 20 and 0 <= cell[1] < 30]
     reach = int(WALL_WIDTH / 2.0 / resolution + 1e-6)
     wanted = np.zeros(cells.shape, bool)

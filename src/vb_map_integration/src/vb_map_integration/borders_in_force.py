@@ -11,7 +11,7 @@ A border is identified by the floor that it closes off as well as by its line:
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
@@ -20,9 +20,12 @@ import numpy as np
 
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.notices import Notice, Severity
-from vb_map_integration.border import IntegrationError, VirtualBorder
-from vb_map_integration.border_region import BorderRegion, Region, apply_regions, compute_region, join_regions
+from vb_map_integration.border import IntegrationError, VirtualBorder, warning
+from vb_map_integration.border_region import compute_region
 from vb_map_integration.places.border_location import BorderLocation, BorderLocator
+from vb_map_integration.region import BorderRegion, Region, apply_regions, count_free_parts, join_regions
+
+Positions = Sequence[Sequence[float]]  # x, y of each robot [m]
 
 # status codes: the border waits for a person, or is not in force
 TO_BE_CONFIRMED, DOES_NOT_FIT = "to_be_confirmed", "inactive_on_this_map"
@@ -90,27 +93,71 @@ class BorderStatus:
 
 
 @dataclass(frozen=True)
+class BorderCheck:
+    """Effect of adding or changing a border.
+
+    Attributes:
+        region: the region of the physical map that the border restricts.
+        issues: warnings, the region's first.
+        free_parts: number of parts of the free space with the border, see `count_free_parts`.
+    """
+
+    region: BorderRegion
+    issues: Tuple[Notice, ...]
+    free_parts: int
+
+
+@dataclass(frozen=True)
 class BordersInForce:
     """A map, and what its borders restrict there.
 
     Attributes:
         physical_map: the map without borders.
+        robot_radius: [m] to compute what a robot can reach.
         statuses: the status of each border by its id, the oldest border first.
     """
 
     physical_map: GridMap
+    robot_radius: float
     statuses: Mapping[str, BorderStatus] = field(default_factory=dict)
+
+    def check_border(self, border: VirtualBorder, robot_positions: Positions = ()) -> BorderCheck:
+        """Checks what adding a border, or replacing the one with the same id, would do.
+
+        Args:
+            border: in the map's frame.
+            robot_positions: (N, 2) [m] of the robots that it applies to.
+
+        Raises:
+            IntegrationError: as `compute_region`.
+        """
+        other_borders = self.draw_map(excluded_ids=[border.id])
+        region = compute_region(self.physical_map, border)
+        free_parts = count_free_parts(apply_regions(other_borders, [region]), self.robot_radius)
+        issues = list(region.issues)
+        if region.contains_any(self.physical_map.world_to_cell(robot_positions)):
+            issues.append(warning("robot_inside"))
+        if free_parts > self._free_parts:
+            issues.append(warning("splits_free_space"))
+        if free_parts == 0 < self._free_parts:
+            issues.append(warning("no_free_space_left"))
+        return BorderCheck(region, tuple(issues), free_parts)
+
+    @cached_property
+    def _free_parts(self) -> int:
+        """The number of parts of the free space with all borders in force."""
+        return count_free_parts(self.map_with_borders, self.robot_radius)
 
     @cached_property
     def map_with_borders(self) -> GridMap:
         """The map with all borders in force."""
-        return self.draw_map()
+        return apply_regions(self.physical_map, [status.region for status in self.statuses.values() if status.region])
 
-    def draw_map(self, excluded_ids: Iterable[str] = (), extra_regions: Sequence[Region] = ()) -> GridMap:
-        """Draws the map with the borders in force, without those with excluded ids, and with extra regions."""
-        statuses = [status for border_id, status in self.statuses.items() if border_id not in excluded_ids]
-        regions = [status.region for status in statuses if status.region]
-        return apply_regions(self.physical_map, [*regions, *extra_regions])
+    def draw_map(self, excluded_ids: Iterable[str]) -> GridMap:
+        """Draws the map with the borders in force, without those with excluded ids."""
+        statuses = {key: status for key, status in self.statuses.items() if key not in excluded_ids}
+        remaining = self if len(statuses) == len(self.statuses) else replace(self, statuses=statuses)
+        return remaining.map_with_borders
 
     @property
     def slow_zones(self) -> Tuple[BorderStatus, ...]:
@@ -138,8 +185,8 @@ class BordersInForce:
 def compute_borders_in_force(
     borders: Iterable[VirtualBorder],
     locator: BorderLocator,
-    previous: Optional[BordersInForce] = None,
-    drawn: Optional[BorderRegion] = None,
+    previous: BordersInForce,
+    drawn_regions: Mapping[str, Region],
 ) -> BordersInForce:
     """Computes which borders are in force on a map, and what they restrict there.
 
@@ -147,27 +194,25 @@ def compute_borders_in_force(
         borders: the stored borders, in the frame of their place.
         locator: has the physical map, and finds where the borders are on it.
         previous: the previous result for the same locator, from which unchanged borders take their statuses.
-        drawn: the region of the border that was just drawn on this map, if it is one of these.
+        drawn_regions: by border id, those of borders that were just drawn on this map.
     """
     statuses: Dict[str, BorderStatus] = {}
     for border in borders:
-        status = previous.statuses.get(border.id) if previous else None
+        status = previous.statuses.get(border.id)
         if status is None or status.stored_border is not border:
-            if drawn is not None and drawn.border.id == border.id:
-                region = drawn if border.enabled else None
-                status = BorderStatus(border, drawn.border, region=region, region_after=region)
-            else:
-                status = _decide_status(border, locator.locate(border), locator.grid)
+            status = _decide_status(border, locator.locate(border), locator.grid, drawn_regions.get(border.id))
         statuses[border.id] = status
-    return BordersInForce(locator.grid, statuses)
+    return replace(previous, statuses=statuses)
 
 
-def _decide_status(stored: VirtualBorder, location: BorderLocation, grid: GridMap) -> BorderStatus:
+def _decide_status(
+    stored: VirtualBorder, location: BorderLocation, grid: GridMap, drawn_region: Optional[Region]
+) -> BorderStatus:
     """Decides which region of a border is in force, and whether to ask a person. In doubt, it is the larger region."""
     border = location.border
     if not border.enabled:
         return BorderStatus(stored, border)
-    current, error = _find_region(grid, border)
+    current, error = (drawn_region, "") if drawn_region else _find_region(grid, border)
     if location.accepted is None:
         return BorderStatus(stored, border, "" if current else DOES_NOT_FIT, error, current, region_after=current)
     # a closed line or a wall closes off the same wherever it is, as the line alone decides

@@ -6,9 +6,10 @@ place the current map shows, and `compute_borders_in_force` what is in force the
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, List, Optional, Sequence, Tuple
+from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
 from vb_core import map_files
 from vb_core.errors import CodedError
@@ -16,30 +17,18 @@ from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap, Transform
 from vb_core.notices import Notice, Severity
 from vb_map_integration.border import IntegrationError, VirtualBorder, borders_to_geojson, warning
-from vb_map_integration.border_region import BorderRegion, compute_region
-from vb_map_integration.borders_in_force import BordersInForce, BorderStatus, compute_borders_in_force, find_notices
-from vb_map_integration.grid.raster import count_free_parts
+from vb_map_integration.borders_in_force import (
+    BorderCheck,
+    BordersInForce,
+    BorderStatus,
+    Positions,
+    compute_borders_in_force,
+    find_notices,
+)
 from vb_map_integration.places.border_location import BorderLocator
 from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer
 from vb_map_integration.storage.border_database import BorderChange, Change, Database, fingerprint
 from vb_map_integration.storage.durable_values import DurableValues
-
-Positions = Sequence[Sequence[float]]  # x, y of each robot [m]
-
-
-@dataclass(frozen=True)
-class BorderCheck:
-    """Effect of adding or changing a border.
-
-    Attributes:
-        region: the region of the physical map that the border restricts.
-        issues: warnings, the region's first.
-        free_parts: number of parts of the free space with the border, see `count_free_parts`.
-    """
-
-    region: BorderRegion
-    issues: Tuple[Notice, ...]
-    free_parts: int
 
 
 @dataclass(frozen=True)
@@ -79,7 +68,6 @@ class MapIntegrator:
         self._locator: Optional[BorderLocator] = None  # None until the first map arrives, as `_borders_in_force`
         self._borders_in_force: Optional[BordersInForce] = None
         self.map_id = ""
-        self._free_parts: Optional[int] = None  # of the map with borders; None until they are counted
         self._place_notices: List[Notice] = []  # why the map's place could not be recorded
 
     def close(self) -> None:
@@ -112,7 +100,7 @@ class MapIntegrator:
     def map_with_borders_for(self, robot: str) -> GridMap:
         """Returns the map for one robot: with the borders that name it and those that name no robot."""
         others = [border.id for border in self.borders if border.robots and robot not in border.robots]
-        return self.borders_in_force.draw_map(excluded_ids=others) if others else self.map_with_borders
+        return self.borders_in_force.draw_map(excluded_ids=others)
 
     @property
     def borders(self) -> Tuple[VirtualBorder, ...]:
@@ -168,19 +156,15 @@ class MapIntegrator:
     def _adopt_map(self, grid: GridMap, recognition: PlaceRecognition) -> None:
         """Puts a place's borders in force on a map: a new one, or the same one after a person's answer about it."""
         self._set_recognition(grid, recognition)
-        self._borders_in_force = None
-        self._recompute_borders(self._database.borders(recognition.place))
+        borders = self._database.borders(recognition.place)
+        without_borders = BordersInForce(grid, self._robot_radius)
+        self._borders_in_force = compute_borders_in_force(borders, self._locator, without_borders, {})
 
     def _set_recognition(self, grid: GridMap, recognition: PlaceRecognition) -> None:
         """Sets what the current map was recognised as, and with it the locator of borders on it."""
         maps = self._database.maps_of(recognition.place)
         self._locator = BorderLocator(grid, self.map_id, maps, recognition.transform, recognition.other_transform)
         self._recognition = recognition
-
-    def _recompute_borders(self, borders: Sequence[VirtualBorder], drawn: Optional[BorderRegion] = None) -> None:
-        """Puts the place's stored borders in force; see `compute_borders_in_force` for `drawn`."""
-        self._borders_in_force = compute_borders_in_force(borders, self._locator, self._borders_in_force, drawn)
-        self._free_parts = None
 
     # ------------------------------------------------------------- which place the map shows
     def confirm(self, is_same_place: bool, name: str, map_id: str = "") -> ChangeResult:
@@ -230,19 +214,7 @@ class MapIntegrator:
             CodedError: "no_map", "unknown_robot", or as `compute_region`.
         """
         self._check_robots(border)
-        region = compute_region(self.physical_map, border)
-        issues = list(region.issues)
-        if region.contains_any(self.physical_map.world_to_cell(robot_positions)):
-            issues.append(warning("robot_inside"))
-        if self._free_parts is None:
-            self._free_parts = count_free_parts(self.map_with_borders, self._robot_radius)
-        new_map = self.borders_in_force.draw_map(excluded_ids=[border.id], extra_regions=[region])
-        after = count_free_parts(new_map, self._robot_radius)
-        if after > self._free_parts:
-            issues.append(warning("splits_free_space"))
-        if after == 0 < self._free_parts:
-            issues.append(warning("no_free_space_left"))
-        return BorderCheck(region, tuple(issues), after)
+        return self.borders_in_force.check_border(border, robot_positions)
 
     def _check_robots(self, border: VirtualBorder) -> None:
         """Refuses a border that names unknown robots, if names are configured."""
@@ -269,10 +241,17 @@ class MapIntegrator:
         if earlier:
             return ChangeResult((earlier,))
         self._check_revision(expected_revision)
-        border = self._database.new_border(border, now, self._recognition.place, self.map_id)
-        after, check = self._check_drawn(border, robot_positions)
-        self._remember_map()
-        return self._make_change((BorderChange(border.id, None, after),), request_id=request_id, check=check)
+        if border.id:
+            raise CodedError("id_not_empty", id=border.id)
+        name = border.name or self._find_free_name("wall" if border.is_wall else "border")
+        changes = {"id": self._database.next_id, "name": name, "created": now, "modified": now}
+        return self._store_drawn(None, border, changes, robot_positions, request_id)
+
+    def _find_free_name(self, kind: str) -> str:
+        """Finds the first of "KIND 1", "KIND 2" and so on that no border of the current map has."""
+        taken = {border.name for border in self.borders}
+        numbered = (f"{kind} {number}" for number in itertools.count(1))
+        return next(name for name in numbered if name not in taken)
 
     def update(
         self, border: VirtualBorder, now: float, robot_positions: Positions = (), expected_revision: int = 0
@@ -285,26 +264,32 @@ class MapIntegrator:
         place, before = self._database.find_border(border.id)
         if place != self._recognition.place:
             raise CodedError("on_another_map", id=border.id)
-        name = border.name or before.name
-        border = border.replace(name=name, created=before.created, modified=now, map_id=self.map_id)
-        if border.has_same_area(self.borders_in_force.statuses[border.id].map_border):
-            self._check_robots(border)
-            after, check = border.replace(points=before.points, seed=before.seed, map_id=before.map_id), None
-        else:
-            after, check = self._check_drawn(border, robot_positions)
-            self._remember_map()
-        return self._make_change((BorderChange(border.id, before, after),), check=check)
+        changes = {"name": border.name or before.name, "created": before.created, "modified": now}
+        return self._store_drawn(before, border, changes, robot_positions)
 
-    def _check_drawn(self, border: VirtualBorder, robot_positions: Positions) -> Tuple[VirtualBorder, BorderCheck]:
-        """Checks a border drawn on the current map; returns it in its place's frame, and its check; raises CodedError."""
-        transform = self._recognition.transform
-        stored_border = border.transform(transform.inverse)
-        # A preview is not enough: the map, the borders or the robots may have changed since. The border is checked as it
-        # will be read back: a rounding error may change it on its way to its place's frame and back.
-        check = self.check(stored_border.transform(transform), robot_positions)
-        if not self._recognition.is_certain:  # a border would belong to no place
-            raise IntegrationError("confirm_map_first")
-        return stored_border, check
+    def _store_drawn(
+        self,
+        before: Optional[VirtualBorder],
+        border: VirtualBorder,
+        changes: Mapping[str, Any],
+        robot_positions: Positions,
+        request_id: str = "",
+    ) -> ChangeResult:
+        """Stores a border drawn on the current map, with some of its fields changed, in its place's frame."""
+        self._check_robots(border)
+        drawn = border.replace(map_id=self.map_id, **changes)
+        if before is not None and drawn.has_same_area(self.borders_in_force.statuses[before.id].map_border):
+            after, check = drawn.replace(points=before.points, seed=before.seed, map_id=before.map_id), None
+        else:
+            transform = self._recognition.transform
+            after = drawn.transform(transform.inverse)
+            # A preview is not enough: the map, the borders or the robots may have changed since. The border is checked as
+            # it will be read back: a rounding error may change it on its way to its place's frame and back.
+            check = self.borders_in_force.check_border(after.transform(transform), robot_positions)
+            if not self._recognition.is_certain:  # a border would belong to no place
+                raise IntegrationError("confirm_map_first")
+            self._remember_map()
+        return self._make_change((BorderChange(after.id, before, after),), request_id=request_id, check=check)
 
     def _remember_map(self) -> None:
         """Stores the current map if it is new: later maps are compared with those on which a person draws."""
@@ -378,7 +363,8 @@ class MapIntegrator:
         borders = self._database.commit(place, change, kind, request_id)
         issues = ()
         if place == self._recognition.place:
-            self._recompute_borders(borders, check.region if check else None)
+            regions = {change[0].id: check.region} if check else {}
+            self._borders_in_force = compute_borders_in_force(borders, self._locator, self.borders_in_force, regions)
             statuses = [self.borders_in_force.statuses[entry.id] for entry in change if entry.after is not None]
             issues = tuple(warning(status.code, **status.sentence_values) for status in statuses if status.code)
         return ChangeResult(tuple(entry.id for entry in change), check.issues if check else issues)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import base64
 import functools
 import hashlib
-import itertools
 import zlib
 from dataclasses import dataclass, field
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
@@ -171,19 +170,10 @@ class Database:
                 return place, borders[border_id]
         raise CodedError("unknown_border", id=border_id)
 
-    def new_border(self, border: VirtualBorder, now: float, place: int, map_id: str) -> VirtualBorder:
-        """Gives a border an id (taken when `commit` succeeds), times, its map and, if unnamed, a name free in its place.
-
-        Raises:
-            CodedError: "id_not_empty".
-        """
-        if border.id:
-            raise CodedError("id_not_empty", id=border.id)
-        taken = {other.name for other in self.borders(place)}
-        kind = "wall" if border.is_wall else "border"
-        numbered = (f"{kind} {number}" for number in itertools.count(1))
-        name = border.name or next(name for name in numbered if name not in taken)
-        return border.replace(id=f"b{self._store.get(_NEXT, 1)}", name=name, created=now, modified=now, map_id=map_id)
+    @property
+    def next_id(self) -> str:
+        """The id of the next new border; it is taken when `commit` succeeds."""
+        return f"b{self._store.get(_NEXT, 1)}"
 
     def commit(self, place: int, change: Change, kind: str = "new", request_id: str = "") -> Tuple[VirtualBorder, ...]:
         """Makes a change of borders of one place; returns the place's borders, as `borders` does.
