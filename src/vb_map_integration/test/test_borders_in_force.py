@@ -9,7 +9,7 @@ from refusals import refused
 from vb_core.errors import CodedError
 from vb_core.grid_map import Transform
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders_in_force import transfer_accepted_region
+from vb_map_integration.border_region import compute_region
 from vb_map_integration.places.border_location import BorderLocation, BorderLocator
 from vb_map_integration.storage.border_database import MAX_MAPS
 
@@ -73,7 +73,9 @@ def test_floor_that_the_next_map_does_not_know_yet_is_no_other_effect():
     keeper = integrator(grid=flat(), borders=[DOOR])
     keeper.set_map(flat(seed=1, known=(1.8, 9.0)))
     assert (status_of_first(keeper), closed_at(keeper, 2.5, 5.0)) == ((True, ""), True)
-    region = transfer_accepted_region(keeper._locator.locate(keeper.borders[0]), keeper.physical_map)
+    location = keeper._locator.locate(keeper.borders[0])
+    accepted = compute_region(location.accepted_map, location.accepted)
+    region = accepted.transfer(location.transform, keeper.physical_map)
     assert (keeper.physical_map.data[region.window][region.mask > 0] == 0).all()
 
 
@@ -215,7 +217,6 @@ def test_a_border_that_no_longer_fits_where_accepted_waits(monkeypatch):
     keeper = integrator(grid=flat(), borders=[DOOR])
     accepted = keeper.borders[0].replace(seed=(-50.0, -50.0))
     place = BorderLocation(keeper.borders[0], accepted=accepted, accepted_map=flat())
-    assert transfer_accepted_region(place, flat(seed=1)) is None
     monkeypatch.setattr(BorderLocator, "locate", lambda *_: place)
     keeper.set_map(flat(seed=1))
     assert status_of_first(keeper) == (True, "to_be_confirmed")

@@ -15,10 +15,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
-import cv2
 import numpy as np
 
-from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
+from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_map_integration.border import IntegrationError, VirtualBorder, warning
 from vb_map_integration.border_region import compute_region
@@ -215,8 +214,12 @@ def _decide_status(
     current, error = (drawn_region, "") if drawn_region else _find_region(grid, border)
     if location.accepted is None:
         return BorderStatus(stored, border, "" if current else DOES_NOT_FIT, error, current, region_after=current)
-    # a closed line or a wall closes off the same wherever it is, as the line alone decides
-    before = current if border.closed or border.is_wall else transfer_accepted_region(location, grid)
+    before = current
+    if not (border.closed or border.is_wall):  # those close off the same wherever they are, as the line alone decides
+        accepted, _ = _find_region(
+            location.accepted_map, location.accepted
+        )  # none if it was accepted with other limits
+        before = accepted.transfer(location.transform, grid) if accepted else None
     cause = error
     if not cause and location.floor_is_known and not location.walls_agree:
         cause = PLACE
@@ -235,31 +238,12 @@ def _decide_status(
     return BorderStatus(stored, border, code, cause, region, before, current)
 
 
-def _find_region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[Region], str]:
+def _find_region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[BorderRegion], str]:
     """Finds the region that a border restricts; else returns None and the code that says why there is none."""
     try:
         return compute_region(grid, border), ""
     except IntegrationError as error:
         return None, error.code
-
-
-def transfer_accepted_region(location: BorderLocation, grid: GridMap) -> Optional[Region]:
-    """Transfers what a border restricted on the map where it was accepted to the free cells of a map; None if none."""
-    assert location.accepted is not None and location.accepted_map is not None
-    try:
-        accepted = compute_region(location.accepted_map, location.accepted)
-    except IntegrationError:  # accepted by an earlier version with other limits
-        return None
-    corners = location.accepted_map.grid_to_world([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    start, *ends = grid.world_to_grid(location.transform.apply(corners))
-    matrix = np.column_stack([*(end - start for end in ends), start])
-    cells = cv2.warpAffine(accepted.restricted_cells.view(np.uint8), matrix, grid.shape[::-1], flags=cv2.INTER_NEAREST)
-    left, top, width, height = cv2.boundingRect(cells)
-    window = slice(top, top + height), slice(left, left + width)
-    is_free = (grid.data[window] >= 0) & (grid.data[window] < OCCUPIED_THRESHOLD)
-    mask = cells[window] * is_free * np.uint8(255)
-    count = cv2.countNonZero(mask)
-    return Region(window, mask, accepted.cell_value, False, count * grid.resolution**2) if count else None
 
 
 def find_notices(statuses: Sequence[BorderStatus], is_certain: bool, place_name: str) -> List[Notice]:

@@ -9,7 +9,7 @@ from typing import Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
-from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
+from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap, Transform
 from vb_core.notices import Notice
 
 # rows and columns of a part of a map
@@ -95,6 +95,20 @@ class BorderRegion(Region):
         cells = np.full(self.prior.shape, 0, np.uint8).view(bool)
         cells[self.window] = self.mask != 0
         return cells
+
+    def transfer(self, transform: Transform, grid: GridMap) -> Optional[Region]:
+        """Transfers the cells to the free cells of another map, by the transform to its frame; None if there are none."""
+        corners = self.prior.grid_to_world([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+        start, *ends = grid.world_to_grid(transform.apply(corners))
+        matrix = np.column_stack([*(end - start for end in ends), start])
+        restricted = self.restricted_cells.view(np.uint8)
+        cells = cv2.warpAffine(restricted, matrix, grid.shape[::-1], flags=cv2.INTER_NEAREST)
+        left, top, width, height = cv2.boundingRect(cells)
+        window = slice(top, top + height), slice(left, left + width)
+        is_free = (grid.data[window] >= 0) & (grid.data[window] < OCCUPIED_THRESHOLD)
+        mask = cells[window] * is_free * np.uint8(255)
+        count = cv2.countNonZero(mask)
+        return Region(window, mask, self.cell_value, False, count * grid.resolution**2) if count else None
 
 
 def apply_regions(grid: GridMap, regions: Sequence[Region]) -> GridMap:
