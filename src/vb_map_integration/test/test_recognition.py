@@ -10,7 +10,7 @@ from refusals import refused
 from vb_core import sentences
 from vb_core.grid_map import GridMap, Transform
 from vb_map_integration.places import registration
-from vb_map_integration.places.registration import WallMap
+from vb_map_integration.places.walls import WallMap
 
 
 # ----------------------------------------------------------------- registration

@@ -22,9 +22,8 @@ from vb_core.notices import Notice, Severity
 from vb_map_integration.border import IntegrationError, VirtualBorder, warning
 from vb_map_integration.border_region import compute_region
 from vb_map_integration.places.border_location import BorderLocation, BorderLocator
-from vb_map_integration.region import BorderRegion, Region, apply_regions, count_free_parts, join_regions
-
-Positions = Sequence[Sequence[float]]  # x, y of each robot [m]
+from vb_map_integration.region import BorderCheck, BorderRegion, Positions, Region
+from vb_map_integration.region import apply_regions, count_free_parts, join_regions
 
 # status codes: the border waits for a person, or is not in force
 TO_BE_CONFIRMED, DOES_NOT_FIT = "to_be_confirmed", "inactive_on_this_map"
@@ -92,21 +91,6 @@ class BorderStatus:
 
 
 @dataclass(frozen=True)
-class BorderCheck:
-    """Effect of adding or changing a border.
-
-    Attributes:
-        region: the region of the physical map that the border restricts.
-        issues: warnings, the region's first.
-        free_parts: number of parts of the free space with the border, see `count_free_parts`.
-    """
-
-    region: BorderRegion
-    issues: Tuple[Notice, ...]
-    free_parts: int
-
-
-@dataclass(frozen=True)
 class BordersInForce:
     """A map, and what its borders restrict there.
 
@@ -121,10 +105,9 @@ class BordersInForce:
     statuses: Mapping[str, BorderStatus] = field(default_factory=dict)
 
     def check_border(self, border: VirtualBorder, robot_positions: Positions = ()) -> BorderCheck:
-        """Checks what adding a border, or replacing the one with the same id, would do.
+        """Checks what adding a border in the map's frame, or replacing the one with the same id, would do.
 
         Args:
-            border: in the map's frame.
             robot_positions: (N, 2) [m] of the robots that it applies to.
 
         Raises:

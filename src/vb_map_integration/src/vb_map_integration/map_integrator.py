@@ -17,16 +17,10 @@ from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap, Transform
 from vb_core.notices import Notice, Severity
 from vb_map_integration.border import IntegrationError, VirtualBorder, borders_to_geojson, warning
-from vb_map_integration.borders_in_force import (
-    BorderCheck,
-    BordersInForce,
-    BorderStatus,
-    Positions,
-    compute_borders_in_force,
-    find_notices,
-)
+from vb_map_integration.borders_in_force import BordersInForce, BorderStatus, compute_borders_in_force, find_notices
 from vb_map_integration.places.border_location import BorderLocator
 from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer
+from vb_map_integration.region import BorderCheck, Positions
 from vb_map_integration.storage.border_database import BorderChange, Change, Database, fingerprint
 from vb_map_integration.storage.durable_values import DurableValues
 
@@ -207,11 +201,8 @@ class MapIntegrator:
     def check(self, border: VirtualBorder, robot_positions: Positions = ()) -> BorderCheck:
         """Checks what adding a border, or replacing the one with the same id, would do; changes nothing.
 
-        Args:
-            robot_positions: (N, 2) [m] of the robots that the border applies to.
-
         Raises:
-            CodedError: "no_map", "unknown_robot", or as `compute_region`.
+            CodedError: "no_map", "unknown_robot", or as `BordersInForce.check_border`.
         """
         self._check_robots(border)
         return self.borders_in_force.check_border(border, robot_positions)

@@ -12,8 +12,8 @@ import numpy as np
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap, Transform
 from vb_core.notices import Notice
 
-# rows and columns of a part of a map
-CellWindow = Tuple[slice, slice]
+CellWindow = Tuple[slice, slice]  # rows and columns of a part of a map
+Positions = Sequence[Sequence[float]]  # x, y of each robot [m]
 
 # larger maps are checked in coarser cells: the check is about doors and rooms, and people wait for its result
 MAX_CELLS = 2_000_000
@@ -109,6 +109,21 @@ class BorderRegion(Region):
         mask = cells[window] * is_free * np.uint8(255)
         count = cv2.countNonZero(mask)
         return Region(window, mask, self.cell_value, False, count * grid.resolution**2) if count else None
+
+
+@dataclass(frozen=True)
+class BorderCheck:
+    """Effect of adding or changing a border.
+
+    Attributes:
+        region: the region of the physical map that the border restricts.
+        issues: warnings, the region's first.
+        free_parts: number of parts of the free space with the border, see `count_free_parts`.
+    """
+
+    region: BorderRegion
+    issues: Tuple[Notice, ...]
+    free_parts: int
 
 
 def apply_regions(grid: GridMap, regions: Sequence[Region]) -> GridMap:

@@ -16,7 +16,8 @@ import numpy as np
 
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap, Transform
 from vb_map_integration.places.border_location import BorderLocator, wall_map_of
-from vb_map_integration.places.registration import Registration, WallMap, evaluate_transform, register_maps
+from vb_map_integration.places.registration import Registration, evaluate_transform, register_maps
+from vb_map_integration.places.walls import WallMap
 from vb_map_integration.storage.border_database import Database, StoredMap
 
 # how many of a place's maps are compared: the first and the newest ones
