@@ -113,6 +113,7 @@ def test_a_wall_covers_half_its_width_on_each_side_of_its_chain(points, noise):
     assume(core and (wanted & (cells == 0)).any())
     region = compute_region(grid, VirtualBorder(chain, None, is_wall=True))
     assert (region.restricted_cells == wanted & (cells == 0)).all()
+    assert cells[region.window].shape == region.mask.shape == tuple(part.stop - part.start for part in region.window)
 
 
 def nearest(allowed, seed, radius):

@@ -74,8 +74,7 @@ def test_floor_that_the_next_map_does_not_know_yet_is_no_other_effect():
     keeper.set_map(flat(seed=1, known=(1.8, 9.0)))
     assert (status_of_first(keeper), closed_at(keeper, 2.5, 5.0)) == ((True, ""), True)
     location = keeper._locator.locate(keeper.borders[0])
-    accepted = compute_region(location.accepted_map, location.accepted)
-    region = accepted.transfer(location.transform, keeper.physical_map)
+    region = compute_region(location.accepted_map, location.accepted).transfer(location.transform, keeper.physical_map)
     assert (keeper.physical_map.data[region.window][region.mask > 0] == 0).all()
 
 

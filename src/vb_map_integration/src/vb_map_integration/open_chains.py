@@ -159,12 +159,10 @@ def rasterize_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> ChainCells:
     points = start[segment] + t[:, None] * step[segment]
     arc = arc_start[segment] + t * length[segment]
     cells = np.floor(points + 0.5).astype(np.int64)[:, ::-1]
-    moves = np.abs(np.diff(cells, axis=0))
-    is_new = np.full(len(cells), True)
-    is_new[1:] = moves.any(axis=1)
+    moves = np.abs(np.diff(cells, axis=0, prepend=cells[:1] - (1, 0)))  # a straight step leads to the first cell
+    is_new = moves.any(axis=1)
     # a diagonal step gets one of the two cells beside it, so that no fill slips through, unless the chain was off the map
-    is_diagonal = np.full(len(cells), False)
-    is_diagonal[1:] = (moves == 1).all(axis=1)
+    is_diagonal = (moves == 1).all(axis=1)
     samples = np.repeat(np.arange(len(cells)), is_new.astype(int) + is_diagonal)
     cells = cells[samples]
     added = np.flatnonzero(samples[1:] == samples[:-1])  # the first of each pair
@@ -189,8 +187,7 @@ def fill_wall(wall: BorderOnGrid) -> Tuple[CellWindow, np.ndarray]:
     mask = np.full(wall.cells[window].shape, 0, np.uint8)
     rows, columns = (chain_cells - (top, left)).T
     mask[rows, columns] = 255
-    if reach:
-        mask = cv2.dilate(mask, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
+    mask = cv2.dilate(mask, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
     free = cv2.inRange(wall.cells[window], 0, OCCUPIED_THRESHOLD - 1)
     return window, cv2.bitwise_and(mask, free)
 
@@ -280,13 +277,11 @@ class CurveCut:
         values = filled_cells[positions[..., 1], positions[..., 0]]
         filled_counts = (values == _FILLED).sum(axis=1)
         sample_counts = filled_counts + (values == _FREE).sum(axis=1)
-        if not sample_counts.all():
+        if not (sample_counts.all() and filled_counts.any()):
             raise IntegrationError("no_separation")
         left, right = filled_counts / sample_counts
         if left >= _MIN_FILLED_SHARE and right >= _MIN_FILLED_SHARE:
             raise IntegrationError("seed_on_both_sides")
-        if left == right == 0.0:
-            raise IntegrationError("no_separation")
         return 1.0 if left > right else -1.0
 
     def _fill_own_cells(self, filled_cells: np.ndarray, side: float) -> None:
