@@ -1,4 +1,4 @@
-"""Open chains on the cells of a map: virtual walls, and separating curves with the area on the seed's side.
+"""A border on the cells of a map, and what open chains restrict there: virtual walls, and a curve's side with the seed.
 
 Coordinates are (column, row) as from `GridMap.world_to_grid`: whole numbers are the centres of cells. Masks are uint8, 0
 or 255, as OpenCV uses them; most cover only a window of the map, as all of a large map is slow, and none is made by
