@@ -56,11 +56,32 @@ class FloorProjection:
         self.params = params or ProjectionParams()
         self.floor = floor
 
-    def contains(self, points: np.ndarray) -> np.ndarray:
-        """Returns, as (N,) bool, which points (N, 3) [m] are on the map."""
-        if self.floor is None:
-            return np.ones(len(points), bool)
-        return self.floor.contains_cells(self.floor.world_to_cell(points[:, :2]))
+    def reason_against(self, origin: np.ndarray, plane: np.ndarray, point: np.ndarray) -> str:
+        """Returns the code of the reason why a pixel's point does not count, or "" if it counts.
+
+        Args:
+            origin: (3,) [m] the camera's position.
+            plane: (3,) [m] where the pixel's ray meets the floor's plane; NaN: nowhere.
+            point: (3,) [m] the point itself, as `plane`, or nearer or farther on the ray, where a depth image shows it.
+        """
+        if origin[2] <= self.params.floor_height or not np.isfinite(plane).all():
+            return "no_floor_intersection"
+        ray = plane - origin
+        distance = float(np.linalg.norm(ray))
+        if math.degrees(math.acos(min(1.0, abs(ray[2]) / distance))) > _MAX_INCIDENCE:
+            return "grazing_view"
+        if distance > self.params.max_range:
+            return "too_far"
+        if not self._is_on_map(plane):
+            return "spot_outside_map"
+        if point is plane:
+            return ""
+        if abs(point[2] - plane[2]) > _MAX_HEIGHT + _HEIGHT_PER_RANGE * float(np.linalg.norm(point - origin)):
+            return "not_on_floor"
+        return "" if self._is_on_map(point) else "spot_outside_map"
+
+    def _is_on_map(self, point: np.ndarray) -> bool:
+        return self.floor is None or bool(self.floor.contains_cells(self.floor.world_to_cell(point[None, :2]))[0])
 
 
 def depth_over_plane(
@@ -160,57 +181,42 @@ class ImageGeometry:
         Raises:
             CodedError: there is a spot to be located, but no pose.
         """
-        located = list(spots)
-        accepted = [index for index, spot in enumerate(spots) if not spot.rejection]
-        if accepted:
-            pixels = np.array([(spots[index].u, spots[index].v) for index in accepted])
-            for index, (point, code) in zip(accepted, self._find_floor_points(pixels)):
-                located[index] = replace(spots[index], floor_point=point, rejection=code)
-        return located
-
-    def _find_floor_points(self, pixels: np.ndarray) -> List[Tuple[Optional[FloorPoint], str]]:
-        """Returns the point that each of these pixels (N, 2) shows, or None and the code of the reason why it is none."""
-        limits = self.floor_projection.params
-        origin = self._pose[:3, 3]
+        accepted = [spot for spot in spots if not spot.rejection]
+        if not accepted:
+            return list(spots)
+        pixels = np.array([(spot.u, spot.v) for spot in accepted])
         depth_ratios = self._depth_ratios(pixels)
-        plane, meters_per_pixel = measure_floor(self.camera, self._pose, pixels, limits.floor_height)
         is_inside = self.camera.contains(pixels)
-        rays = plane - origin
-        ranges = np.linalg.norm(rays, axis=1)
-        incidences = np.degrees(np.arccos(np.minimum(1.0, np.abs(rays[:, 2]) / ranges)))
-        has_depth = ~np.isnan(depth_ratios)
-        ratios = np.where(has_depth, depth_ratios, 1.0)
-        points = np.where(has_depth[:, None], origin + ratios[:, None] * rays, plane)
-        height_errors = np.abs(points[:, 2] - plane[:, 2])
-        with np.errstate(invalid="ignore"):
-            # the first reason counts
-            reasons = (
-                ("outside_image", ~is_inside),
-                ("no_floor_intersection", ~np.isfinite(plane).all(axis=1) | (origin[2] <= limits.floor_height)),
-                ("grazing_view", incidences > _MAX_INCIDENCE),
-                ("too_far", ranges > limits.max_range),
-                ("spot_outside_map", ~self.floor_projection.contains(plane)),
-                ("not_on_floor", height_errors > _MAX_HEIGHT + _HEIGHT_PER_RANGE * ratios * ranges),
-                ("spot_outside_map", ~self.floor_projection.contains(points)),
-            )
-        plane_source = GROUND_PLANE if self.find_depth is None else GROUND_PLANE_FALLBACK
-        found: List[Tuple[Optional[FloorPoint], str]] = []
-        for row, point in enumerate(points):
-            code = next((code for code, applies in reasons if applies[row]), "")
-            if not code and any(robot.occludes(origin, point) for robot in self._robots):
-                code = "on_robot"
-            source = DEPTH if has_depth[row] else plane_source
-            floor_point = FloorPoint(point, float(ratios[row] * meters_per_pixel[row]), source)
-            found.append((None, code) if code else (floor_point, ""))
-        return found
+        height = self.floor_projection.params.floor_height
+        planes, meters_per_pixel = measure_floor(self.camera, self._pose, pixels, height)
+        located = map(self._locate_spot, accepted, is_inside, planes, meters_per_pixel.tolist(), depth_ratios)
+        return [spot if spot.rejection else next(located) for spot in spots]
 
-    def _depth_ratios(self, pixels: np.ndarray) -> np.ndarray:
+    def _locate_spot(
+        self, spot: Spot, is_inside: bool, plane: np.ndarray, meters_per_pixel: float, depth_ratio: float
+    ) -> Spot:
+        """Returns a spot with its point, from what its pixel shows of the floor's plane and of the depth image."""
+        origin = self._pose[:3, 3]
+        source = GROUND_PLANE if self.find_depth is None else GROUND_PLANE_FALLBACK
+        point = plane
+        if not math.isnan(depth_ratio):
+            source = DEPTH
+            point = origin + depth_ratio * (plane - origin)
+            meters_per_pixel *= depth_ratio
+        code = self.floor_projection.reason_against(origin, plane, point) if is_inside else "outside_image"
+        if not code and any(robot.occludes(origin, point) for robot in self._robots):
+            code = "on_robot"
+        if code:
+            return replace(spot, rejection=code)
+        return replace(spot, floor_point=FloorPoint(point, meters_per_pixel, source))
+
+    def _depth_ratios(self, pixels: np.ndarray) -> List[float]:
         """Returns `depth_over_plane` at each of these pixels (N, 2) of the image; NaN without a depth image."""
         readings, depth_camera = (None, None) if self.find_depth is None else self.find_depth()
         if readings is None or readings.ndim != 2 or not readings.size:
-            return np.full(len(pixels), math.nan)
+            return [math.nan] * len(pixels)
         # without a camera of its own, the depth image has the colour image's model, scaled to its size
         camera = depth_camera or self.camera.scaled_to(readings.shape[1], readings.shape[0])
         depth_pixels = camera.project(self.camera.pixels_to_rays(pixels))
         height = self.floor_projection.params.floor_height
-        return np.array([depth_over_plane(readings, pixel, camera, self._pose, height) for pixel in depth_pixels])
+        return [depth_over_plane(readings, pixel, camera, self._pose, height) for pixel in depth_pixels]
