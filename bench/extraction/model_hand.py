@@ -207,11 +207,21 @@ def held(rng: np.random.Generator) -> Scene:
     return Scene(right_point[None], False, np.vstack(parts), np.concatenate(shown))
 
 
+def extract(scene: Scene, state: str, modules: List[Any], rng: np.random.Generator) -> Any:
+    """Returns the `DrawnBorder` of what the cameras see of a scene in this state."""
+    extraction, collecting = modules
+    collector = collecting.SpotCollector()
+    collector.set_state(getattr(collecting, state), "drawing", 0.0)
+    for position, stamp, camera in zip(*look(scene, rng)):
+        collector.add(collecting.FloorSpot(stamp, *position, str(camera), 1.0, False))
+    live = extraction.LiveExtractor(extraction.ExtractionParams(), 1.0)
+    return live.update(collector.snapshot(), time.monotonic)
+
+
 def judge_seed(make: Callable, modules: List[Any], rng: np.random.Generator) -> Judgement:
     """Judges the seed as `judge` judges a border; it is bad if it is more than 15 cm from the intended point."""
-    scene, extraction = make(rng), modules[0]
-    points, stamps, cameras = look(scene, rng)
-    drawn = extraction.DrawnBorder(dwells=extraction.find_dwells(points, stamps=stamps, cameras=cameras))
+    scene = make(rng)
+    drawn = extract(scene, "SEED", modules, rng)
     error = float(np.hypot(*(scene.truth[0] - drawn.seed)))
     reported = drawn.competing_dwell is not None
     return Judgement(error > 0.15, error > 0.15 and not reported, reported, error)
@@ -219,21 +229,15 @@ def judge_seed(make: Callable, modules: List[Any], rng: np.random.Generator) -> 
 
 def judge(make: Callable, modules: List[Any], rng: np.random.Generator) -> Judgement:
     """Judges the border that is extracted from what the cameras see of a scene."""
-    extraction, collecting = modules
     scene = make(rng)
-    collector = collecting.SpotCollector()
-    collector.set_state(collecting.BORDER, "drawing", 0.0)
-    for position, stamp, camera in zip(*look(scene, rng)):
-        collector.add(collecting.FloorSpot(stamp, *position, str(camera), 1.0, False))
-    live = extraction.LiveExtractor(extraction.ExtractionParams(), 1.0)
-    chain = live.update(collector.snapshot(), time.monotonic).chain
+    chain = extract(scene, "BORDER", modules, rng).chain
     if chain is None:
         return Judgement(bad=True, silent=False, reported=True, error=np.nan)
     truth = scene.truth[np.append(True, np.hypot(*np.diff(scene.truth, axis=0).T) > 1e-9)]
     error = hausdorff(chain.points, geometry.resample_chain(truth, 0.01), scene.closed)
     bad = error > BAD_M or chain.closed != scene.closed
     gap = getattr(chain, "longest_unseen_gap", 0.0)
-    reported = bool(chain.left_out_spots) or gap > 0.5 * extraction.ExtractionParams().eps
+    reported = bool(chain.left_out_spots) or gap > 0.5 * modules[0].ExtractionParams().eps
     return Judgement(bad, bad and not reported, reported, error)
 
 

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from refusals import refused
-from vb_fusion.extraction import DrawnBorder
-from vb_fusion.seed_point import find_dwells
+from vb_fusion.extraction import DrawnBorder, extract_dwells
 
 
 @pytest.mark.parametrize("points, code", [([], "no_spots"), ([[np.nan, 1]], "no_spots"), ([[0, 0]], "no_seed")])
 def test_too_few_or_non_finite_spots_are_refused(points, code):
     with refused(code):
-        find_dwells(points, stamps=np.arange(len(points)) / 25.0)
+        extract_dwells(points, stamps=np.arange(len(points)) / 25.0)
 
 
 def seen(place, first, last, *cameras, rate=25):
@@ -33,7 +32,7 @@ def find(parts, border=(), random_seed=0, dropped=0.0):
     columns = [np.concatenate(column) for column in zip(*spots)]
     kept = np.random.default_rng(random_seed).random(len(columns[0])) >= dropped
     points, stamps, cameras = (column[kept] for column in columns)
-    return find_dwells(points, border_points=border, stamps=stamps, cameras=cameras, mobile=cameras == "robot")
+    return extract_dwells(points, border_points=border, stamps=stamps, cameras=cameras, mobile=cameras == "robot")
 
 
 def around(place, count):

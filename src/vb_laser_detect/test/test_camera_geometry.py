@@ -35,7 +35,7 @@ def lab(monkeypatch):
     monkeypatch.setattr(robot_profile, "read", lambda name: PROFILE)
     dropped_codes, transforms = [], TransformLookup()
     drive(transforms._buffer, "red", 2.0, 5.0, static=True)
-    report = SimpleNamespace(count_dropped=dropped_codes.append)
+    report = SimpleNamespace(count_dropped=dropped_codes.append, frames_of_others=dict)
     lens = Mock(model_for=Mock(side_effect=lambda size: CameraModel.ideal(*size, 500.0)))
     camera = CameraGeometry("red", False, transforms, lens, None, FloorProjection(), ["/", "/second"], report)
     return camera, transforms._buffer, dropped_codes
@@ -92,7 +92,7 @@ def test_lens_is_looked_up_twice_a_second_and_for_each_new_size(lab, monkeypatch
     large, small = (640, 480), (320, 240)
     for seconds, size in ((0.0, large), (0.4, large), (0.4, small), (0.8, small), (0.91, small), (1.0, large)):
         clock.monotonic = lambda seconds=seconds: 100.0 + seconds
-        red.geometry_at("red", rospy.Time(5.0 + seconds), size, {})
+        red.geometry_at("red", rospy.Time(5.0 + seconds), size)
     assert [call.args[0] for call in red._info.model_for.call_args_list] == [large, small, small, large]
     assert red.focal == 500.0
 
@@ -101,8 +101,9 @@ def test_lens_is_looked_up_twice_a_second_and_for_each_new_size(lab, monkeypatch
 def test_ceiling_cameras_that_share_a_frame_are_named(lab, mobile):
     red, *_ = lab
     red._mobile = mobile
+    red._report.frames_of_others = lambda: {"green": "red", "blue": "blue"}
     with contextlib.nullcontext() if mobile else refused("shared_frame") as raised:
-        red.geometry_at("red", rospy.Time(5.0), (640, 480), {"green": "red"})
+        red.geometry_at("red", rospy.Time(5.0), (640, 480))
     assert mobile or raised.value.values["cameras"] == "green, red"
 
 

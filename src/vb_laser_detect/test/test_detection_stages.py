@@ -15,9 +15,9 @@ from vb_core.image_format import Picture
 from vb_laser_detect.detection import features
 from vb_laser_detect.detection.spot_detector import DetectorParams
 from vb_laser_detect.detection.background import Background, block_maxima, blocks_around, find_boxes, match_lighting
-from vb_laser_detect.detection.background import max_channel
+from vb_laser_detect.detection.background import find_regions, max_channel
 from vb_laser_detect.detection.projection import ProjectionParams
-from vb_laser_detect.detection.stage_results import Spot
+from vb_laser_detect.detection.stage_results import Changes, ExpectedSpot, Spot
 from vb_laser_detect.detection.detector_counts import DetectorCounts, InputWatch
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -135,6 +135,20 @@ def test_regions_part_a_bright_spot_from_what_it_touches():
     maxima[20, 20] = 200
     found = find_boxes(maxima, maxima > 18)
     assert (20 * 8, 20 * 8, 21 * 8, 21 * 8) in found
+
+
+@pytest.mark.parametrize("u, parts", [(80.0, [(74, 34, 87, 47)]), (62.0, [(64, 34, 69, 47)]), (40.0, [])])
+def test_a_region_is_searched_again_where_a_spot_is_expected(u, parts):
+    rise = np.zeros((12, 20), np.uint8)
+    rise[4:6, 8:12] = 50
+    changes = Changes(rise, rise > 0, np.zeros(rise.shape, bool))
+    picture = Picture(np.full((96, 160), 200, np.uint8), "mono")
+    for min_level, is_dark in ((100.0, False), (201.0, True)):
+        expected = ExpectedSpot((u, 40.0), reach=6.0, max_width=20.0)
+        (region,) = find_regions(picture, changes, min_level, [expected])
+        assert region.box == (64, 32, 96, 48)
+        assert region.boxes == ([] if is_dark else [region.box, *parts])
+        assert region.expected == (expected if parts else None)
 
 
 def test_counts_are_since_the_start_and_rates_over_the_last_seconds():

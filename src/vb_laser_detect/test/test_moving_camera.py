@@ -14,7 +14,7 @@ from spot_scenes import ImageDetector
 from vb_laser_detect.detection import features
 from vb_laser_detect.detection.image_registration import ImageRegistration
 from vb_laser_detect.detection.spot_detector import DetectorParams, SpotDetector
-from vb_laser_detect.detection.stage_results import ExpectedSpot
+from vb_laser_detect.detection.spot_tracker import Track
 
 PALE = np.array([0.86, 1.0, 0.84], np.float32)
 WIDE, HIGH = 400, 300
@@ -111,8 +111,8 @@ def test_a_spot_is_expected_where_the_motion_has_moved_it(monkeypatch):
     monkeypatch.setattr(features, "examine_regions", examine)
     detector.detect(picture[:HIGH, :WIDE], 0.0)
     panned = cv2.circle(picture[:HIGH, 24 : 24 + WIDE].copy(), (176, 150), 3, (255, 255, 255), -1)
-    expected = ExpectedSpot(last=(200.0, 150.0), step=(0.0, 0.0), reach=6.0, max_width=20.0)
-    monkeypatch.setattr(detector._tracker, "predict", lambda stamp: [expected])
+    track = Track(1, np.array([200.0, 150.0]), 0.0, 0.0, diameter=10.0, is_confirmed=True)
+    monkeypatch.setattr(detector._tracker, "_tracks", [track])
     detector.detect(panned, 0.04)
     ((searched, *_), _) = examine.call_args
     (moved,) = (region.expected for region in searched.regions if region.expected)

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from board_scene import CAMERA
-from refusals import refused
 from vb_core import geometry
 from vb_core.camera_model import CameraModel, project_to_floor, project_to_pixels
 from vb_core.grid_map import GridMap
@@ -29,11 +28,24 @@ def forward(pitch=0.6, height=0.6):
     return geometry.make_transform(rotation, (1.0, 1.0, height))
 
 
+def locate(camera, T, u, v, depth=None, floor=None):
+    """Returns the spot at a pixel, located on a floor of which a map may be known, and a depth image with its camera."""
+    image = ImageGeometry(camera, FloorProjection(floor=floor), lambda: T, depth and (lambda: depth))
+    (spot,) = image.locate([Spot(u, v, 8.0)])
+    assert bool(spot.rejection) == (spot.floor_point is None)
+    return spot
+
+
+def floor_point(*view, **known):
+    """Returns the point on the floor as `locate` finds it."""
+    return locate(*view, **known).floor_point
+
+
 @settings(max_examples=60, deadline=None)
 @given(u=st.floats(0, 1919), v=st.floats(0, 1079), tilt=st.floats(-0.3, 0.3))
 def test_plane_round_trip(u, v, tilt):
     T = down(tilt=tilt)
-    point = FloorProjection().project_to_plane(CAMERA, T, u, v)
+    point = floor_point(CAMERA, T, u, v)
     assert point.source == GROUND_PLANE and point.position[2] == pytest.approx(0.0, abs=1e-9)
     assert project_to_pixels(CAMERA, T, point.position)[0] == pytest.approx((u, v), abs=0.02)
 
@@ -41,7 +53,7 @@ def test_plane_round_trip(u, v, tilt):
 def test_metres_per_pixel_of_a_camera_that_looks_down():
     camera = CameraModel.ideal(1920, 1080, 1000.0)
     T = geometry.make_transform(geometry.rotation_from_rpy(math.pi, 0, 0), (0, 0, 2.95))
-    assert FloorProjection().project_to_plane(camera, T, 300, 800).meters_per_pixel == pytest.approx(0.00295, rel=1e-3)
+    assert floor_point(camera, T, 300, 800).meters_per_pixel == pytest.approx(0.00295, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -58,16 +70,14 @@ def test_metres_per_pixel_of_a_camera_that_looks_down():
 )
 def test_pixels_without_a_floor_in_reach_are_rejected(T, u, v, code):
     camera = CAMERA if T[2, 2] < -0.9 else ROBOT
-    with refused(code):
-        FloorProjection().project_to_plane(camera, T, u, v)
+    assert locate(camera, T, u, v).rejection == code
 
 
 def test_points_outside_the_map():
-    projection = FloorProjection(floor=GridMap(np.zeros((40, 40), np.int8), 0.05, (3.0, 1.5, 0.0)))
+    floor = GridMap(np.zeros((40, 40), np.int8), 0.05, (3.0, 1.5, 0.0))
     inside, outside = project_to_pixels(CAMERA, down(), np.array([[4.5, 3.0, 0], [5.2, 2.5, 0]]))
-    assert projection.project_to_plane(CAMERA, down(), *inside).position[:2] == pytest.approx((4.5, 3.0), abs=1e-3)
-    with refused("spot_outside_map"):
-        projection.project_to_plane(CAMERA, down(), *outside)
+    assert floor_point(CAMERA, down(), *inside, floor=floor).position[:2] == pytest.approx((4.5, 3.0), abs=1e-3)
+    assert locate(CAMERA, down(), *outside, floor=floor).rejection == "spot_outside_map"
 
 
 # ------------------------------------------------------------------ depth
@@ -94,8 +104,8 @@ def test_depth_of_any_size_and_lens_meets_the_plane(color, own, dtype):
     T = forward()
     depth, random = depth_image(T, own, dtype), np.random.default_rng(0)
     for u, v in random.uniform((20, 150), (620, 460), (40, 2)):
-        plane = FloorProjection().project_to_plane(color, T, u, v)
-        point = FloorProjection().project_with_depth(color, T, u, v, (depth, own if color is COLOR else None))
+        plane = floor_point(color, T, u, v)
+        point = floor_point(color, T, u, v, depth=(depth, own if color is COLOR else None))
         assert point.source == DEPTH
         assert np.linalg.norm(point.position - plane.position) < 0.003
         assert point.meters_per_pixel == pytest.approx(plane.meters_per_pixel, rel=0.002)
@@ -103,18 +113,15 @@ def test_depth_of_any_size_and_lens_meets_the_plane(color, own, dtype):
 
 FORWARD, SMALL = forward(), ROBOT.scaled_to(160, 120)
 FLOOR = depth_image(FORWARD, SMALL, "m")
-PLANE = FloorProjection().project_to_plane(ROBOT, FORWARD, 320, 300)
-
-
-def locate(depth):
-    return FloorProjection().project_with_depth(ROBOT, FORWARD, 320, 300, (depth, None))
+VIEW = ROBOT, FORWARD, 320, 300
+PLANE = floor_point(*VIEW)
 
 
 def test_holes_fall_back_to_the_plane():
     holes = FLOOR.copy()
     holes[60:90, 60:100] = np.nan
     for missing in (holes, None, np.zeros((0, 0), np.uint16), np.zeros((120, 160), np.uint16)):
-        point = locate(missing)
+        point = floor_point(*VIEW, depth=(missing, None))
         assert point.source == GROUND_PLANE_FALLBACK and point.position == pytest.approx(PLANE.position)
 
 
@@ -125,14 +132,13 @@ def test_outliers_and_a_thing_beside_the_spot_do_not_lift_it():
     column = int(round(SMALL.project(ROBOT.pixels_to_rays(np.array([[320.0, 300.0]])))[0, 0]))
     leg[:, column + 1 :] *= 0.6  # a table's leg covers two of the five columns of the neighbourhood
     for depth in (wild, leg):
-        point = locate(depth)
+        point = floor_point(*VIEW, depth=(depth, None))
         assert point.source == DEPTH and np.linalg.norm(point.position - PLANE.position) < 0.03
 
 
 @pytest.mark.parametrize("scale", [0.7, 1.3])
 def test_points_above_and_below_the_floor_are_rejected(scale):
-    with refused("not_on_floor"):
-        locate(scale * FLOOR)
+    assert locate(*VIEW, depth=(scale * FLOOR, None)).rejection == "not_on_floor"
 
 
 @settings(deadline=None)
@@ -148,9 +154,10 @@ def test_floor_depth_is_right_at_edges_and_beside_holes(place, seed, holes, dtyp
     missing = random.random(depth.shape) < holes
     missing[:, : random.integers(0, 160)] = True  # and everything on one side
     depth[missing] = hole if dtype == "m" else 0
-    plane = FloorProjection().project_to_plane(ROBOT, FORWARD, *place)
-    point = FloorProjection().project_with_depth(ROBOT, FORWARD, *place, (depth, None))
-    assert np.linalg.norm(point.position - plane.position) < 0.002 + 0.001 * plane.range
+    plane = floor_point(ROBOT, FORWARD, *place)
+    point = floor_point(ROBOT, FORWARD, *place, depth=(depth, None))
+    distance = np.linalg.norm(plane.position - FORWARD[:3, 3])
+    assert np.linalg.norm(point.position - plane.position) < 0.002 + 0.001 * distance
 
 
 # ------------------------------------------------------------------ robots that hide the floor
@@ -178,7 +185,9 @@ def test_what_a_robot_hides_is_rejected_and_pose_and_robots_are_looked_up_once()
     assert frame.locate([Spot(50, 50, 8.0, rejection="peak")])[0].rejection == "peak"
     assert not find_pose.called and not find_robots.called
     beside, hidden = frame.locate([beside, on])
-    assert frame.meters_per_pixel(np.array([[beside.u, beside.v]])) == beside.floor_point.meters_per_pixel
+    box = (beside.u - 2.0, beside.v - 2.0, beside.u + 2.0, beside.v + 2.0)
+    diameters, _ = frame.max_diameters([box], 0.08)
+    assert diameters[box] == pytest.approx(3.0 + 0.08 / beside.floor_point.meters_per_pixel)
     assert np.allclose(beside.floor_point.position, (1.6, 1.3, 0.0))
     assert hidden.rejection == "on_robot"
     assert find_pose.call_count == find_robots.call_count == 1

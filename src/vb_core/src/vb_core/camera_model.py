@@ -19,7 +19,9 @@ from vb_core.errors import CodedError
 _EXACT_PX = 1e-6  # [px] the largest distance between a pixel and the projection of its ray
 _STEPS = 12  # iterations of Newton's method, each of which doubles the number of correct digits
 _ORIGIN = np.zeros(3)
+FISHEYE_MODELS = ("equidistant", "fisheye")  # names of the fisheye's distortion model
 _TAN_90_DEGREES = 1e9  # stands for the tangent of 90 degrees
+_CORNER = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])  # [px] a pixel and its neighbours to the right and below
 
 
 @dataclass(frozen=True)
@@ -119,6 +121,12 @@ class CameraModel:
     def is_distorted(self) -> bool:
         """Whether the lens distorts. A fisheye does even with coefficients of 0."""
         return self.fisheye or bool(self.distortion.any())
+
+    @property
+    def distortion_model(self) -> str:
+        """The distortion model's name in sensor_msgs/CameraInfo."""
+        pinhole = "plumb_bob" if self.distortion.size <= 5 else "rational_polynomial"
+        return FISHEYE_MODELS[0] if self.fisheye else pinhole
 
     @cached_property
     def _pinhole(self) -> Tuple[np.ndarray, np.ndarray]:
@@ -224,6 +232,23 @@ def project_to_floor(
 ) -> np.ndarray:
     """Projects pixels (N, 2) to points (N, 3) [m] on the floor, as `intersect_floor` does. Inverse of `project_to_pixels`."""
     return intersect_floor(T_map_camera, camera.pixels_to_rays(pixels), height)
+
+
+def measure_floor(
+    camera: CameraModel, T_map_camera: np.ndarray, pixels: np.ndarray, height: float = 0.0
+) -> Tuple[np.ndarray, np.ndarray]:
+    """Projects pixels (N, 2) to the floor, as `project_to_floor` does, and measures how much floor each one shows.
+
+    Returns:
+        The points (N, 3) [m], and the floor lengths (N,) [m/px] of the pixels, the mean over directions. Both are NaN where
+        no floor is seen.
+    """
+    corners = (pixels[:, None] + _CORNER).reshape(-1, 2)
+    floor = project_to_floor(camera, T_map_camera, corners, height).reshape(-1, 3, 3)
+    right = floor[:, 1] - floor[:, 0]
+    down = floor[:, 2] - floor[:, 0]
+    areas = np.abs(right[:, 0] * down[:, 1] - right[:, 1] * down[:, 0])
+    return floor[:, 0], np.sqrt(np.where(areas > 0.0, areas, np.nan))
 
 
 def project_to_pixels(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray) -> np.ndarray:

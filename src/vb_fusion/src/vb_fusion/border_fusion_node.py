@@ -171,7 +171,7 @@ class BorderFusionNode:
             if snapshot.interaction_id != self._collector.interaction_id:
                 return True  # another interaction has begun since the snapshot
             self._progress.publish(self._progress_message(snapshot, drawn))
-            if self._collector.may_clear:  # the spots have been shown by now
+            if snapshot.may_clear:  # the last spots have been shown by now
                 self._collector.clear()
         return True
 
@@ -198,7 +198,7 @@ class BorderFusionNode:
             message.has_seed = True
             message.seed = Point(*seed, 0.0)
         missing = drawn.chain_error
-        if missing is None and self._collector.state == SEED:
+        if missing is None and snapshot.state == SEED:
             missing = drawn.seed_error
         if missing is not None:
             message.code, message.message = missing.code, missing.message

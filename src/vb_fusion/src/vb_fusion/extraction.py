@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, field, replace
-from typing import Callable, Dict, Optional, Sequence
+from typing import Callable, Dict, List, Optional, Sequence
 
 import numpy as np
 
@@ -30,14 +30,14 @@ from vb_core import geometry, sentences
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 from vb_fusion.camera_offsets import remove_offsets
-from vb_fusion.observations import Observations, find_clusters, is_on_floor, make_observations
+from vb_fusion.observations import is_on_floor, observe, require_spots
 from vb_fusion.paper_algorithms import find_cluster, generate_polygon, thin_points
 from vb_fusion.polygonal_chain import Closure, classify_closure, make_chain
-from vb_fusion.seed_point import Dwell, choose_seed, find_dwells, find_competing_dwell
+from vb_fusion.seed_point import MIN_SPOTS, Dwell, choose_seed, find_dwells, find_competing_dwell
 from vb_fusion.spot_collector import CollectedSpots
 from vb_fusion.strokes import find_drawn_line
 
-__all__ = ["BorderChain", "DrawnBorder", "ExtractionParams", "LiveExtractor", "extract_border"]
+__all__ = ["BorderChain", "DrawnBorder", "ExtractionParams", "LiveExtractor", "extract_border", "extract_dwells"]
 
 
 # ------------------------------------------------------------------ one border
@@ -116,21 +116,19 @@ def extract_border(
         return _extract_as_in_paper(np.asarray(points, dtype=float).reshape(-1, 2), params)
     if stamps is None:
         raise ValueError("only the paper's mode needs no stamps")
-    observations = make_observations(points, stamps, cameras, confidences, mobile)  # stage 0
-    _require_spots(int(observations.spots.sum()), params.min_size)
-    clusters = find_clusters(observations)
+    observations, clusters = observe(points, stamps, cameras, confidences, mobile, params.min_size)  # stage 0
     # stage 1
     line, left_out, was_joined = find_drawn_line(observations, clusters, params.eps, params.min_exp, params.min_size)
     line = remove_offsets(line)  # stage 2
-    vertices, closure = make_chain(line, was_joined, params.eps)  # stages 3 to 6
-    unseen = _longest_unseen_gap(line, closure, was_joined, clusters.dropout_time)
-    return BorderChain(vertices, closure, left_out.points, int(left_out.spots.sum()), unseen)
+    # stages 3 to 6
+    vertices, closure, longest_unseen_gap = make_chain(line, was_joined, clusters.dropout_time, params.eps)
+    return BorderChain(vertices, closure, left_out.points, int(left_out.spots.sum()), longest_unseen_gap)
 
 
 def _extract_as_in_paper(points: np.ndarray, params: ExtractionParams) -> BorderChain:
     """Runs Algorithms 1 to 3 of the paper on points (N, 2) [m]."""
     points = points[is_on_floor(points)]
-    _require_spots(len(points), params.min_size)
+    require_spots(len(points), params.min_size)
     chain = points[find_cluster(points, params.eps, params.min_pts, params.min_exp, params.min_size)]
     if len(chain):
         thinned = thin_points(chain, params.thinning_dist)
@@ -140,27 +138,26 @@ def _extract_as_in_paper(points: np.ndarray, params: ExtractionParams) -> Border
     return BorderChain(chain, classify_closure(chain))
 
 
-def _require_spots(count: int, needed: int) -> None:
-    if count == 0:
-        raise CodedError("no_spots")
-    if count < needed:
-        raise CodedError("too_few_spots", spots=count, needed=needed)
+def extract_dwells(
+    points: np.ndarray,
+    *,
+    stamps: Sequence[float],
+    cameras: Optional[Sequence] = None,
+    confidences: Optional[Sequence[float]] = None,
+    mobile: Optional[Sequence[bool]] = None,
+    border_points: Sequence[Sequence[float]] = (),
+) -> List[Dwell]:
+    """Extracts the places where the pointer dwelt, in the order in which it left them. There is at least one.
 
+    Args:
+        points, stamps, cameras, confidences, mobile: as for `extract_border`.
+        border_points: (K, 2) [m] spots seen before the seed was requested, the border's.
 
-def _longest_unseen_gap(line: Observations, closure: Closure, was_joined: bool, dropout: float) -> float:
-    """Returns the longest stretch [m] of the line that no camera saw.
-
-    The opening between start and end counts only if several strokes were joined and either the chain is closed or
-    nothing was seen between the times of its two ends.
+    Raises:
+        CodedError: "no_spots" or "no_seed".
     """
-    began, ended = sorted(line.stamps[[0, -1]])
-    is_between = (began < line.stamps) & (line.stamps < ended)
-    is_unseen = was_joined and (closure.closed or not is_between.any())
-    opening = closure.gap if is_unseen else 0.0
-    dx, dy = np.diff(line.points, axis=0).T
-    steps = np.hypot(dx, dy)
-    pauses = np.abs(np.diff(line.stamps))
-    return float(steps[pauses > dropout].max(initial=opening))
+    observations, clusters = observe(points, stamps, cameras, confidences, mobile, MIN_SPOTS, "no_seed")
+    return find_dwells(observations, clusters, border_points)
 
 
 # ------------------------------------------------------------------ border and seed while a person draws
@@ -233,7 +230,7 @@ class LiveExtractor:
                 drawn = replace(drawn, chain=None, chain_error=error)
         if seed_total != last_seed_total:
             try:
-                dwells = find_dwells(border_points=snapshot.border["points"], **_columns(snapshot.seed))
+                dwells = extract_dwells(border_points=snapshot.border["points"], **_columns(snapshot.seed))
                 drawn = replace(drawn, dwells=dwells, seed_error=None)
             except CodedError as error:
                 drawn = replace(drawn, dwells=(), seed_error=error)

@@ -8,9 +8,12 @@ cameras saw close together in one time bin is merged again, into a cluster.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Optional, Sequence
+from functools import cached_property
+from typing import Optional, Sequence, Tuple
 
 import numpy as np
+
+from vb_core.errors import CodedError
 
 TREMOR = 0.05  # [m] a hand held still stays within it, and cameras agree within it
 LOCALIZATION_ERROR = 0.15  # [m] by which a robot's pose may be off, differently every second
@@ -46,7 +49,7 @@ class Observations:
     spots: np.ndarray
     witnesses: np.ndarray
 
-    @property
+    @cached_property
     def dropout_time(self) -> float:
         """The time [s] within which a moving pointer is seen again, a few usual intervals between occupied bins."""
         pauses = np.diff(np.unique(self.time_bins))
@@ -80,6 +83,33 @@ class Observations:
             witnesses=np.bincount(np.unique(labels * span + self.cameras) // span),
         )
         return merged.select(np.lexsort((y, x, times)))
+
+
+def observe(
+    points: np.ndarray,
+    stamps: Sequence[float],
+    cameras: Optional[Sequence],
+    confidences: Optional[Sequence[float]],
+    mobile: Optional[Sequence[bool]],
+    needed: int,
+    too_few: str = "too_few_spots",
+) -> Tuple[Observations, Observations]:
+    """Makes observations of the spots, as `make_observations`, and finds the clusters of these, as `find_clusters`.
+
+    Raises:
+        CodedError: as `require_spots`.
+    """
+    observations = make_observations(points, stamps, cameras, confidences, mobile)
+    require_spots(int(observations.spots.sum()), needed, too_few)
+    return observations, find_clusters(observations)
+
+
+def require_spots(count: int, needed: int, too_few: str = "too_few_spots") -> None:
+    """Refuses fewer spots than are needed. Raises CodedError "no_spots" if there are none at all, or `too_few`."""
+    if count == 0:
+        raise CodedError("no_spots")
+    if count < needed:
+        raise CodedError(too_few, spots=count, needed=needed)
 
 
 def make_observations(

@@ -47,16 +47,20 @@ MIN_DETAIL = 0.005  # [m] vertices whose loss moves the chain by less are droppe
 MAX_SLIP_RATIO = 0.02  # share of the area that a self-crossing line encloses. Smaller loops are slips of the hand
 
 
-def make_chain(line: Observations, was_joined: bool, max_gap: float) -> Tuple[np.ndarray, Closure]:
+def make_chain(
+    line: Observations, was_joined: bool, dropout: float, max_gap: float
+) -> Tuple[np.ndarray, Closure, float]:
     """Makes the polygonal chain along the drawn line.
 
     Args:
         line: the observations in the order in which the line runs, without their cameras' offsets.
         was_joined: whether the line consists of several strokes.
+        dropout: [s] time within which a moving pointer is seen again.
         max_gap: [m] widest gap between the line's ends that may hide a corner.
 
     Returns:
-        The chain's vertices (M, 2) [m], and the decision whether it is closed.
+        The chain's vertices (M, 2) [m]; the decision whether it is closed; and the length [m] of the longest piece of it
+        that no camera saw.
 
     Raises:
         CodedError: "figure_too_small", "line_self_intersects".
@@ -75,7 +79,24 @@ def make_chain(line: Observations, was_joined: bool, max_gap: float) -> Tuple[np
     vertices = fit_vertices(trimmed, starts, hides_corner and len(starts) > 2)
     if len(vertices) < 3:
         closure = classify_closure(vertices)
-    return simplify(vertices, closure.closed), closure  # stage 6
+    vertices = simplify(vertices, closure.closed)  # stage 6
+    return vertices, closure, _longest_unseen_gap(line, closure, was_joined, dropout)
+
+
+def _longest_unseen_gap(line: Observations, closure: Closure, was_joined: bool, dropout: float) -> float:
+    """Returns the longest stretch [m] of the line that no camera saw.
+
+    The opening between start and end counts only if several strokes were joined and either the chain is closed or
+    nothing was seen between the times of its two ends.
+    """
+    began, ended = sorted(line.stamps[[0, -1]])
+    is_between = (began < line.stamps) & (line.stamps < ended)
+    is_unseen = was_joined and (closure.closed or not is_between.any())
+    opening = closure.gap if is_unseen else 0.0
+    dx, dy = np.diff(line.points, axis=0).T
+    steps = np.hypot(dx, dy)
+    pauses = np.abs(np.diff(line.stamps))
+    return float(steps[pauses > dropout].max(initial=opening))
 
 
 # ------------------------------------------------------------------ 3: samples

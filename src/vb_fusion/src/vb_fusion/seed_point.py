@@ -15,8 +15,7 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vb_core.errors import CodedError
-from vb_fusion.observations import TIME_BIN, TREMOR, Observations, find_clusters, is_on_floor, make_observations
+from vb_fusion.observations import TIME_BIN, TREMOR, Observations, is_on_floor
 from vb_fusion.strokes import find_best_track
 
 HAND_RADIUS = 1.5 * TREMOR  # [m] a hand held still stays within this of its mean, camera offsets included
@@ -68,13 +67,7 @@ def find_competing_dwell(dwells: Sequence[Dwell]) -> Optional[Dwell]:
 
 
 def find_dwells(
-    points: np.ndarray,
-    *,
-    stamps: Sequence[float],
-    cameras: Optional[Sequence] = None,
-    confidences: Optional[Sequence[float]] = None,
-    mobile: Optional[Sequence[bool]] = None,
-    border_points: Sequence[Sequence[float]] = (),
+    observations: Observations, clusters: Observations, border_points: Sequence[Sequence[float]]
 ) -> List[Dwell]:
     """Finds the places where the pointer dwelt, in the order in which it left them. There is at least one.
 
@@ -82,20 +75,10 @@ def find_dwells(
     light has been at its place [s], the less it counts as new. Each camera that sees a cluster adds to its gain.
 
     Args:
-        points: (N, 2) [m], any order.
-        stamps, cameras, confidences, mobile: as for `extract_border`.
+        observations: observations in order of time, at least one.
+        clusters: clusters of these observations, in order of time.
         border_points: (K, 2) [m] spots seen before the seed was requested, the border's.
-
-    Raises:
-        CodedError: "no_spots" or "no_seed".
     """
-    observations = make_observations(points, stamps, cameras, confidences, mobile)
-    count = int(observations.spots.sum())
-    if count == 0:
-        raise CodedError("no_spots")
-    if count < MIN_SPOTS:
-        raise CodedError("no_seed", spots=count, needed=MIN_SPOTS)
-    clusters = find_clusters(observations)
     positions = clusters.points
     patch, earlier = _floor_patches(positions)
     border_points = np.asarray(border_points, dtype=float).reshape(-1, 2)

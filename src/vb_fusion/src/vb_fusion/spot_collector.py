@@ -70,16 +70,19 @@ class CollectedSpots:
     """The spots of an interaction so far. Later spots do not change the arrays.
 
     Attributes:
+        state: the interaction's state.
         border, seed: (K,) of the type SPOT, in the order of their arrival.
         cameras: names of the cameras, by their indices.
-        counts: `SpotCollector.counts`.
+        counts, may_clear: those of the `SpotCollector`.
     """
 
     interaction_id: str
+    state: State
     border: np.ndarray
     seed: np.ndarray
     cameras: List[str]
     counts: Tuple[int, int, int]
+    may_clear: bool
 
 
 class CameraClocks:
@@ -224,5 +227,6 @@ class SpotCollector:
 
     def snapshot(self) -> CollectedSpots:
         """Returns the spots collected so far."""
-        border, seed = self._stores[BORDER.collects], self._stores[SEED.collects]
-        return CollectedSpots(self.interaction_id, border.spots, seed.spots, list(self._cameras), self.counts)
+        border, seed = (self._stores[state.collects].spots for state in (BORDER, SEED))
+        cameras = list(self._cameras)
+        return CollectedSpots(self.interaction_id, self.state, border, seed, cameras, self.counts, self.may_clear)

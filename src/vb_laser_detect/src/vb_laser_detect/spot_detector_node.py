@@ -220,8 +220,7 @@ class CameraDetector:
         self._stamps.append(stamp)
         geometry = geometry_error = None
         try:
-            frames = self._report.frames_of_others()
-            geometry = self._camera_geometry.geometry_at(received.frame_id, stamp, picture.size, frames)
+            geometry = self._camera_geometry.geometry_at(received.frame_id, stamp, picture.size)
         except CodedError as error:  # spots are then found, but not published
             geometry_error = error.without_traceback()
         began = time.perf_counter()

@@ -13,6 +13,7 @@ from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
 from vb_core.ros import node, services
+from vb_core.ros.preview_service import PreviewBorderArrayResponse
 from vb_core.ros.messages import NumpyBorderPreview, array_from_points, mapping_from_values, values_from_mapping
 from vb_msgs.msg import BorderIssue, BorderProgress, VirtualBorder, VirtualBorderArray
 
@@ -225,41 +226,40 @@ class PreviewPublisher:
         """Makes and publishes a preview, which is obsolete if the interaction then has ended or is being saved."""
         started = time.monotonic()
         answered = True
-        preview = _empty_preview(inputs, inputs.missing_reason)
+        reason = inputs.missing_reason
+        checked = None
         if inputs.is_complete:
             try:
-                preview = self._make_preview(inputs)
+                checked = self._services.preview(inputs.interaction_id)
             except CodedError as error:
                 answered = error.code not in services.UNANSWERED
-                preview = _empty_preview(inputs, Notice.from_error(error, Severity.INFO))
+                reason = Notice.from_error(error, Severity.INFO)
+        preview = _make_preview(inputs, reason, checked)
         with self._condition:
             if self._interaction_id == inputs.interaction_id and not self._is_saving:
                 self._publisher.publish(preview)
                 self._shown = preview
                 self._scheduler.record_preview(inputs, started, time.monotonic(), answered)
 
-    def _make_preview(self, inputs: PreviewInputs) -> NumpyBorderPreview:
-        border, answer = self._services.preview(inputs.interaction_id)
-        border.area_m2 = answer.area_m2
-        preview = _empty_preview(inputs, Notice(answer.code, message=answer.message))
-        preview.values = answer.values
-        preview.available = True
-        preview.success = answer.success
-        preview.issues = [*answer.issues, *map(_issue_from_warning, inputs.warnings)]
-        preview.border = border
-        preview.region = answer.region
-        preview.area_m2 = answer.area_m2
-        preview.free_parts = answer.free_parts
-        return preview
 
-
-def _empty_preview(inputs: PreviewInputs, reason: Notice) -> NumpyBorderPreview:
-    """Makes a preview without a border, whose code and sentence give the reason."""
-    preview = NumpyBorderPreview(interaction_id=inputs.interaction_id, code=reason.code, message=reason.message)
-    preview.values = values_from_mapping(reason.values)
+def _make_preview(
+    inputs: PreviewInputs, reason: Notice, checked: Optional[Tuple[VirtualBorder, PreviewBorderArrayResponse]]
+) -> NumpyBorderPreview:
+    """Makes a preview of a border and what adding it would do. Without them it is empty, for the reason given."""
+    preview = NumpyBorderPreview(interaction_id=inputs.interaction_id)
     preview.header.stamp = rospy.Time.now()
     preview.header.frame_id = names.MAP_FRAME
-    preview.region.data = np.zeros(0, np.int8)
+    if checked is None:
+        preview.code, preview.message = reason.code, reason.message
+        preview.values = values_from_mapping(reason.values)
+        preview.region.data = np.zeros(0, np.int8)
+        return preview
+    preview.border, answer = checked
+    for name in ("success", "code", "message", "values", "area_m2", "free_parts", "region"):
+        setattr(preview, name, getattr(answer, name))
+    preview.available = True
+    preview.issues = [*answer.issues, *map(_issue_from_warning, inputs.warnings)]
+    preview.border.area_m2 = answer.area_m2
     return preview
 
 

@@ -13,7 +13,7 @@ import rospy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
-from vb_core.camera_model import CameraModel
+from vb_core.camera_model import FISHEYE_MODELS, CameraModel
 from vb_core.errors import CodedError
 from vb_core.image_format import Picture, PixelReader, find_encoding
 
@@ -87,7 +87,7 @@ def camera_from_info(info: CameraInfo, rectified: bool = False) -> CameraModel:
         CodedError: "bad_camera_info" if it describes no possible camera; "unsupported_camera" for binning, a region of
             interest or an unknown distortion model.
     """
-    models = ("", "plumb_bob", "rational_polynomial", "equidistant", "fisheye")
+    models = ("", "plumb_bob", "rational_polynomial", *FISHEYE_MODELS)
     if info.distortion_model not in models and not rectified:
         raise CodedError("unsupported_camera", f"the distortion model '{info.distortion_model}' is not supported")
     roi = info.roi
@@ -96,7 +96,7 @@ def camera_from_info(info: CameraInfo, rectified: bool = False) -> CameraModel:
         raise CodedError("unsupported_camera", "binning or a region of interest is set: send the full image")
     if rectified:
         return CameraModel(info.width, info.height, np.array(info.P).reshape(3, 4)[:, :3], np.zeros(5))
-    fisheye = info.distortion_model in ("equidistant", "fisheye")
+    fisheye = info.distortion_model in FISHEYE_MODELS
     return CameraModel(info.width, info.height, np.array(info.K), np.array(info.D), fisheye)
 
 
@@ -104,8 +104,7 @@ def info_from_camera(camera: CameraModel, stamp: rospy.Time, frame_id: str) -> C
     """Converts CameraModel to CameraInfo. Inverse of `camera_from_info`."""
     info = CameraInfo(header=Header(stamp=stamp, frame_id=frame_id))
     info.width, info.height = camera.width, camera.height
-    pinhole = "plumb_bob" if camera.distortion.size <= 5 else "rational_polynomial"
-    info.distortion_model = "equidistant" if camera.fisheye else pinhole
+    info.distortion_model = camera.distortion_model
     info.K = camera.matrix.ravel().tolist()
     info.D = camera.distortion.tolist()
     info.R = np.eye(3).ravel().tolist()

@@ -176,10 +176,9 @@ def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, PoseFile]:
             files[camera] = error.without_traceback()
     frames = {camera: file.frame for camera, file in files.items() if isinstance(file, CameraPose)}
     for camera, frame in frames.items():
-        try:
-            pose_file.require_own_frame(camera, frame, frames)  # a shared frame can be right for neither
-        except CodedError as error:
-            files[camera] = error.without_traceback()
+        sharing = sorted(name for name in frames if frames[name] == frame)
+        if len(sharing) > 1:  # it can be right for neither
+            files[camera] = CodedError("shared_frame", cameras=", ".join(sharing), frame=frame)
     return files
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Mapping, Sequence
+from typing import Sequence
 
 import numpy as np
 import yaml
@@ -89,17 +89,3 @@ def read_pose(path: Path) -> CameraPose:
     except (KeyError, TypeError, ValueError) as error:
         raise CodedError("bad_calibration", f"'{path}' is not a calibration: {error}") from None
     return CameraPose(path.stem, parent, frame, geometry.make_transform(rotation, translation), focal)
-
-
-def require_own_frame(camera: str, frame: str, frames: Mapping[str, str]) -> None:
-    """Refuses an optical frame that another camera has: a frame has one pose.
-
-    Args:
-        frames: frame of each camera; this one may be among them.
-
-    Raises:
-        CodedError: "shared_frame", naming the cameras.
-    """
-    others = [other for other, its_frame in frames.items() if its_frame == frame and other != camera]
-    if others:
-        raise CodedError("shared_frame", cameras=", ".join(sorted([*others, camera])), frame=frame)

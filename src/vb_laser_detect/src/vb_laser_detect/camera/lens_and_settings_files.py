@@ -9,11 +9,10 @@ from typing import Any, Dict, Mapping, Union
 import numpy as np
 import yaml
 
-from vb_core.camera_model import CameraModel
+from vb_core.camera_model import FISHEYE_MODELS, CameraModel
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 
-_FISHEYE = ("equidistant", "fisheye")
 _GROUP = "capture"
 
 
@@ -24,13 +23,12 @@ def save_lens(path: Path, name: str, camera: CameraModel) -> None:
         values = np.atleast_2d(values)
         return {"rows": values.shape[0], "cols": values.shape[1], "data": [float(value) for value in values.ravel()]}
 
-    pinhole_model = "plumb_bob" if camera.distortion.size <= 5 else "rational_polynomial"
     content = {
         "image_width": camera.width,
         "image_height": camera.height,
         "camera_name": name,
         "camera_matrix": matrix(camera.matrix),
-        "distortion_model": "equidistant" if camera.fisheye else pinhole_model,
+        "distortion_model": camera.distortion_model,
         "distortion_coefficients": matrix(camera.distortion),
         "rectification_matrix": matrix(np.eye(3)),
         "projection_matrix": matrix(np.column_stack([camera.matrix, np.zeros(3)])),
@@ -51,7 +49,7 @@ def load_lens(path: Path) -> CameraModel:
             int(content["image_height"]),
             np.array(content["camera_matrix"]["data"], float),
             np.array(content["distortion_coefficients"]["data"], float),
-            content.get("distortion_model") in _FISHEYE,
+            content.get("distortion_model") in FISHEYE_MODELS,
         )
     except FileNotFoundError:
         why = f"there is no {path}: run `rosrun vb_laser_detect calibrate_camera lens {path.stem}`"

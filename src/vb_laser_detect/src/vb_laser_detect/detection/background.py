@@ -385,10 +385,21 @@ def _region(picture: AnyPicture, box: Box, min_level: float, expected: Sequence[
     else:  # the highest level that is possible
         level = _max_in_box(picture.search_pixels, (left, top, right, bottom)) / _HALF_LEVEL
     for spot in expected:
-        part = spot.part_within_reach(box)
+        part = _part_within_reach(box, spot)
         if part is not None:
             return ChangedRegion(box, [box, part] if level >= min_level else [], spot)
     return ChangedRegion(box, [box] if level >= min_level else [], None)
+
+
+def _part_within_reach(box: Box, spot: ExpectedSpot) -> Optional[Box]:
+    """Returns the part of a box in which a spot may be, or None if it is in no part."""
+    left, top, right, bottom = box
+    u, v = spot.position
+    left = max(left, int(u - spot.reach))
+    top = max(top, int(v - spot.reach))
+    right = min(right, int(u + spot.reach) + 1)
+    bottom = min(bottom, int(v + spot.reach) + 1)
+    return (left, top, right, bottom) if left < right and top < bottom else None
 
 
 def _max_in_box(image: np.ndarray, box: Box) -> int:

@@ -9,15 +9,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Callable, List, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from vb_core.camera_model import CameraModel, project_to_floor
+from vb_core.camera_model import CameraModel, measure_floor, project_to_floor
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
-from vb_laser_detect.detection.stage_results import FloorPoint, Spot
+from vb_laser_detect.detection.stage_results import Box, FloorPoint, Spot
 
 # a depth image (h, w) and its camera, if that is known; both are None if no depth image is near the image's time
 Depth = Tuple[Optional[np.ndarray], Optional[CameraModel]]
@@ -33,7 +33,7 @@ _HEIGHT_PER_RANGE = 0.03  # [m/m] by which that limit grows with the distance, a
 _DEPTH_RADIUS = 2  # [px of the depth image] neighbourhood of the median: a spot's size at a metre
 _DEPTH_SHARE = 0.3  # least share of the neighbourhood with readings; below it the plane is used, and the point says so
 _MIN_DEPTH, _MAX_DEPTH = 0.3, 6.0  # [m] nearer and farther readings count as holes, for every camera of this kind
-_CORNER = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])  # [px] a pixel and its neighbours to the right and below
+_BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
 
 
 @dataclass(frozen=True)
@@ -44,15 +44,8 @@ class ProjectionParams(Parameters):
     max_range: float = param(12.0, "m", above=0.0, high=100.0, doc="largest distance from the camera to the spot")
 
 
-def _scales(corners: np.ndarray) -> np.ndarray:
-    """Computes the floor length (N,) [m/px] of pixels, the mean over directions, from their corners (N, 3, 3) [m]."""
-    right, down = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    areas = np.abs(right[:, 0] * down[:, 1] - right[:, 1] * down[:, 0])
-    return np.sqrt(np.where(areas > 0.0, areas, np.nan))
-
-
 class FloorProjection:
-    """Projects the spots of one camera.
+    """What counts as a point on the floor that one camera sees. Limits and map may change between images.
 
     Args:
         params: limits of what counts as a point on the floor.
@@ -63,78 +56,44 @@ class FloorProjection:
         self.params = params or ProjectionParams()
         self.floor = floor
 
-    def project_to_plane(self, camera: CameraModel, T_map_camera: np.ndarray, u: float, v: float) -> FloorPoint:
-        """Projects a pixel [px] to the floor plane.
-
-        Raises:
-            CodedError: "outside_image", "no_floor_intersection", "grazing_view", "too_far", "spot_outside_map".
-        """
-        p = self.params
-        if not (math.isfinite(u) and math.isfinite(v)) or not camera.contains(np.array([[u, v]]))[0]:
-            raise CodedError("outside_image", size=f"{camera.width} x {camera.height}")
-        corner = project_to_floor(camera, T_map_camera, (u, v) + _CORNER, p.floor_height)
-        point, origin = corner[0], T_map_camera[:3, 3]
-        if origin[2] <= p.floor_height or not np.isfinite(point).all():
-            raise CodedError("no_floor_intersection", "the ray does not meet the floor in front of the camera")
-        ray = point - origin
-        distance = float(np.linalg.norm(ray))
-        incidence = math.degrees(math.acos(min(1.0, abs(ray[2]) / distance)))
-        if incidence > _MAX_INCIDENCE:
-            raise CodedError("grazing_view", f"the floor is seen at {incidence:.0f} degrees from its normal")
-        if distance > p.max_range:
-            raise CodedError("too_far", f"the point is {distance:.1f} m away")
-        self._check_map(point)
-        return FloorPoint(point, float(_scales(corner[None])[0]), GROUND_PLANE, distance)
-
-    def project_with_depth(
-        self, camera: CameraModel, T_map_camera: np.ndarray, u: float, v: float, depth: Depth
-    ) -> FloorPoint:
-        """Projects a colour pixel [px] to the point that the depth image shows there.
+    def reason_against(self, origin: np.ndarray, plane: np.ndarray, point: np.ndarray) -> str:
+        """Returns the code of the reason why a pixel's point does not count, or "" if it counts.
 
         Args:
-            depth: image (h, w) float [m] or uint16 [mm], registered to the colour image and of any size; 0 and NaN are
-                holes. None, or too few readings round the pixel: the floor plane is used, and `source` says so. Without
-                a camera, the depth image has the colour image's model, scaled to its size.
-
-        Raises:
-            CodedError: as `project_to_plane`, and "not_on_floor" for a point above or below the floor.
+            origin: (3,) [m] the camera's position.
+            plane: (3,) [m] where the pixel's ray meets the floor's plane; NaN: nowhere.
+            point: (3,) [m] the point itself, as `plane`, or nearer or farther on the ray, where a depth image shows it.
         """
-        plane = self.project_to_plane(camera, T_map_camera, u, v)
-        readings, depth_camera = depth
-        ratio = None
-        if readings is not None and readings.ndim == 2 and readings.size:
-            model = depth_camera or camera.scaled_to(readings.shape[1], readings.shape[0])
-            pixel = model.project(camera.pixels_to_rays(np.array([[u, v]])))[0]
-            ratio = depth_over_plane(readings, pixel, model, T_map_camera, self.params.floor_height)
-        if ratio is None:
-            return replace(plane, source=GROUND_PLANE_FALLBACK)
-        origin = T_map_camera[:3, 3]
-        point = origin + ratio * (plane.position - origin)
-        distance = ratio * plane.range
-        height_error = float(point[2] - plane.position[2])
-        if abs(height_error) > _MAX_HEIGHT + _HEIGHT_PER_RANGE * distance:
-            raise CodedError("not_on_floor", f"the spot lies {height_error:+.2f} m off the floor")
-        self._check_map(point)
-        return FloorPoint(point, ratio * plane.meters_per_pixel, DEPTH, distance)
+        if origin[2] <= self.params.floor_height or not np.isfinite(plane).all():
+            return "no_floor_intersection"
+        ray = plane - origin
+        distance = float(np.linalg.norm(ray))
+        if math.degrees(math.acos(min(1.0, abs(ray[2]) / distance))) > _MAX_INCIDENCE:
+            return "grazing_view"
+        if distance > self.params.max_range:
+            return "too_far"
+        if not self._is_on_map(plane):
+            return "spot_outside_map"
+        if point is plane:
+            return ""
+        if abs(point[2] - plane[2]) > _MAX_HEIGHT + _HEIGHT_PER_RANGE * float(np.linalg.norm(point - origin)):
+            return "not_on_floor"
+        return "" if self._is_on_map(point) else "spot_outside_map"
 
-    def _check_map(self, point: np.ndarray) -> None:
-        if self.floor is None:
-            return
-        cells = self.floor.world_to_cell(point[None, :2])
-        if not self.floor.contains_cells(cells)[0]:
-            raise CodedError("spot_outside_map", f"({point[0]:.2f}, {point[1]:.2f}) lies outside the map")
+    def _is_on_map(self, point: np.ndarray) -> bool:
+        return self.floor is None or bool(self.floor.contains_cells(self.floor.world_to_cell(point[None, :2]))[0])
 
 
 def depth_over_plane(
     depth: np.ndarray, pixel: np.ndarray, camera: CameraModel, T_map_camera: np.ndarray, height: float
-) -> Optional[float]:
-    """Returns the depth at a pixel as a multiple of the floor plane's depth there, or None if there are too few readings.
+) -> float:
+    """Returns the depth at a pixel as a multiple of the floor plane's depth there, or NaN if there are too few readings.
 
     Each reading nearby is divided by what the plane would show at its pixel, so that neither the floor's slant nor the
     side on which readings are missing shifts their median.
     """
     if not camera.contains(pixel[None])[0]:
-        return None
+        return math.nan
     middle = np.round(pixel).astype(int)
     left, top = np.maximum(middle - _DEPTH_RADIUS, 0)
     right, bottom = middle + _DEPTH_RADIUS + 1
@@ -146,7 +105,7 @@ def depth_over_plane(
     ratios = part[rows, columns] / plane_depths
     ratios = ratios[np.isfinite(ratios)]
     if len(ratios) < max(1.0, _DEPTH_SHARE * part.size):
-        return None
+        return math.nan
     return float(np.median(ratios))
 
 
@@ -174,13 +133,13 @@ class RobotCylinder:
 
 @dataclass(eq=False)
 class ImageGeometry:
-    """Locates the pixels of one image on the floor: first `meters_per_pixel`, then `locate`.
+    """Maps the pixels of one image to the floor.
 
-    Most images show nothing to be located, so pose, depth and robots are looked up only if they are needed.
+    Most images show nothing to be located, so pose, depth and robots are looked up only when they are needed, once each.
 
     Attributes:
         camera: camera model for the image's size.
-        floor_projection: projection of this camera's spots.
+        floor_projection: what counts as a point on the floor.
         find_pose: returns T_map_camera (4, 4) at the image's time, or raises CodedError if it is unknown.
         find_depth: returns the depth at that time; None: the floor is a plane.
         find_robots: returns where robots hide the floor at that time; by default nowhere.
@@ -200,32 +159,64 @@ class ImageGeometry:
     def _robots(self) -> Sequence[RobotCylinder]:
         return self.find_robots()
 
-    def meters_per_pixel(self, pixels: np.ndarray) -> np.ndarray:
-        """Returns the floor length (N,) [m/px] of pixels (N, 2), NaN where no floor is seen. Raises CodedError without a pose."""
-        corners = (pixels[:, None] + _CORNER).reshape(-1, 2)
-        floor = project_to_floor(self.camera, self._pose, corners, self.floor_projection.params.floor_height)
-        return _scales(floor.reshape(-1, 3, 3))
+    def max_diameters(self, boxes: Sequence[Box], diameter: float) -> Tuple[Dict[Box, float], Optional[CodedError]]:
+        """Returns how large [px] a spot of this diameter [m] is at most in each box, or NaN where no floor is seen.
+
+        Without a pose, all are NaN, and the error says why it is unknown.
+        """
+        if not boxes:
+            return {}, None
+        try:
+            pose = self._pose
+        except CodedError as error:
+            return dict.fromkeys(boxes, math.nan), error.without_traceback()
+        middles = np.array(boxes).reshape(-1, 2, 2).mean(axis=1)
+        _, meters_per_pixel = measure_floor(self.camera, pose, middles, self.floor_projection.params.floor_height)
+        diameters = diameter / meters_per_pixel + _BLUR_PX
+        return dict(zip(boxes, diameters.tolist())), None
 
     def locate(self, spots: Sequence[Spot]) -> List[Spot]:
-        """Returns spots with their points on the floor. Spots without one are rejected, with the reason."""
-        located = []
-        for spot in spots:
-            try:
-                located.append(spot if spot.rejection else replace(spot, floor_point=self.floor_point(spot.u, spot.v)))
-            except CodedError as error:
-                located.append(replace(spot, rejection=error.code))
-        return located
-
-    def floor_point(self, u: float, v: float) -> FloorPoint:
-        """Projects a pixel to the floor.
+        """Returns spots with their points on the floor. Spots without one are rejected, with the reason.
 
         Raises:
-            CodedError: where there is no floor point, or without a pose; "on_robot" if a robot hides it.
+            CodedError: there is a spot to be located, but no pose.
         """
-        if self.find_depth is None:
-            point = self.floor_projection.project_to_plane(self.camera, self._pose, u, v)
-        else:
-            point = self.floor_projection.project_with_depth(self.camera, self._pose, u, v, self.find_depth())
-        if any(robot.occludes(self._pose[:3, 3], point.position) for robot in self._robots):
-            raise CodedError("on_robot")
-        return point
+        accepted = [spot for spot in spots if not spot.rejection]
+        if not accepted:
+            return list(spots)
+        pixels = np.array([(spot.u, spot.v) for spot in accepted])
+        depth_ratios = self._depth_ratios(pixels)
+        is_inside = self.camera.contains(pixels)
+        height = self.floor_projection.params.floor_height
+        planes, meters_per_pixel = measure_floor(self.camera, self._pose, pixels, height)
+        located = map(self._locate_spot, accepted, is_inside, planes, meters_per_pixel.tolist(), depth_ratios)
+        return [spot if spot.rejection else next(located) for spot in spots]
+
+    def _locate_spot(
+        self, spot: Spot, is_inside: bool, plane: np.ndarray, meters_per_pixel: float, depth_ratio: float
+    ) -> Spot:
+        """Returns a spot with its point, from what its pixel shows of the floor's plane and of the depth image."""
+        origin = self._pose[:3, 3]
+        source = GROUND_PLANE if self.find_depth is None else GROUND_PLANE_FALLBACK
+        point = plane
+        if not math.isnan(depth_ratio):
+            source = DEPTH
+            point = origin + depth_ratio * (plane - origin)
+            meters_per_pixel *= depth_ratio
+        code = self.floor_projection.reason_against(origin, plane, point) if is_inside else "outside_image"
+        if not code and any(robot.occludes(origin, point) for robot in self._robots):
+            code = "on_robot"
+        if code:
+            return replace(spot, rejection=code)
+        return replace(spot, floor_point=FloorPoint(point, meters_per_pixel, source))
+
+    def _depth_ratios(self, pixels: np.ndarray) -> List[float]:
+        """Returns `depth_over_plane` at each of these pixels (N, 2) of the image; NaN without a depth image."""
+        readings, depth_camera = (None, None) if self.find_depth is None else self.find_depth()
+        if readings is None or readings.ndim != 2 or not readings.size:
+            return [math.nan] * len(pixels)
+        # without a camera of its own, the depth image has the colour image's model, scaled to its size
+        camera = depth_camera or self.camera.scaled_to(readings.shape[1], readings.shape[0])
+        depth_pixels = camera.project(self.camera.pixels_to_rays(pixels))
+        height = self.floor_projection.params.floor_height
+        return [depth_over_plane(readings, pixel, camera, self._pose, height) for pixel in depth_pixels]

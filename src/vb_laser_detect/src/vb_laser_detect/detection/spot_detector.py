@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Dict, List, Optional, Sequence, Tuple, Union
+from typing import Optional, Tuple, Union
 
 import numpy as np
 
@@ -38,11 +38,10 @@ from vb_laser_detect.detection.features import SpotClassifier
 from vb_laser_detect.detection.image_registration import ImageRegistration
 from vb_laser_detect.detection.projection import ImageGeometry
 from vb_laser_detect.detection.spot_tracker import SpotTracker
-from vb_laser_detect.detection.stage_results import BLOCK, Box, DetectionResult, SearchedImage, Spot
+from vb_laser_detect.detection.stage_results import BLOCK, DetectionResult, SearchedImage, Spot
 
 __all__ = ["DetectionResult", "DetectorParams", "Spot", "SpotDetector"]
 
-_BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
 # lowest level of a spot, as a share of `bright_level`: only 3 of 464 known spots are darker, all in darkened clips
 _MIN_LEVEL = 0.86
 _MAX_DIAGONAL_SHARE = 0.09  # a spot's largest diameter if no pose is known, as a share of the image's diagonal
@@ -129,10 +128,8 @@ class SpotDetector:
         self._stamp = stamp
         self._shape = shape
 
-        expected = self._tracker.predict(stamp)
         motion, motion_since_keyframe = self._estimate_motion(picture)
-        if motion is not None:
-            expected = [spot.moved_by(motion) for spot in expected]
+        expected = self._tracker.predict(stamp, motion)
         changes = self._background.compare(picture, motion_since_keyframe, expected)
         min_level = _MIN_LEVEL * self._background.bright_level
         searched = SearchedImage(
@@ -142,12 +139,15 @@ class SpotDetector:
             min_level=min_level,
             regions=find_regions(picture, changes, min_level, expected),
             reference=self._background.reference,
-            motion=motion,
             shifted=self._background.motion is not None,
             changed=changes.brighter | changes.darker,
             ghost_s=self._background.ghost_s,
         )
-        max_diameters, pose_error = self._max_diameters(searched, geometry)
+        boxes = [box for region in searched.regions for box in region.boxes]
+        max_diameters = dict.fromkeys(boxes, _MAX_DIAGONAL_SHARE * searched.diagonal)
+        pose_error = None
+        if geometry is not None:
+            max_diameters, pose_error = geometry.max_diameters(boxes, 0.001 * self.params.max_diameter_mm)
         candidates = features.examine_regions(searched, max_diameters, self._classifier, self.params.min_probability)
         self._measured = any(
             region.boxes and candidate.rejection not in ("off_floor", "too_large")
@@ -155,7 +155,7 @@ class SpotDetector:
         )
         if geometry is not None:
             candidates = geometry.locate(candidates)
-        detection = self._tracker.update(_without_repetitions(candidates), searched)
+        detection = self._tracker.update(candidates, searched)
         certain = max(_MIN_CERTAIN_PROBABILITY, self.params.min_probability)
         kept_out = [spot for spot in detection.candidates if spot.track and spot.confidence >= certain]
         # a pause must not make one frame outweigh all earlier ones
@@ -179,34 +179,6 @@ class SpotDetector:
             self._registration.set_keyframe()
         motion = self._registration.follow(picture.search_pixels)
         return motion, self._registration.motion
-
-    def _max_diameters(
-        self, searched: SearchedImage, geometry: Optional[ImageGeometry]
-    ) -> Tuple[Dict[Box, float], Optional[CodedError]]:
-        """Returns a spot's largest allowed diameter [px] in each box that may contain one, or NaN where no floor is seen.
-
-        Only if there is such a box does the geometry look up a moving camera's pose. The error says why it is unknown.
-        """
-        boxes = [box for region in searched.regions for box in region.boxes]
-        if geometry is None or not boxes:
-            return dict.fromkeys(boxes, _MAX_DIAGONAL_SHARE * searched.diagonal), None
-        corners = np.array(boxes).reshape(-1, 2, 2)
-        try:
-            meters_per_pixel = geometry.meters_per_pixel(corners.mean(axis=1))
-        except CodedError as error:
-            return dict.fromkeys(boxes, math.nan), error.without_traceback()
-        diameters = 0.001 * self.params.max_diameter_mm / meters_per_pixel + _BLUR_PX
-        return dict(zip(boxes, diameters.tolist())), None
-
-
-def _without_repetitions(candidates: Sequence[Spot]) -> List[Spot]:
-    """Returns the candidates, each blob only once: several regions may have led to the same blob."""
-    kept: List[Spot] = []
-    for spot in candidates:
-        similar = (earlier for earlier in kept if bool(earlier.rejection) == bool(spot.rejection))
-        if not any(math.hypot(spot.u - earlier.u, spot.v - earlier.v) < 2.0 for earlier in similar):
-            kept.append(spot)
-    return kept
 
 
 def _checked(image: Union[np.ndarray, AnyPicture]) -> AnyPicture:

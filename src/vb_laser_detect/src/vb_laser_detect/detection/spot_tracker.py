@@ -83,8 +83,13 @@ class SpotTracker:
         self._stamp: Optional[float] = None
         self._lit_places = np.zeros((0, 4))  # each place: u, v [px], lit for [s], last lit at [s]
 
-    def predict(self, stamp: float) -> List[ExpectedSpot]:
-        """Predicts where confirmed spots should be at a later image's stamp [s]. Must be called before `update`."""
+    def predict(self, stamp: float, motion: Optional[np.ndarray] = None) -> List[ExpectedSpot]:
+        """Predicts where confirmed spots should be in a later image. Must be called before `update`.
+
+        Args:
+            stamp: [s] of the image.
+            motion: (3, 3) from the last image's pixels to this one's; None: the camera stands still, or it is unknown.
+        """
         if self._stamp is not None:
             self._periods.append(stamp - self._stamp)
             # some images arrive in bursts, hence a mean; the longest interval may be a pause
@@ -94,20 +99,21 @@ class SpotTracker:
         gap = max(_GAP_TIME, _GAP_PERIODS * self._period)
         self._tracks = [track for track in self._tracks if stamp - track.stamp <= gap]
         self._lit_places = self._lit_places[self._lit_places[:, 3] + _BLINK + _MEMORY * self._lit_places[:, 2] >= stamp]
+        if motion is not None:
+            for place in [track.pixel for track in self._tracks] + list(self._lit_places):
+                place[:2] = cv2.perspectiveTransform(place[None, None, :2], motion)[0, 0]
         return [self._expect(track) for track in self._tracks if track.is_confirmed]
 
     def _expect(self, track: Track) -> ExpectedSpot:
         elapsed = self._since(track)
         reach = _SLACK_PX + 0.5 * elapsed * math.hypot(*track.velocity)
-        return ExpectedSpot(track.pixel.tolist(), (track.velocity * elapsed).tolist(), reach, 2.0 * track.diameter)
+        return ExpectedSpot((track.pixel + track.velocity * elapsed).tolist(), reach, 2.0 * track.diameter)
 
     def update(self, candidates: Sequence[Spot], searched: SearchedImage) -> DetectionResult:
-        """Adds the candidates of the image for which `predict` was called, except rejected ones."""
+        """Adds the candidates of the image for which `predict` was called, each blob once, except rejected ones."""
+        candidates = _without_repetitions(candidates)
         self._diagonal = searched.diagonal
         self._mosaic = searched.picture.is_bayer
-        if searched.motion is not None:
-            for place in [track.pixel for track in self._tracks] + list(self._lit_places):
-                place[:2] = cv2.perspectiveTransform(place[None, None, :2], searched.motion)[0, 0]
         spots = sorted((spot for spot in candidates if not spot.rejection), key=lambda spot: -spot.confidence)
         lit = [(replace(spot, stamp=self._stamp), self._record_light(spot)) for spot in spots]
         lamps = [replace(spot, rejection="lamp") for spot, lit_s in lit if lit_s > self.max_dwell_time]
@@ -215,3 +221,13 @@ class SpotTracker:
             published = []
         if confirmed and not published:
             (moving or confirmed)[0].is_published = True
+
+
+def _without_repetitions(candidates: Sequence[Spot]) -> List[Spot]:
+    """Returns the candidates, each blob only once: several regions may have led to the same blob."""
+    kept: List[Spot] = []
+    for spot in candidates:
+        similar = (earlier for earlier in kept if bool(earlier.rejection) == bool(spot.rejection))
+        if not any(math.hypot(spot.u - earlier.u, spot.v - earlier.v) < 2.0 for earlier in similar):
+            kept.append(spot)
+    return kept

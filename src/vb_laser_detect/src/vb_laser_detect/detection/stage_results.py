@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple, Optional, Sequence, Tuple
 
-import cv2
 import numpy as np
 
 from vb_core.errors import CodedError
@@ -21,38 +20,17 @@ Part = Tuple[slice, slice]  # rows and columns [px]
 
 
 class ExpectedSpot(NamedTuple):
-    """Predicted position of a confirmed spot in the next image, if it keeps moving as before.
+    """A confirmed spot as predicted in the next image, if it keeps moving as before.
 
     Attributes:
-        last: (u, v) [px] position where it was last seen.
-        step: (u, v) [px] distance by which it should have moved since.
+        position: (u, v) [px] where it should be.
         reach: [px] radius round `position` in which to look for it.
         max_width: [px] width above which light cannot be the spot.
     """
 
-    last: Tuple[float, float]
-    step: Tuple[float, float]
+    position: Tuple[float, float]
     reach: float
     max_width: float
-
-    @property
-    def position(self) -> Tuple[float, float]:
-        """The position (u, v) [px] where it should be now."""
-        return self.last[0] + self.step[0], self.last[1] + self.step[1]
-
-    def moved_by(self, motion: np.ndarray) -> ExpectedSpot:
-        """Returns the spot expected after the camera's motion (3, 3) has moved the image."""
-        return self._replace(last=cv2.perspectiveTransform(np.array([[self.last]]), motion)[0, 0].tolist())
-
-    def part_within_reach(self, box: Box) -> Optional[Box]:
-        """Returns the part of a box in which the spot may be, or None if it is in no part."""
-        left, top, right, bottom = box
-        u, v = self.position
-        left = max(left, int(u - self.reach))
-        top = max(top, int(v - self.reach))
-        right = min(right, int(u + self.reach) + 1)
-        bottom = min(bottom, int(v + self.reach) + 1)
-        return (left, top, right, bottom) if left < right and top < bottom else None
 
 
 class Changes(NamedTuple):
@@ -90,7 +68,6 @@ class SearchedImage(NamedTuple):
         min_level: [grey levels] lowest level of a spot's brightest sample.
         regions: regions to examine, the brightest first.
         reference: what the searched pixels would show without anything new.
-        motion: (3, 3) from the last image's pixels to this one's; None if the camera stands still, or it is unknown.
         shifted: whether the camera has moved since the reference was taken.
         changed: (rows, columns) bool, blocks that became brighter or darker.
         ghost_s: (rows, columns) [s] time for which a block may still show a ghost of what changed it, other than a spot.
@@ -102,7 +79,6 @@ class SearchedImage(NamedTuple):
     min_level: float
     regions: Sequence[ChangedRegion]
     reference: np.ndarray
-    motion: Optional[np.ndarray]
     shifted: bool
     changed: np.ndarray
     ghost_s: np.ndarray
@@ -116,13 +92,11 @@ class FloorPoint:
         position: (3,) [m], map frame; z is the height that was measured.
         meters_per_pixel: [m/px] floor length of a pixel there.
         source: `projection.GROUND_PLANE`, `DEPTH` or `GROUND_PLANE_FALLBACK`.
-        range: [m] distance from the camera.
     """
 
     position: np.ndarray
     meters_per_pixel: float
     source: str
-    range: float
 
 
 @dataclass(frozen=True)

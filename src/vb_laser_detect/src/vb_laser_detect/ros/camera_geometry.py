@@ -6,7 +6,7 @@ import math
 import time
 from collections import deque
 from functools import partial
-from typing import Any, Deque, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Deque, List, Optional, Sequence, Tuple
 
 import numpy as np
 import rospy
@@ -18,7 +18,6 @@ from vb_core.errors import CodedError
 from vb_core.ros import robot_profile
 from vb_core.ros.images import array_from_image, camera_from_info
 from vb_core.ros.transforms import TransformLookup
-from vb_laser_detect.calibration.pose_file import require_own_frame
 from vb_laser_detect.detection.projection import Depth, FloorProjection, ImageGeometry, RobotCylinder
 from vb_laser_detect.ros.detector_diagnostics import DetectorDiagnostics
 
@@ -189,14 +188,11 @@ class CameraGeometry:
         self._cached_for = ("", (0, 0))  # frame and size at the last lookup
         self._cached_at = -math.inf  # [s] when that was
 
-    def geometry_at(
-        self, frame_id: str, stamp: rospy.Time, size: Tuple[int, int], frames: Mapping[str, str]
-    ) -> ImageGeometry:
+    def geometry_at(self, frame_id: str, stamp: rospy.Time, size: Tuple[int, int]) -> ImageGeometry:
         """Returns an image's geometry. A moving camera's pose at the image's time is looked up only if needed.
 
         Args:
             size: [px] width and height of the image.
-            frames: frame of each other stationary camera: a frame has one pose.
 
         Raises:
             CodedError: "camera_no_frame", "shared_frame"; "no_camera_info"; "no_transform", "bad_transform" if tf does not
@@ -208,7 +204,11 @@ class CameraGeometry:
             if not frame_id:
                 raise CodedError("camera_no_frame", camera=self._name)
             if not self._mobile:
-                require_own_frame(self._name, frame_id, frames)
+                # a frame has one pose
+                sharing = [name for name, frame in self._report.frames_of_others().items() if frame == frame_id]
+                if sharing:
+                    cameras = ", ".join(sorted([*sharing, self._name]))
+                    raise CodedError("shared_frame", cameras=cameras, frame=frame_id)
             self._camera = self._info.model_for(size)
             self.focal = float(self._camera.matrix[0, 0])
             self._pose = self._newest_pose(frame_id, stamp)
