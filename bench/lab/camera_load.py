@@ -29,12 +29,13 @@ import yaml
 
 from bench.harness import TOP, Table, arguments
 from bench.lab.camera_clip import FRAMES, clip, scene, serving, write_files
-from bench.lab.page_lab import node_process, start, wait
+from bench.lab.page_lab import node_process, start
 from vb_core import names
 from vb_core.child_processes import ChildProcess
 from vb_core.ros.messages import message_from_transform
 from vb_laser_detect.camera.lens_and_settings_files import save_lens
 from vb_msgs.msg import DetectorStatus, LaserSpot
+from vb_testing import wait_until
 
 WARM_S = 6.0  # [s] in which detectors learn the floor
 
@@ -73,7 +74,7 @@ class Running:
 
     def watch(self, seconds: float, others: Dict[str, psutil.Process]) -> Dict[str, float]:
         """Measures for some seconds; returns a row of shares, processor time [ms, cores] and delays [ms]."""
-        wait(
+        wait_until(
             lambda: len(self.status) == len(self.cameras) and all(c.processed for c in self.status.values()),
             lambda: "images" + "".join(f"\n\n{child.tail(20)}" for child in self._children),
             180.0,
@@ -85,7 +86,9 @@ class Running:
         self._delays.clear()
         time.sleep(seconds)
         # detectors report their counts once a second
-        wait(lambda: all(self.status[c].header.stamp > initial[c].header.stamp for c in initial), "detectors' status")
+        wait_until(
+            lambda: all(self.status[c].header.stamp > initial[c].header.stamp for c in initial), "detectors' status"
+        )
         end_status, delays, duration = dict(self.status), list(self._delays), time.monotonic() - start
         cores = {name: (now - start_times[name]) / duration for name, now in self._read_times(processes).items()}
         searched, received, spans = (
