@@ -279,7 +279,7 @@ class DisplayTest(unittest.TestCase):
         file = Path(self.folder.name) / "projector.yaml"
         clicks = [floor_of(*place) for place in markers(*SIZE)]
         projector_calibration.write_calibration(projector_calibration.calibrate(*SIZE, clicks), file)
-        node = Process("vb_feedback", "floor_projector", f"_calibration:={file}", "_max_rate:=20.0")
+        node = Process("vb_feedback", "floor_projector", f"_calibration:={file}")
         self.addCleanup(node.stop)
         self.publish_state()
         wait_until(lambda: self.spots.get_num_connections() > 1 and not self.shown().any(), "a dark picture")

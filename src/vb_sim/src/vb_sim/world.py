@@ -22,6 +22,7 @@ from vb_core.geometry import base_to_map
 from vb_core.parameters import Parameters, param
 from vb_sim.model_params import read_document
 
+CAMERA_FOV = 58.0  # [deg] horizontal field of view of a robot's camera; assumed
 Color = Tuple[int, int, int]
 Point2 = Tuple[float, float]  # (x, y) [m], map frame
 
@@ -169,8 +170,6 @@ class Robot(Parameters):
     camera_x: float = param(0.10, "m")
     camera_height: float = param(0.45, "m", above=0.05)
     camera_pitch: float = param(30.0, "deg", low=0.0, high=89.0)
-    camera_fov: float = param(58.0, "deg", low=10.0, high=150.0)
-    camera_rate: float = param(25.0, "1/s", above=0.0, high=120.0)
 
     def start_pose(self) -> Tuple[float, float, float]:
         """Returns the start pose (x, y, yaw) [m, m, rad]."""
@@ -178,7 +177,7 @@ class Robot(Parameters):
 
     def color_model(self) -> CameraModel:
         """Returns the model of the colour camera, 640 x 480 px (paper)."""
-        return CameraModel.ideal(640, 480, 320.0 / math.tan(math.radians(self.camera_fov) / 2.0))
+        return CameraModel.ideal(640, 480, 320.0 / math.tan(math.radians(CAMERA_FOV) / 2.0))
 
     def depth_model(self) -> CameraModel:
         """Returns the model of the depth camera, 160 x 120 px (paper), registered to the colour image."""

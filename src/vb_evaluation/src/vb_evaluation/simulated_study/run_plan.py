@@ -25,7 +25,7 @@ from vb_evaluation.counterbalancing import order_runs
 from vb_evaluation.report.study_files import KEY, RUNS, WORLDS
 from vb_evaluation.simulated_study.config import PACKAGE, Study
 
-SOURCES = ("paper", "data", "literature", "assumed", "mechanics")
+SOURCES = ("paper", "data", "literature", "assumed")
 DEFAULT_FACTORS = (0.5, 2.0)
 
 

@@ -132,7 +132,7 @@ class StudyRobotCamera(StudyCameras):
 
     def __init__(self, cache: RenderCache, robot: Robot, seed: int, tf_prefix: str, idle_every: int) -> None:
         models = cache.models
-        simulated = robot_camera(robot, cache.view(RobotView, robot), tf_prefix, models.robot_camera.depth_every)
+        simulated = robot_camera(robot, cache.view(RobotView, robot), tf_prefix)
         super().__init__([simulated], models.optics.latency_ms, seed, idle_every)
 
     def _is_relevant(self, camera: SimulatedCamera, snapshot: Snapshot) -> bool:
