@@ -27,7 +27,7 @@ import hypothesis
 import numpy as np
 import pytest
 
-from bench.harness import TOP, Table, arguments, share
+from bench.harness import TOP, ResultTable, arguments, share
 from bench.mutations import mutants, parse_file
 
 # modules that tests need; they are imported once, not by every fork
@@ -140,7 +140,7 @@ def main() -> None:
     parser.add_argument("--each", type=int, default=8, help="mutants of each module")
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     options = parser.parse_args()
-    table, tests = Table(options.csv, options.seed), {name: tests_of(name) for name in options.modules}
+    table, tests = ResultTable(options.csv, options.seed), {name: tests_of(name) for name in options.modules}
     for module in NEEDED.split():
         importlib.import_module(module)
     hypothesis.settings.register_profile("mutants", database=None, deadline=None)

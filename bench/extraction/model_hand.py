@@ -31,7 +31,7 @@ from bench.extraction.hand_movements import (
     draw_sides_apart,
 )
 from bench.extraction.hand_movements import draw_slowly, draw_with_hidden_piece, draw_with_lifted_pointer, hold_twice
-from bench.harness import TOP, Table, arguments, import_from, share, versions
+from bench.harness import TOP, ResultTable, arguments, import_from, share, versions
 
 sys.path.insert(0, str(TOP / "src" / "vb_fusion" / "test"))
 from generated_strokes import hausdorff  # noqa: E402
@@ -130,7 +130,7 @@ def main() -> None:
     parser = arguments(__doc__, seed=0, other=True)
     parser.add_argument("--times", type=float, default=1.0, help="factor for each row's number of strokes")
     options = parser.parse_args()
-    table = Table(options.csv, options.seed)
+    table = ResultTable(options.csv, options.seed)
     for number, (name, (make, count)) in enumerate(ROWS.items()):
         for version, source in versions(options).items():
             modules, seeds = import_from(source, *MODULES), range(max(1, int(count * options.times)))

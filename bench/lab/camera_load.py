@@ -27,9 +27,9 @@ import rospy
 import tf2_ros
 import yaml
 
-from bench.harness import TOP, Table, arguments
+from bench.harness import TOP, ResultTable, arguments
 from bench.lab.camera_clip import FRAMES, clip, scene, serving, write_files
-from bench.lab.page_lab import node_process, start
+from bench.lab.page_lab import node_process, start_page
 from vb_core import names
 from vb_core.child_processes import ChildProcess
 from vb_core.ros.messages import message_from_transform
@@ -112,11 +112,11 @@ class Running:
         return {name: sum(process.cpu_times()[:2]) for name, process in processes.items()}
 
 
-def measure(csv: Optional[Path], count: int, files: bool, seconds: float, jpegs: List[bytes]) -> None:
+def measure_cameras(csv: Optional[Path], count: int, files: bool, seconds: float, jpegs: List[bytes]) -> None:
     """Measures one number of cameras, and adds a row to a table."""
     others: Dict[str, psutil.Process] = {}
     with ExitStack() as stack:
-        _, folder = start(stack)
+        _, folder = start_page(stack)
         if files:
             quarters = write_files(jpegs, folder)
             addresses = [quarters[4 * number // count] for number in range(count)]
@@ -125,7 +125,7 @@ def measure(csv: Optional[Path], count: int, files: bool, seconds: float, jpegs:
             addresses = [f"{address}?{FRAMES * number // count}" for number in range(count)]
         running = Running(stack, folder, addresses)
         others.update({"fusion": node_process("/border_fusion"), "page": node_process()})
-        Table(csv).add(cameras=count, source="files" if files else "http", **running.watch(seconds, others))
+        ResultTable(csv).add(cameras=count, source="files" if files else "http", **running.watch(seconds, others))
 
 
 def main() -> int:
@@ -140,7 +140,7 @@ def main() -> int:
     jpegs, failed = clip(), 0
     for count in options.cameras:  # each in a separate process, because a process can have only one node
         args = (options.csv, count, options.files, options.seconds, jpegs)
-        child = multiprocessing.get_context("fork").Process(target=measure, args=args)
+        child = multiprocessing.get_context("fork").Process(target=measure_cameras, args=args)
         child.start()
         child.join()
         failed += child.exitcode != 0

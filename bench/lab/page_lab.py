@@ -37,7 +37,7 @@ CERTIFICATE = (
 )
 
 
-def start(stack: ExitStack, network: bool = False) -> Tuple[int, Path]:
+def start_page(stack: ExitStack, network: bool = False) -> Tuple[int, Path]:
     """Starts roscore and nodes, with codes and https if `network`; returns (page's port, state folder)."""
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bench_page_")))
     master, port = free_port(), free_port()

@@ -18,9 +18,9 @@ import time
 import numpy as np
 import yaml
 
-from bench.harness import Table, arguments
+from bench.harness import ResultTable, arguments
 from bench.lab.page_attacks import ATTACKS, Page, answer, run_attack
-from bench.lab.page_lab import start
+from bench.lab.page_lab import start_page
 
 LIMIT = 5.0  # [s] after which a stop counts as lost
 
@@ -63,9 +63,9 @@ async def main() -> None:
     parser.add_argument("--seconds", type=float, default=10.0, help="of each attack")
     parser.add_argument("--only", nargs="+", metavar="NAME", default=[attack.__name__ for attack in ATTACKS])
     options = parser.parse_args()
-    table = Table(options.csv)
+    table = ResultTable(options.csv)
     with contextlib.ExitStack() as stack:
-        port, folder = start(stack, network=True)
+        port, folder = start_page(stack, network=True)
         page = Page(port, yaml.safe_load((folder / "page_codes.yaml").read_text()))
         for number, attack in enumerate(ATTACKS):
             if attack.__name__ not in options.only:

@@ -23,11 +23,11 @@ from vb_core.parameters import Parameters, param
 from vb_sim.model_params import read_document
 
 CAMERA_FOV = 58.0  # [deg] horizontal field of view of a robot's camera; assumed
-Color = Tuple[int, int, int]
+Rgb = Tuple[int, int, int]  # 0 .. 255
 Point2 = Tuple[float, float]  # (x, y) [m], map frame
 
 
-def _color(default: Color) -> Any:
+def _color(default: Rgb) -> Any:
     return param(default, "", low=0, high=255)
 
 
@@ -47,7 +47,7 @@ class Floor(Parameters):
     """The floor's appearance."""
 
     kind: str = param("planks", choices=("planks", "tiles", "plain"))
-    color: Color = _color((150, 122, 92))
+    color: Rgb = _color((150, 122, 92))
     contrast: float = param(0.16, low=0.0, high=1.0)
     plank: Tuple[float, float] = param((1.2, 0.14), "m", above=0.01)
 
@@ -60,7 +60,7 @@ class Wall(Parameters):
     end: Tuple[float, float] = param((1.0, 0.0), "m")
     thickness: float = param(0.05, "m", above=0.0)
     height: float = param(0.5, "m", above=0.0)
-    color: Color = _color((225, 222, 215))
+    color: Rgb = _color((225, 222, 215))
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Furniture(Parameters):
     radius: float = param(0.2, "m", above=0.0)
     height: float = param(0.7, "m", above=0.0)
     leg: float = param(0.05, "m", above=0.0)
-    color: Color = _color((160, 160, 160))
+    color: Rgb = _color((160, 160, 160))
 
     def footprint(self) -> np.ndarray:
         """Returns the outline (N, 2) [m] seen from above, counter-clockwise."""
@@ -106,7 +106,7 @@ class FloorPatch(Parameters):
     count: int = param(40, low=0, high=10000)
     snippet: float = param(0.03, "m", above=0.0)
     contrast: float = param(0.2, low=0.0, high=1.0)
-    color: Color = _color((128, 48, 52))
+    color: Rgb = _color((128, 48, 52))
 
     def footprint(self) -> np.ndarray:
         """Returns the outline (4, 2) [m]."""

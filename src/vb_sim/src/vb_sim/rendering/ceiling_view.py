@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from vb_core.geometry import Pose, invert_transform, transform_points
-from vb_sim.rendering.camera_view import Body, View
+from vb_sim.rendering.camera_view import Body, CameraView
 from vb_sim.lab_history import Snapshot
 from vb_sim.model_params import Models
 from vb_sim.rendering import bodies
@@ -92,11 +92,11 @@ def _draw_shadow(outline: np.ndarray, blur_px: float, shape: Tuple[int, int]) ->
     return lit
 
 
-class CeilingView(View):
+class CeilingView(CameraView):
     """Renders one ceiling camera.
 
     Args:
-        floor, mesh: the world's floor, walls and furniture. The other arguments are as for `View`.
+        floor, mesh: the world's floor, walls and furniture. The other arguments are as for `CameraView`.
     """
 
     def __init__(
