@@ -42,7 +42,7 @@ def versions(options: argparse.Namespace) -> Dict[str, Optional[Path]]:
     return {"this": None, **({"other": options.other} if options.other else {})}
 
 
-class Table:
+class ResultTable:
     """Rows of results, which are printed at once, and appended with seed and revision to a CSV file if one is given."""
 
     def __init__(self, path: Optional[Path] = None, seed: Optional[int] = None) -> None:

@@ -22,7 +22,6 @@ SAMPLES = {
     "extraction/accuracy.py": "--only usual --draws 1 --strokes 1 --methods robust",
     "extraction/model_hand.py": "--times 0.01",
     "lab/camera_load.py": "--cameras 1 --seconds 1",
-    "lab/image_cost.py": "",
     "lab/page_under_attack.py": "--seconds 1 --only nothing slow_headers",
     "maps/crashes.py": "--crashes 3",
     "maps/integration_time.py": "--sizes 320x200 --borders 2 --rounds 1",

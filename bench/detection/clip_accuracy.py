@@ -26,7 +26,7 @@ import cv2
 from bench.detection.clip_frames import ROLES, frames_of, reach_in
 from bench.detection.detector_under_test import Count, Finder, figures
 from bench.detection.curve_fitting import judges_of_clips
-from bench.harness import Table, arguments
+from bench.harness import ResultTable, arguments
 
 
 def main() -> None:
@@ -38,7 +38,7 @@ def main() -> None:
     cv2.setNumThreads(1)
     videos = json.loads((options.folder / "labels.json").read_text())["videos"]
     judges = judges_of_clips(options.left_out) if options.left_out else {}
-    table = Table(options.csv)
+    table = ResultTable(options.csv)
     for role in options.roles:
         preset = "stationary" if role == "stationary" else "mobile"
         counts = {}

@@ -123,7 +123,7 @@ def leave_out(examples: pandas.DataFrame, only_clips: bool = False) -> Dict[str,
     return result
 
 
-def calibrate(classifier: SpotClassifier, left_out: Iterable[LeftOut]) -> SpotClassifier:
+def calibrate_classifier(classifier: SpotClassifier, left_out: Iterable[LeftOut]) -> SpotClassifier:
     """Calibrates a classifier's probabilities for unseen cameras and rooms (Platt scaling)."""
     truth, scores = (np.concatenate(arrays) for arrays in zip(*((result.truth, result.logits) for result in left_out)))
 
@@ -139,10 +139,10 @@ def calibrate(classifier: SpotClassifier, left_out: Iterable[LeftOut]) -> SpotCl
 def judges_of_clips(folder: Path) -> Dict[str, SpotClassifier]:
     """Fits a calibrated classifier for each clip, to a folder's examples without the clip's camera and room."""
     left_out = leave_out(load_examples(sorted(folder.glob("*.csv"))), only_clips=True)
-    return {group: calibrate(result.judge, left_out.values()) for group, result in left_out.items()}
+    return {group: calibrate_classifier(result.judge, left_out.values()) for group, result in left_out.items()}
 
 
-def save(classifier: SpotClassifier, path: Path, trained_on: str) -> None:
+def save_classifier(classifier: SpotClassifier, path: Path, trained_on: str) -> None:
     """Writes a classifier in the format of `features.packaged_classifier`."""
     curves = [
         f'  "{name}": {{"knots": {json.dumps([round(float(v), 3) for v in x])},\n'

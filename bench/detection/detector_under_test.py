@@ -14,7 +14,7 @@ import numpy as np
 from bench.harness import import_from
 from vb_evaluation.statistics import proportion
 
-Place = Tuple[float, float]
+Pixel = Tuple[float, float]  # (u, v)
 
 
 class LabeledFrame(NamedTuple):
@@ -30,8 +30,8 @@ class LabeledFrame(NamedTuple):
 
     stamp: float
     image: Union[np.ndarray, bytes]
-    spots: Sequence[Place]
-    unclear: Sequence[Place] = ()
+    spots: Sequence[Pixel]
+    unclear: Sequence[Pixel] = ()
     geometry: Optional[Callable[[Any], Any]] = None
     shots: Sequence[int] = ()
     encoding: str = "bgr8"

@@ -15,7 +15,7 @@ from bench.detection.detector_under_test import Count, Finder, figures
 from bench.detection.scene_rendering import NEAR_MM, floor_place, frames
 from bench.detection.scene_rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes
-from bench.harness import Table, arguments, versions
+from bench.harness import ResultTable, arguments, versions
 from bench.lab.camera_clip import webcam_jpeg
 
 
@@ -26,7 +26,7 @@ def main() -> None:
     parser.add_argument("--jpeg", action="store_true")
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    table, room, rooms, counts_by_version = Table(options.csv, options.seed), lab(), Rooms(options.seed), {}
+    table, room, rooms, counts_by_version = ResultTable(options.csv, options.seed), lab(), Rooms(options.seed), {}
     scenes = ceiling_scenes(room)
     if not options.jpeg:
         scenes += mobile_scenes(room)

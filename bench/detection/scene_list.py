@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.detection.scene_disturbances import Glint, SceneConditions
 from bench.detection.scene_rendering import Scene
-from bench.detection.scene_motions import DARK, MAROON, WHITE, Place, Walk, along, every, still, walking
+from bench.detection.scene_motions import DARK, MAROON, WHITE, ScenePoint, Walk, along, every, still, walking
 from bench.detection.scene_rooms import lab, printed, tiles, with_camera
 from vb_sim.world import Light, World
 
@@ -91,7 +91,7 @@ def mobile_scenes(room: World) -> List[Scene]:
     people = Walk(room, 8, WHITE, WHITE), Walk(room, 9, DARK, DARK, glint=400.0)
     line = np.array([[5.6, 0.7], [5.6, 1.3]])
 
-    def ahead(distance: float) -> Callable[[float], Place]:
+    def ahead(distance: float) -> Callable[[float], ScenePoint]:
         """Returns a motion back and forth across the view at about 0.2 m/s, at a distance [m] from the camera."""
         return lambda t: (START[0] - 0.1 - distance, START[1] + 0.15 * math.sin(1.3 * t))
 
@@ -101,7 +101,7 @@ def mobile_scenes(room: World) -> List[Scene]:
     def turn(t: float) -> Tuple[float, float, float]:
         return (*START[:2], START[2] + 0.35 * math.sin(1.4 * t))
 
-    def scene(name: str, laser: Callable[[float], Place] = ahead(1.2), world: World = room, **more: Any) -> Scene:
+    def scene(name: str, laser: Callable[[float], ScenePoint] = ahead(1.2), world: World = room, **more: Any) -> Scene:
         return Scene(name, laser, (world,), mobile=True, **{"robot_at": lambda t: START, "person": False, **more})
 
     colors, switched = ("red", "green"), every(3.0, SceneConditions(), SceneConditions(light=0.4))

@@ -15,15 +15,15 @@ from vb_sim.world import World
 
 WHITE, DARK, MAROON = (238, 236, 230), (40, 40, 44), (150, 40, 40)  # clothes
 WALK_S = 60.0  # [s] for which people walk
-Place = Tuple[float, float]
+ScenePoint = Tuple[float, float]  # (x, y) [m]
 
 
-def along(chain: np.ndarray, speed: float, closed: bool = True) -> Callable[[float], Place]:
+def along(chain: np.ndarray, speed: float, closed: bool = True) -> Callable[[float], ScenePoint]:
     """Returns a spot's motion round a chain (N, 2) [m], or back and forth, at a speed [m/s], with a tremor of 1 cm."""
     points = np.vstack([chain, chain[:1] if closed else chain[-2::-1]])
     arc = arc_lengths(points)
 
-    def at(t: float) -> Place:
+    def at(t: float) -> ScenePoint:
         position = (speed * t) % arc[-1]
         x, y = [np.interp(position, arc, axis) for axis in points.T]
         return float(x) + 0.007 * math.sin(9.0 * t), float(y) + 0.007 * math.sin(11.0 * t + 1.0)
@@ -31,7 +31,7 @@ def along(chain: np.ndarray, speed: float, closed: bool = True) -> Callable[[flo
     return at
 
 
-def still(x: float, y: float, tremor: float = 0.0) -> Callable[[float], Place]:
+def still(x: float, y: float, tremor: float = 0.0) -> Callable[[float], ScenePoint]:
     """Returns the motion of a spot held at one point, with a tremor [m]."""
     return lambda t: (x + tremor * math.sin(5.0 * t), y + tremor * math.sin(7.3 * t + 0.5))
 
@@ -96,7 +96,7 @@ def every(period: float, *values: Any) -> Callable[[float], Any]:
     return lambda t: values[int(t / period) % len(values)]
 
 
-def place_and_velocity(laser_at: Callable[[float], Place], t: float) -> Tuple[Place, Tuple[float, float]]:
+def place_and_velocity(laser_at: Callable[[float], ScenePoint], t: float) -> Tuple[ScenePoint, Tuple[float, float]]:
     """Returns a spot's position [m] and velocity [m/s] at time `t` [s]."""
     (x, y), (later_x, later_y) = laser_at(t), laser_at(t + 0.01)
     return (x, y), ((later_x - x) / 0.01, (later_y - y) / 0.01)

@@ -12,7 +12,7 @@ import yaml
 
 from bench.detection.scene_disturbances import DisturbedSnapshot, SceneConditions
 from bench.detection.detector_under_test import LabeledFrame
-from bench.detection.scene_motions import Place, place_and_velocity
+from bench.detection.scene_motions import ScenePoint, place_and_velocity
 from bench.detection.scene_rooms import Rooms
 from bench.harness import TOP
 from vb_sim.model_params import make_generator
@@ -37,7 +37,7 @@ class Scene:
     """
 
     name: str
-    laser_at: Callable[[float], Place]
+    laser_at: Callable[[float], ScenePoint]
     worlds: Tuple[World, ...]
     world_at: Callable[[float], int] = lambda t: 0
     around_at: Callable[[float], SceneConditions] = lambda t: SceneConditions()

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any, List, Sequence, Tuple
 
 from bench.detection.scene_disturbances import disturbed
-from bench.detection.scene_motions import Place
+from bench.detection.scene_motions import ScenePoint
 from bench.harness import TOP
 from vb_sim.rendering.ceiling_view import CeilingView
 from vb_sim.rendering.robot_view import RobotView
@@ -31,7 +31,7 @@ def with_camera(world: World, **changes: Any) -> World:
     return replace(world, cameras=tuple(replace(c, **changes) if c.name == "green" else c for c in world.cameras))
 
 
-def printed(world: World, places: Sequence[Place], colors: Sequence[Sequence[int]], size: float = 0.018) -> World:
+def printed(world: World, places: Sequence[ScenePoint], colors: Sequence[Sequence[int]], size: float = 0.018) -> World:
     """Returns a world with printed dots of a size [m] on the floor."""
     dots = (
         {"name": "dot", "x": x, "y": y, "size": [size, size], "color": list(color), "contrast": 0.0}

@@ -35,7 +35,7 @@ from bench.detection.detector_under_test import Finder, LabeledFrame
 from bench.detection.scene_rendering import Scene, frames
 from bench.detection.scene_rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes, training_scenes
-from bench.harness import TOP, Table, arguments, share
+from bench.harness import TOP, ResultTable, arguments, share
 from vb_laser_detect.detection.features import Blob, SpotClassifier
 
 SCENES_SHARE, SCENES_SEED, LEARN_S = 0.2, 7, 0.5  # of each scene's time; rooms differ from scene_accuracy.py's
@@ -138,7 +138,7 @@ def main() -> None:
     examples = curve_fitting.load_examples(files)
     names = sorted(set(examples.index))
     print(f"{len(examples.truth)} examples, {examples.truth.sum()} spots, {len(names)} clips and scenes")
-    table = Table(options.csv)
+    table = ResultTable(options.csv)
     left_out = curve_fitting.leave_out(examples)
     for group, (_, truth, score) in left_out.items():
         found, false_spots = (int((score[selected] > 0).sum()) for selected in (truth, ~truth))
@@ -151,9 +151,9 @@ def main() -> None:
     if options.out:
         kinds = [curve_fitting.kind_of(name) for name in names]
         sources = ", ".join(f"{kinds.count(kind)} of kind '{kind}'" for kind in sorted(set(kinds)))
-        judge = curve_fitting.calibrate(curve_fitting.fit(examples), left_out.values())
+        judge = curve_fitting.calibrate_classifier(curve_fitting.fit(examples), left_out.values())
         note = "" if "clip" in kinds else "; without clips of real cameras"
-        curve_fitting.save(judge, options.out, sources + note)
+        curve_fitting.save_classifier(judge, options.out, sources + note)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from typing import Any, Callable, Dict, Iterator, List, Tuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from bench.harness import TOP, Table, arguments, import_from, share
+from bench.harness import TOP, ResultTable, arguments, import_from, share
 from vb_core import geometry
 from vb_fusion import extraction
 
@@ -80,7 +80,7 @@ def generated(name: str, count: int, base: int) -> Iterator[Group]:
             yield f"{name}, {shape}", (draw(shape, SETTINGS[name], seed) for seed in seeds)
 
 
-def disturbed(count: int, base: int) -> Iterator[Group]:
+def disturbed_strokes(count: int, base: int) -> Iterator[Group]:
     """Yields cells with disturbed strokes: a spot held still, or false spots at one position."""
     share = max(1, count // 9)
     for spots, cameras in ((250, 1), (750, 3)):
@@ -115,7 +115,7 @@ def extracting(module: Any, mode: str, with_stamps: bool) -> Extract:
     return extract
 
 
-def measure(stroke: Stroke, extract: Extract, of_people: bool) -> Dict[str, float]:
+def measure_stroke(stroke: Stroke, extract: Extract, of_people: bool) -> Dict[str, float]:
     """Compares one extraction with the truth."""
     started = time.process_time()
     try:
@@ -140,12 +140,12 @@ def measure(stroke: Stroke, extract: Extract, of_people: bool) -> Dict[str, floa
     return {"bad": float(bad), "kind": kind, "distance": distance, "jaccard": index, "ms": duration_ms}
 
 
-def add_rows(table: Table, group: str, cell: str, strokes: Iterator[Stroke], tools: Dict[str, Extract]) -> None:
+def add_rows(table: ResultTable, group: str, cell: str, strokes: Iterator[Stroke], tools: Dict[str, Extract]) -> None:
     """Adds a row for each method, measured on the same strokes."""
     results_by_method: Dict[str, List[Dict[str, float]]] = {method: [] for method in tools}
     for stroke in strokes:
         for method, extract in tools.items():
-            results_by_method[method].append(measure(stroke, extract, group == "people"))
+            results_by_method[method].append(measure_stroke(stroke, extract, group == "people"))
     for method, results in results_by_method.items():
         index, distances = np.array([r["jaccard"] for r in results]), [r["distance"] for r in results]
         table.add(
@@ -177,12 +177,12 @@ def main() -> None:
     tools = {name: tools[name] for name in (options.methods or tools)}
     half, base = ("judge", 100_000) if options.judge else ("develop", 0)
     base = base if options.seed is None else options.seed
-    table = Table(options.csv, base)
+    table = ResultTable(options.csv, base)
     for group in options.only:
         if group == "people":
             cells = strokes_of_people(half, options.draws, base)
         else:
-            make = disturbed if group == "disturbances" else lambda count, base: generated(group, count, base)
+            make = disturbed_strokes if group == "disturbances" else lambda count, base: generated(group, count, base)
             cells = make(options.strokes, base)
         for cell, strokes in cells:
             add_rows(table, group if group in ("people", "disturbances") else "generator", cell, strokes, tools)

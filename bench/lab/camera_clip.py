@@ -1,4 +1,4 @@
-"""Renders and serves the clip for camera_load.py and image_cost.py: 20 s of 1080p motion JPEG.
+"""Renders and serves the clip for camera_load.py: 20 s of 1080p motion JPEG.
 
 It shows the simulated lab with a tiled floor and a camera's denoising; an image has about 51 kB. A person is always
 present, and draws in a quarter of the images.

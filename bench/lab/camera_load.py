@@ -27,14 +27,15 @@ import rospy
 import tf2_ros
 import yaml
 
-from bench.harness import TOP, Table, arguments
+from bench.harness import TOP, ResultTable, arguments
 from bench.lab.camera_clip import FRAMES, clip, scene, serving, write_files
-from bench.lab.page_lab import node_process, start, wait
+from bench.lab.page_lab import node_process, start_page
 from vb_core import names
 from vb_core.child_processes import ChildProcess
 from vb_core.ros.messages import message_from_transform
 from vb_laser_detect.camera.lens_and_settings_files import save_lens
 from vb_msgs.msg import DetectorStatus, LaserSpot
+from vb_testing import wait_until
 
 WARM_S = 6.0  # [s] in which detectors learn the floor
 
@@ -73,7 +74,7 @@ class Running:
 
     def watch(self, seconds: float, others: Dict[str, psutil.Process]) -> Dict[str, float]:
         """Measures for some seconds; returns a row of shares, processor time [ms, cores] and delays [ms]."""
-        wait(
+        wait_until(
             lambda: len(self.status) == len(self.cameras) and all(c.processed for c in self.status.values()),
             lambda: "images" + "".join(f"\n\n{child.tail(20)}" for child in self._children),
             180.0,
@@ -85,7 +86,9 @@ class Running:
         self._delays.clear()
         time.sleep(seconds)
         # detectors report their counts once a second
-        wait(lambda: all(self.status[c].header.stamp > initial[c].header.stamp for c in initial), "detectors' status")
+        wait_until(
+            lambda: all(self.status[c].header.stamp > initial[c].header.stamp for c in initial), "detectors' status"
+        )
         end_status, delays, duration = dict(self.status), list(self._delays), time.monotonic() - start
         cores = {name: (now - start_times[name]) / duration for name, now in self._read_times(processes).items()}
         searched, received, spans = (
@@ -109,11 +112,11 @@ class Running:
         return {name: sum(process.cpu_times()[:2]) for name, process in processes.items()}
 
 
-def measure(csv: Optional[Path], count: int, files: bool, seconds: float, jpegs: List[bytes]) -> None:
+def measure_cameras(csv: Optional[Path], count: int, files: bool, seconds: float, jpegs: List[bytes]) -> None:
     """Measures one number of cameras, and adds a row to a table."""
     others: Dict[str, psutil.Process] = {}
     with ExitStack() as stack:
-        _, folder = start(stack)
+        _, folder = start_page(stack)
         if files:
             quarters = write_files(jpegs, folder)
             addresses = [quarters[4 * number // count] for number in range(count)]
@@ -122,7 +125,7 @@ def measure(csv: Optional[Path], count: int, files: bool, seconds: float, jpegs:
             addresses = [f"{address}?{FRAMES * number // count}" for number in range(count)]
         running = Running(stack, folder, addresses)
         others.update({"fusion": node_process("/border_fusion"), "page": node_process()})
-        Table(csv).add(cameras=count, source="files" if files else "http", **running.watch(seconds, others))
+        ResultTable(csv).add(cameras=count, source="files" if files else "http", **running.watch(seconds, others))
 
 
 def main() -> int:
@@ -137,7 +140,7 @@ def main() -> int:
     jpegs, failed = clip(), 0
     for count in options.cameras:  # each in a separate process, because a process can have only one node
         args = (options.csv, count, options.files, options.seconds, jpegs)
-        child = multiprocessing.get_context("fork").Process(target=measure, args=args)
+        child = multiprocessing.get_context("fork").Process(target=measure_cameras, args=args)
         child.start()
         child.join()
         failed += child.exitcode != 0

@@ -9,7 +9,7 @@ import tempfile
 import xmlrpc.client
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Callable, Tuple, Union
+from typing import Tuple
 
 import psutil
 import rosgraph
@@ -18,7 +18,7 @@ import rospy
 from bench.harness import TOP
 from vb_core import names
 from vb_core.child_processes import ChildProcess, free_port
-from vb_core.ros.node import wait_until
+from vb_testing import wait_until
 
 LAUNCH = """<launch>
   <node pkg="vb_sim" type="map_server" name="map_server"><param name="world" value="{top}/src/vb_sim/worlds/lab.yaml"/></node>
@@ -37,13 +37,7 @@ CERTIFICATE = (
 )
 
 
-def wait(condition: Callable[[], Any], awaited: Union[str, Callable[[], str]], seconds: float = 60.0) -> None:
-    """Waits for a condition; if it does not become true in time, ends the bench and says which condition this was."""
-    if not wait_until(condition, seconds):
-        raise SystemExit(f"waited {seconds:g} s for {awaited if isinstance(awaited, str) else awaited()}")
-
-
-def start(stack: ExitStack, network: bool = False) -> Tuple[int, Path]:
+def start_page(stack: ExitStack, network: bool = False) -> Tuple[int, Path]:
     """Starts roscore and nodes, with codes and https if `network`; returns (page's port, state folder)."""
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bench_page_")))
     master, port = free_port(), free_port()
@@ -54,15 +48,15 @@ def start(stack: ExitStack, network: bool = False) -> Tuple[int, Path]:
     if network:
         subprocess.run(CERTIFICATE.split(), cwd=str(folder), check=True, stderr=subprocess.DEVNULL)
     stack.callback(ChildProcess(["roslaunch", "-p", str(master), str(launch)], folder / "out.txt").stop)
-    wait(rosgraph.is_master_online, "the master")
+    wait_until(rosgraph.is_master_online, "the master")
     rospy.init_node("bench_page", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
-    wait(lambda: socket.socket().connect_ex(("127.0.0.1", port)) == 0, "the page")
+    wait_until(lambda: socket.socket().connect_ex(("127.0.0.1", port)) == 0, "the page")
     rospy.wait_for_service(names.COMMAND, 60)
     return port, folder
 
 
 def node_process(name: str = "/page") -> psutil.Process:
     """Returns a node's process."""
-    wait(lambda: rospy.get_master().lookupNode(name)[0] == 1, f"{name} at the master")
+    wait_until(lambda: rospy.get_master().lookupNode(name)[0] == 1, f"{name} at the master")
     uri = rospy.get_master().lookupNode(name)[2]
     return psutil.Process(xmlrpc.client.ServerProxy(uri).getPid("/bench")[2])

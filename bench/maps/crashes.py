@@ -25,7 +25,7 @@ from typing import Any, Dict, List
 
 import numpy as np
 
-from bench.harness import Table, arguments
+from bench.harness import ResultTable, arguments
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder, border_to_feature
@@ -45,7 +45,7 @@ EFFECTS = {
 GRID = GridMap(np.pad(np.zeros((118, 158), np.int8), 1, constant_values=100), 0.05, (-1.0, -1.0, 0.2))
 
 
-def start(folder: Path) -> MapIntegrator:
+def start_integrator(folder: Path) -> MapIntegrator:
     keeper = MapIntegrator(folder)
     keeper.set_map(GRID)
     return keeper
@@ -81,7 +81,7 @@ def change(keeper: MapIntegrator, random: np.random.Generator, now: float, write
 def child(folder: Path, writer: int, seed: int) -> None:
     """Reports the state, makes a change, and reports the state again, until it is killed."""
     random = np.random.default_rng(seed)
-    keeper = start(folder)
+    keeper = start_integrator(folder)
     os.write(writer, f"{state(keeper)}\n".encode())
     for number in range(100_000):
         with contextlib.suppress(CodedError):
@@ -143,7 +143,7 @@ def judge(row: Dict[str, Any], folder: Path, before: str) -> str:
     """Compares the restored borders with the acknowledged ones; returns the restored state."""
     acknowledged = row.pop("acknowledged")
     try:
-        keeper = start(folder)
+        keeper = start_integrator(folder)
     except Exception as error:  # the node would not have started
         row.update(outcome="did not start", said=repr(error))
         return before
@@ -177,7 +177,7 @@ def main() -> int:
             print(number, rows[-1], flush=True)
             shutil.copytree(str(folder), f"{tempfile.gettempdir()}/border_crash_{number}", dirs_exist_ok=True)
     shutil.rmtree(str(root))
-    table = Table(options.csv, options.seed)
+    table = ResultTable(options.csv, options.seed)
     for kind in (*KINDS, "all"):
         part = [row for row in rows if kind in (row["kind"], "all")]
         outcomes, notes = Counter(row["outcome"] for row in part), Counter(row["said"] or "nothing" for row in part)

@@ -16,7 +16,7 @@ from typing import Any, Callable, Dict
 
 import numpy as np
 
-from bench.harness import Table, arguments, import_from, in_turns, versions
+from bench.harness import ResultTable, arguments, import_from, in_turns, versions
 from vb_core.grid_map import GridMap
 
 
@@ -106,7 +106,7 @@ def main() -> None:
     parser.add_argument("--borders", nargs="+", type=int, default=[10], help="number on the map before")
     parser.add_argument("--rounds", type=int, default=9)
     options = parser.parse_args()
-    table = Table(options.csv)
+    table = ResultTable(options.csv)
     for size in options.sizes:
         grid = house(*map(int, size.split("x")))
         for count in options.borders:

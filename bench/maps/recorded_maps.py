@@ -22,7 +22,7 @@ from typing import Any, Dict, Iterator, List, Sequence, Tuple
 
 import numpy as np
 
-from bench.harness import HALVES, Table, arguments, share
+from bench.harness import HALVES, ResultTable, arguments, share
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap, Transform, clearance_grid, sample
 from vb_core.map_files import read_map
 from vb_evaluation.metrics import free_cells, jaccard
@@ -33,7 +33,7 @@ from vb_map_integration.map_integrator import MapIntegrator
 from vb_map_integration.region import apply_regions
 
 SILENT = "lines that closed off something else without a word"
-Outcome = Tuple[str, bool, str]  # the figure, whether the case counts for it, and the case to inspect if it does
+CaseOutcome = Tuple[str, bool, str]  # the figure, whether the case counts for it, and the case to inspect if it does
 
 
 def replace_map(old: GridMap, new: GridMap, borders: Sequence[VirtualBorder]) -> Tuple[bool, List[BorderStatus]]:
@@ -78,7 +78,7 @@ def draw_borders(grid: GridMap, random: np.random.Generator) -> List[VirtualBord
     return borders
 
 
-def judge_pair(name: str, pair: Dict[str, Any], folder: Path, random: np.random.Generator) -> Iterator[Outcome]:
+def judge_pair(name: str, pair: Dict[str, Any], folder: Path, random: np.random.Generator) -> Iterator[CaseOutcome]:
     """Draws borders on a map, replaces it by the newer map, and yields the outcomes."""
     old, new = (read_map(folder / f"{pair[key]}.yaml") for key in ("old", "new"))
     truth, borders = Transform(*pair["transform"]), draw_borders(old, random)
@@ -112,7 +112,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--half", choices=HALVES, default=HALVES[0])
     options = parser.parse_args()
-    table, half, outcomes = Table(options.csv, options.seed), HALVES.index(options.half), []
+    table, half, outcomes = ResultTable(options.csv, options.seed), HALVES.index(options.half), []
     pairs = json.loads((options.folder / "pairs.json").read_text(encoding="utf-8"))
     for number, pair in list(enumerate(pairs, 1))[half::2]:
         outcomes += judge_pair(f"pair {number}", pair, options.folder, np.random.default_rng([options.seed, number]))

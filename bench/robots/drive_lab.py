@@ -17,7 +17,6 @@ from nav_msgs.msg import Path as PathMessage
 from std_msgs.msg import Float64
 
 from bench.harness import TOP
-from bench.lab.page_lab import wait
 from vb_core import names
 from vb_core.child_processes import free_port, start_roslaunch
 from vb_core.errors import CodedError
@@ -29,6 +28,7 @@ from vb_evaluation.system_observer import SystemObserver
 from vb_msgs.msg import DriverState, LabState, ParticipantState, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
 from vb_sim.world import load_world
+from vb_testing import wait_until
 
 WORLDS = TOP / "src" / "vb_sim" / "worlds"
 LIMIT_S = 120.0  # [s] of simulated time for a goal, twice the time for 10 m at the slower robot's 0.2 m/s
@@ -54,15 +54,15 @@ class Lab:
         arguments = {"world": path, "state": state, "robot_type": robot, "amcl": True, "seed": seed}
         arguments.update(zip(("x", "y", "yaw"), self.world.robots[0].start_pose()))
         self.child = start_roslaunch([launch], state / "roslaunch.txt", port, **arguments)
-        wait(rosgraph.is_master_online, "the master")
+        wait_until(rosgraph.is_master_online, "the master")
         # waits for the parameters, because this node would use wall time without /use_sim_time
-        wait(lambda: rosgraph.Master("/robot_drives").hasParam("/use_sim_time"), "roslaunch's parameters")
+        wait_until(lambda: rosgraph.Master("/robot_drives").hasParam("/use_sim_time"), "roslaunch's parameters")
         rospy.init_node("robot_drives", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
         self.observer = SystemObserver()
         self._pace = rospy.Publisher(names.PACE, Float64, queue_size=1, latch=True)
         self.set_slow(False)
         self.runner = GoalRunner()
-        wait(lambda: self.observer.posterior is not None and self.observer.lab is not None, f"maps, see {state}")
+        wait_until(lambda: self.observer.posterior is not None and self.observer.lab is not None, f"maps, see {state}")
         self._truth, self._max_pose_error, self._codes, self._recoveries = deque(maxlen=500), 0.0, Counter(), 0
         self._stand, self._longest_stand = (0.0, 0.0, 0.0), 0.0  # start [s] and position [m]; longest [s]
         self.plan = np.zeros((0, 2))

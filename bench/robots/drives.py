@@ -25,7 +25,7 @@ from typing import NamedTuple, Optional
 
 import numpy as np
 
-from bench.harness import Table, arguments, share
+from bench.harness import ResultTable, arguments, share
 from bench.robots.drive_disturbances import drive_box, drive_nose
 from bench.robots.drive_lab import WORLDS, Lab
 from vb_core.grid_map import distance_transform, sample
@@ -130,7 +130,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="skip this number of drives, to continue a seed")
     parser.add_argument("--drives", type=int, default=1000, help="maximum number")
     options = parser.parse_args()
-    table, counts = Table(options.csv, options.seed), Counter()
+    table, counts = ResultTable(options.csv, options.seed), Counter()
     drives = [drive for drive in tasks(options.seed) if drive.kind in options.kinds]
     drives = drives[options.first :][: options.drives]
     if not drives:

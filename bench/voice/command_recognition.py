@@ -20,8 +20,8 @@ from typing import Dict, List
 
 import numpy as np
 
-from bench.harness import HALVES, Table, arguments, share
-from bench.voice.room_recordings import RATE, Clip, Room, load, read_people, trimmed
+from bench.harness import HALVES, ResultTable, arguments, share
+from bench.voice.room_recordings import RATE, Clip, RecordedRoom, load_sound, read_people, trimmed
 from vb_core.sounds import SOUNDS, TICK
 from vb_core.vocabulary import ANSWERS
 from vb_voice_wizard.voice.recognizer import CommandRecognizer, RecognitionResult
@@ -45,12 +45,12 @@ class Tally:
 def judge_people(folder: Path, half: str, tally: Tally) -> None:
     """Plays people's recordings in rooms."""
     clips, random = read_people(folder, half), np.random.default_rng(1)
-    kitchen = np.array_split(load(folder / "kitchen.flac"), 2)[HALVES.index(half)]
+    kitchen = np.array_split(load_sound(folder / "kitchen.flac"), 2)[HALVES.index(half)]
     stops, others = ([clip for clip in clips if (clip.kind == "stop") == stop] for stop in (True, False))
     others = [others[index] for index in random.permutation(len(others))]
     talk = [clip.pcm for clip in others if clip.kind == "sentences"]
     recognizer = CommandRecognizer()
-    quiet, noisy, crowd = (Room(recognizer, noise) for noise in ([], [kitchen], talk[:4]))
+    quiet, noisy, crowd = (RecordedRoom(recognizer, noise) for noise in ([], [kitchen], talk[:4]))
     for number, clip in enumerate(stops):
         other_clip = others[number % len(others)]
         recordings = [trimmed(other_clip.pcm), np.zeros(RATE // 10), trimmed(clip.pcm)]
@@ -73,9 +73,9 @@ def judge_people(folder: Path, half: str, tally: Tally) -> None:
 
 def judge_talk(folder: Path, tally: Tally) -> float:
     """Plays recordings one after the other, with short pauses; returns their total length [h]."""
-    room, random = Room(CommandRecognizer()), np.random.default_rng(1)
+    room, random = RecordedRoom(CommandRecognizer()), np.random.default_rng(1)
     for path in sorted(path for path in folder.rglob("*") if path.suffix in (".g722", ".flac", ".wav", ".ogg")):
-        clip = Clip(path.parent.name, path.stem, load(path))
+        clip = Clip(path.parent.name, path.stem, load_sound(path))
         tally.other("talk", clip, room.hear(clip.pcm, before=float(random.uniform(0.0, 0.5))))
     return room.seconds / 3600.0
 
@@ -86,7 +86,7 @@ def main() -> None:
     parser.add_argument("--half", choices=HALVES, default=HALVES[0])
     parser.add_argument("--talk", action="store_true")
     options = parser.parse_args()
-    tally, table = Tally(), Table(options.csv)
+    tally, table = Tally(), ResultTable(options.csv)
     if options.talk:
         table.add(what="hours of talk", share=judge_talk(options.folder, tally))
     else:

@@ -31,7 +31,7 @@ class Clip(NamedTuple):
     pcm: np.ndarray
 
 
-def load(path: Path) -> np.ndarray:
+def load_sound(path: Path) -> np.ndarray:
     """Reads a recording as (N,) float64 at 16 kHz."""
     resampler = av.AudioResampler(format="s16", layout="mono", rate=RATE)
     with av.open(str(path), format="g722" if path.suffix == ".g722" else None) as file:
@@ -48,7 +48,7 @@ def speaker(path: Path) -> str:
 def read_people(folder: Path, half: str) -> List[Clip]:
     """Reads the recordings of one half of the speakers."""
     return [
-        Clip(path.parent.name, path.stem, load(path))
+        Clip(path.parent.name, path.stem, load_sound(path))
         for path in sorted(folder.glob("*/*"))
         if zlib.crc32(speaker(path).encode()) % 2 == HALVES.index(half)
     ]
@@ -68,7 +68,7 @@ def power(pcm: np.ndarray) -> float:
     return float(powers[powers >= 0.03 * powers.max()].mean()) if len(powers) else 1.0
 
 
-class Room:
+class RecordedRoom:
     """A room with background noise, in which one listener processes one recording after another."""
 
     def __init__(self, recognizer: CommandRecognizer, noise: Iterable[np.ndarray] = ()) -> None:

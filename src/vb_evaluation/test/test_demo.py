@@ -77,7 +77,7 @@ PROOFS = [
 
 @pytest.mark.parametrize("proof", PROOFS, ids=lambda proof: proof.verdict)
 def test_verdict_distinguishes_entering_from_standing_inside(proof, tmp_path, capsys):
-    options = demo.parse(["--out", str(tmp_path)])
+    options = demo.parse_arguments(["--out", str(tmp_path)])
     prior = floor_plan.physical_map(options.world)
     restricted = floor_plan.ground_truth(options.world, options.scenario)
     posterior = prior.with_data(np.where(restricted, np.int8(100), prior.data))

@@ -23,7 +23,7 @@ from vb_core.ros.images import array_from_image
 from vb_core.ros.messages import NumpyBorderPreview, NumpyOccupancyGrid, message_from_grid
 from vb_core.notices import Notice, Severity
 from vb_core.ros.notices import message_from_notice
-from vb_feedback.display.layout import Box, fit_view
+from vb_feedback.display.layout import Rectangle, fit_view
 from vb_feedback.display.restriction_overlay import PREVIEW
 from vb_feedback.projector import projector_calibration
 from vb_feedback.projector.projector_calibration import markers
@@ -206,7 +206,7 @@ class DisplayTest(unittest.TestCase):
             self.assertIn(sentences.translate("no_screen"), run.stdout)
             view = yaml.safe_load((Path(folder) / "config").read_text())["Visualization Manager"]["Views"]["Current"]
             self.assertIn("__name:=display", (Path(folder) / "arguments").read_text())
-        layout = fit_view(Box.around(self.grid.corners()), 16 / 9)
+        layout = fit_view(Rectangle.around(self.grid.corners()), 16 / 9)
         self.assertAlmostEqual(view["Scale"], 1280 / layout.view.width, 1)
         self.assertAlmostEqual(view["X"], layout.view.center[0], 2)
 
@@ -279,7 +279,7 @@ class DisplayTest(unittest.TestCase):
         file = Path(self.folder.name) / "projector.yaml"
         clicks = [floor_of(*place) for place in markers(*SIZE)]
         projector_calibration.write_calibration(projector_calibration.calibrate(*SIZE, clicks), file)
-        node = Process("vb_feedback", "floor_projector", f"_calibration:={file}", "_max_rate:=20.0")
+        node = Process("vb_feedback", "floor_projector", f"_calibration:={file}")
         self.addCleanup(node.stop)
         self.publish_state()
         wait_until(lambda: self.spots.get_num_connections() > 1 and not self.shown().any(), "a dark picture")

@@ -2,9 +2,11 @@
 """feedback; sound_player with a program that takes the samples and without a device; kobuki_feedback, no Kobuki."""
 
 import importlib.util
+import os
 import tempfile
 import unittest
 from pathlib import Path
+from shutil import which
 
 import rospy
 import rostest
@@ -24,12 +26,14 @@ class SoundTest(unittest.TestCase):
         cls.sounds = rospy.Publisher("/virtual_borders/sound", Sound, queue_size=20)
         cls.folder = tempfile.TemporaryDirectory()
         folder = Path(cls.folder.name)
-        hears = write_program(folder / "hears", f"cat >> {folder}/pcm")
-        deaf = write_program(folder / "deaf", f'echo tried >> {folder}/tried; exec aplay "$@"')
-        options = {"hears": [f"_program:={hears}", "_volume:=1.0", "_max_age:=10.0"]}
-        options["deaf"] = [f"_program:={deaf}", "_device:=no_such_device"]
-        player = "vb_feedback", "sound_player"
-        cls.nodes = [Process(*player, f"__name:={name}", *more) for name, more in options.items()]
+        aplay = {"hears": f"cat >> {folder}/pcm", "deaf": f'echo tried >> {folder}/tried; exec {which("aplay")} "$@"'}
+        options = {"hears": ["_volume:=1.0", "_max_age:=10.0"], "deaf": ["_device:=no_such_device"]}
+        cls.nodes = []
+        for name, more in options.items():
+            (folder / name).mkdir()
+            write_program(folder / name / "aplay", aplay[name])
+            env = {**os.environ, "PATH": f"{folder / name}:{os.environ['PATH']}"}
+            cls.nodes.append(Process("vb_feedback", "sound_player", f"__name:={name}", *more, env=env))
         wait_until(lambda: cls.sounds.get_num_connections() == 2, "both players")
 
     def written(self, name):

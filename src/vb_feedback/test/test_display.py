@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 
 from refusals import refused
 from vb_feedback.display import colors, scene
-from vb_feedback.display.layout import Box, fit_texts, fit_view, place_labels, place_words, text_box
+from vb_feedback.display.layout import Rectangle, fit_texts, fit_view, place_labels, place_words, text_box
 from vb_feedback.display.layout import is_drawable, text_width, transliterate, wrap
 from vb_feedback.display.restriction_overlay import CLEAR, PREVIEW, STRIPE, draw_restrictions
 from vb_feedback.display.rviz_config import overlay_fonts
@@ -28,7 +28,7 @@ def text_boxes(shapes):
         if shape.kind == TEXT:
             boxes.append(text_box(shape.text, x, y, shape.size[0]))
         elif shape.kind == PLATE:
-            boxes.append(Box.centered(x, y, *shape.size))
+            boxes.append(Rectangle.centered(x, y, *shape.size))
     return boxes
 
 
@@ -45,7 +45,7 @@ places = st.floats(-1000.0, 1000.0)
 @settings(max_examples=40, deadline=None)
 @given(places, places, sizes, sizes, st.floats(1.0, 3.0))
 def test_the_map_is_whole_and_nothing_overlaps_it(x, y, width, height, aspect):
-    extent = Box(x, y, x + width, y + height)
+    extent = Rectangle(x, y, x + width, y + height)
     layout = fit_view(extent, aspect)
     assert contains(layout.view, extent, 1e-6)
     assert math.isclose(layout.view.width / layout.view.height, aspect, rel_tol=1e-9)
@@ -63,7 +63,7 @@ def test_the_map_is_whole_and_nothing_overlaps_it(x, y, width, height, aspect):
 @pytest.mark.parametrize("width, height, aspect", [(0, 5, 1.8), (8, 0, 1.8), (8, 5, 0.1), (8, 5, 50.0)])
 def test_an_impossible_layout_is_refused(width, height, aspect):
     with refused("bad_layout"):
-        fit_view(Box(0.0, 0.0, width, height), aspect)
+        fit_view(Rectangle(0.0, 0.0, width, height), aspect)
 
 
 WORDS = st.text(alphabet=st.characters(min_codepoint=33, max_codepoint=126), min_size=1, max_size=25)
@@ -139,13 +139,13 @@ def test_rviz_is_asked_for_the_letters(tmp_path):
     assert "code_points" not in (fonts / "f.fontdef").read_text()
 
 
-boxes = st.builds(Box.centered, st.floats(-5, 15), st.floats(-5, 12), st.floats(0.5, 1.5), st.floats(0.2, 0.5))
+boxes = st.builds(Rectangle.centered, st.floats(-5, 15), st.floats(-5, 12), st.floats(0.5, 1.5), st.floats(0.2, 0.5))
 
 
 @settings(max_examples=40, deadline=None)
 @given(st.lists(boxes, max_size=6))
 def test_labels_lie_on_the_map_and_not_on_each_other(wanted):
-    within = Box(0.0, 0.0, 8.0, 6.0)
+    within = Rectangle(0.0, 0.0, 8.0, 6.0)
     placed = place_labels(wanted, within)
     if wanted and contains(within, wanted[0]):  # a label within the map stays in place
         assert placed[0].center == pytest.approx(wanted[0].center)
@@ -157,19 +157,19 @@ def test_labels_lie_on_the_map_and_not_on_each_other(wanted):
 
 def test_labels_that_are_wanted_at_one_place_find_room():
     # five at the edge, and a flat one, which has to move farther than its own height
-    tall, flat = Box.centered(0.0, 0.0, 1.0, 0.5), Box.centered(0.0, 0.0, 1.0, 0.2)
-    placed = place_labels([*[tall] * 5, flat], Box(0.0, 0.0, 8.0, 6.0))
+    tall, flat = Rectangle.centered(0.0, 0.0, 1.0, 0.5), Rectangle.centered(0.0, 0.0, 1.0, 0.2)
+    placed = place_labels([*[tall] * 5, flat], Rectangle(0.0, 0.0, 8.0, 6.0))
     assert not any(a.overlaps(b) for a, b in itertools.combinations(placed, 2))
     # the last one fits into the column only exactly
-    narrow = Box(0.0, 0.0, 1.0, 2.0)
-    column = [Box.centered(0.5, y, 1.0, 0.5) for y in (0.25, 1.25, 1.75)]
-    *others, last = place_labels([*column, Box.centered(0.5, 1.9, 1.0, 0.4)], narrow)
+    narrow = Rectangle(0.0, 0.0, 1.0, 2.0)
+    column = [Rectangle.centered(0.5, y, 1.0, 0.5) for y in (0.25, 1.25, 1.75)]
+    *others, last = place_labels([*column, Rectangle.centered(0.5, 1.9, 1.0, 0.4)], narrow)
     assert not any(last.overlaps(other) for other in others)
     assert last.center[1] == pytest.approx(0.75, abs=0.06)
 
 
 # ------------------------------------------------------------------ what is shown
-LAYOUT = fit_view(Box(0, 0, 8, 5), 16 / 9)
+LAYOUT = fit_view(Rectangle(0, 0, 8, 5), 16 / 9)
 
 
 def border(**changes):
@@ -302,10 +302,10 @@ def test_a_preview_differs_from_saved_stripes():
 
 # ------------------------------------------------------------------ words
 NOTICES = (PanelNotice("Saving would restrict 12.50 m2."), PanelNotice("Note: " + LONG, True))
-LAB, STUDIO = Box(-0.2, -0.2, 8.2, 5.2), Box(-0.2, -0.2, 6.2, 4.2)
+LAB, STUDIO = Rectangle(-0.2, -0.2, 8.2, 5.2), Rectangle(-0.2, -0.2, 6.2, 4.2)
 
 
-@pytest.mark.parametrize("extent", [LAB, STUDIO, Box(-30, 7, 10, 12), Box(2, 2, 4, 12)])
+@pytest.mark.parametrize("extent", [LAB, STUDIO, Rectangle(-30, 7, 10, 12), Rectangle(2, 2, 4, 12)])
 @pytest.mark.parametrize("aspect", [16 / 9, 16 / 10, 4 / 3])
 @pytest.mark.parametrize("state", ["", "default", "border", "seed", "guide", "another"])
 def test_words_overlap_neither_map_nor_each_other(extent, aspect, state):

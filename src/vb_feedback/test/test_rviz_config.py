@@ -5,16 +5,16 @@ import yaml
 
 from refusals import refused
 from vb_testing import TOP
-from vb_feedback.display.layout import Box, fit_view
+from vb_feedback.display.layout import Rectangle, fit_view
 from vb_feedback.display.rviz_config import screen_size, write_fitted_config
 
 CONFIG = TOP / "rviz" / "smart_display.rviz"
-LAB = Box(0, 0, 8, 5)
+LAB = Rectangle(0, 0, 8, 5)
 
 
 @pytest.mark.parametrize("screen", [(1920, 1080), (1920, 1200), (1024, 768), (3440, 1440)])
 @pytest.mark.parametrize("aspect", [None, 16 / 9])
-@pytest.mark.parametrize("extent", [LAB, Box(-20, -10, 30, 12), Box(1, 1, 2, 9)])
+@pytest.mark.parametrize("extent", [LAB, Rectangle(-20, -10, 30, 12), Rectangle(1, 1, 2, 9)])
 def test_the_display_fills_the_screen(extent, aspect, screen, tmp_path):
     path = tmp_path / "new" / "fitted.rviz"
     write_fitted_config(str(CONFIG), path, extent, *screen, aspect)

@@ -24,7 +24,7 @@ from sensor_msgs.msg import LaserScan
 from vb_msgs.msg import DetectorStatus, RobotStatus, RobotStatusArray, VirtualBorderArray
 
 from vb_bringup.lab_readiness import check_camera, check_disk, check_map, check_nodes, check_robot, is_fully_known
-from vb_bringup.check_launch import UNIQUE_NODE, read_parameters
+from vb_bringup.check_launch import UNIQUE_NODE, read_parameter_file
 from vb_bringup.new_lab import parse_source
 from vb_core import names, sentences
 from vb_core.errors import CodedError
@@ -111,7 +111,7 @@ def _check_cameras(graph: NodeGraph, statuses: Mapping[str, DetectorStatus], not
 def _has_delay(detector: Mapping[str, Any]) -> bool:
     """Returns whether a camera's own file has a delay: as a parameter, a measured 0 cannot be told from the default."""
     with contextlib.suppress(CodedError):  # there is none, or it is on another computer
-        return "delay_ms" in (read_parameters("configs", str(detector.get("settings", ""))).get("capture") or {})
+        return "delay_ms" in (read_parameter_file("configs", str(detector.get("settings", ""))).get("capture") or {})
     return False
 
 

@@ -93,7 +93,7 @@ def check_map_file(_argument: str, value: str) -> None:
         read_map(path_from_caller(value))
 
 
-def read_parameters(argument: str, path: str) -> Mapping[str, Any]:
+def read_parameter_file(argument: str, path: str) -> Mapping[str, Any]:
     """Reads the parameters in a YAML file as roslaunch does. Raises CodedError "launch_no_file" or "launch_bad_file"."""
     import rosparam
     import yaml
@@ -109,10 +109,10 @@ def read_parameters(argument: str, path: str) -> Mapping[str, Any]:
 
 
 def check_detector(argument: str, value: str) -> None:
-    """Raises CodedError "bad_parameter", which names file and key, and the errors of `read_parameters`."""
+    """Raises CodedError "bad_parameter", which names file and key, and the errors of `read_parameter_file`."""
     from vb_laser_detect.spot_detector_node_params import SpotDetectorNodeParams
 
-    SpotDetectorNodeParams.from_mapping(read_parameters(argument, value), value)
+    SpotDetectorNodeParams.from_mapping(read_parameter_file(argument, value), value)
 
 
 def check_detectors(argument: str, value: str) -> None:

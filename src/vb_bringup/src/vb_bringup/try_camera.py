@@ -76,13 +76,13 @@ def draw_seen_floor(view: PosedCamera) -> GridMap:
     camera = view.camera
     u, v = np.meshgrid(np.linspace(0, camera.width - 1, 60), np.linspace(0, camera.height - 1, 40))
     pixels = np.column_stack([u.ravel(), v.ravel()])
-    places = project_to_floor(camera, view.T_map_camera, pixels)[:, :2]
+    positions = project_to_floor(camera, view.T_map_camera, pixels)[:, :2]
     with np.errstate(invalid="ignore"):
-        places = places[np.linalg.norm(places - view.T_map_camera[:2, 3], axis=1) < _FAR]
-    if not len(places):
+        positions = positions[np.linalg.norm(positions - view.T_map_camera[:2, 3], axis=1) < _FAR]
+    if not len(positions):
         raise CodedError("bad_rectangle")
-    low = places.min(axis=0)
-    columns, rows = np.ceil((places.max(axis=0) - low) / _CELL).astype(int) + 1
+    low = positions.min(axis=0)
+    columns, rows = np.ceil((positions.max(axis=0) - low) / _CELL).astype(int) + 1
     floor = GridMap(np.zeros((rows, columns), np.int8), _CELL, (*low, 0.0))
     cells = floor.cell_to_world(np.argwhere(floor.data == 0))
     in_view = camera.contains(project(camera, view.T_map_camera, cells)).reshape(floor.shape)
@@ -96,10 +96,10 @@ def grid_lines(view: PosedCamera, floor: GridMap) -> List[List[List[float]]]:
     lines = []
     for axis, other in ((0, 1), (1, 0)):
         for number in np.arange(np.ceil(low[axis] / _GRID), np.floor(high[axis] / _GRID) + 1):
-            places = np.empty((40, 2))
-            places[:, axis] = number * _GRID
-            places[:, other] = np.linspace(low[other], high[other], 40)
-            pixels = project(view.camera, view.T_map_camera, places)
+            positions = np.empty((40, 2))
+            positions[:, axis] = number * _GRID
+            positions[:, other] = np.linspace(low[other], high[other], 40)
+            pixels = project(view.camera, view.T_map_camera, positions)
             in_view = pixels[view.camera.contains(pixels)]
             if len(in_view) > 1:
                 lines.append(np.round(in_view, 1).tolist())
@@ -204,8 +204,8 @@ class _Floor(_Handler):
             size = float(request["width"]), float(request["depth"])
             view = estimate_camera_from_rectangle(corners, size, (width, height))
             floor = draw_seen_floor(view)
-            places = floor.cell_to_world(np.argwhere(floor.data == 0)[:: max(1, floor.data.size // 400)])
-            pixels = project(view.camera, view.T_map_camera, places)
+            positions = floor.cell_to_world(np.argwhere(floor.data == 0)[:: max(1, floor.data.size // 400)])
+            pixels = project(view.camera, view.T_map_camera, positions)
             worst = click_uncertainty(corners, size, (width, height), pixels)
             if step == "start":
                 self.page.accept(view)

@@ -187,14 +187,14 @@ def resample_chain(points: np.ndarray, spacing: float, closed: bool = False) -> 
     return sampled[:-1] if closed else sampled
 
 
-def look_ahead(path: np.ndarray, place, distance: float) -> Tuple[np.ndarray, float, float]:
-    """Finds the point of a path (N, 2) [m] that is `distance` [m] ahead of the path point nearest to `place` (2,) [m].
+def look_ahead(path: np.ndarray, position, distance: float) -> Tuple[np.ndarray, float, float]:
+    """Finds the point of a path (N, 2) [m] that is `distance` [m] ahead of the path point nearest to `position` (2,) [m].
 
     Returns:
-        The point (2,) [m], or the path's end if the path is shorter; the distance [m] from `place` to the path; and the
+        The point (2,) [m], or the path's end if the path is shorter; the distance [m] from `position` to the path; and the
         length [m] of the remaining path.
     """
-    distances = np.linalg.norm(path - np.asarray(place), axis=1)
+    distances = np.linalg.norm(path - np.asarray(position), axis=1)
     nearest = int(np.argmin(distances))
     remainder = path[nearest:]
     along = arc_lengths(remainder)

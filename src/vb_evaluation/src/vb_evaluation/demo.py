@@ -61,7 +61,7 @@ _LAUNCH = repository_root() / "launch"
 _LAB_WORLD = repository_root() / "src/vb_sim/worlds/lab.yaml"
 
 
-def parse(arguments: Optional[List[str]]) -> argparse.Namespace:
+def parse_arguments(arguments: Optional[List[str]]) -> argparse.Namespace:
     """Parses the command line into options, with world and scenario loaded.
 
     Raises:
@@ -100,7 +100,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
     """Runs the demonstration. Returns 0 if a saved border is respected, 1 if not, 2 for an error, 130 on Ctrl-C."""
     console = Console(highlight=False, soft_wrap=True)
     try:
-        options = parse(arguments)
+        options = parse_arguments(arguments)
         with contextlib.ExitStack() as stack:
             return Demo(options, console, stack).run()
     except CodedError as error:

@@ -21,7 +21,7 @@ from vb_core.ros.robot_status import CapabilitiesListener
 from visualization_msgs.msg import Marker, MarkerArray
 
 from vb_feedback.display import restriction_overlay, scene
-from vb_feedback.display.layout import Box, Layout, fit_view
+from vb_feedback.display.layout import Rectangle, Layout, fit_view
 from vb_feedback.display.text_panel import PanelContent, text_panel_shapes
 from vb_feedback.ros import display_messages
 from vb_feedback.ros.display_inputs import DisplayInputs, InputListener
@@ -77,7 +77,7 @@ class DisplayMarkersNode:
         self._shown: Dict[scene.Key, scene.Shape] = {}
         self._cached_parts: Dict[str, Tuple[Any, List[scene.Shape]]] = {}  # by name: inputs and shapes
         self._overlay_inputs: Tuple[Any, ...] = (None, None, None)
-        self._layout: Layout = fit_view(Box(0.0, 0.0, 8.0, 5.0), params.screen_aspect)
+        self._layout: Layout = fit_view(Rectangle(0.0, 0.0, 8.0, 5.0), params.screen_aspect)
         self._inputs = InputListener(self._wake.set)
         self._notices = NoticeListener(self._wake.set)
         self._robots = CapabilitiesListener(self._wake.set)
@@ -133,7 +133,7 @@ class DisplayMarkersNode:
         restricted = self._grids.get(names.MAP_WITH_BORDERS)
         grid = restricted or physical
         if grid is not None:
-            self._layout = fit_view(Box.around(grid.corners()), self._params.screen_aspect)
+            self._layout = fit_view(Rectangle.around(grid.corners()), self._params.screen_aspect)
         if physical is not None and restricted is not None:
             self._show_restricted(physical, restricted, inputs.region)
         if self._markers.get_num_connections() == 0 and not newcomers:

@@ -27,6 +27,7 @@ from vb_feedback.ros.display_inputs import InputListener
 from vb_feedback.ros.display_messages import displayed_border_from_message, drawing_from_progress
 
 FRAME = "projector"
+MIN_PERIOD = 0.2  # [s] between two images: fusion sends a new chain about as often
 _SPOT_LIFETIME = 0.5  # [s] a spot that no camera has seen for this long counts as gone
 # [m] how far the spot must move for the image to be drawn again; less than the radius that stays dark around it
 _SPOT_STEP = 0.1
@@ -40,7 +41,6 @@ class ProjectorParams(Parameters):
     width: int = param(1280, "px", low=16, high=16384)
     height: int = param(800, "px", low=16, high=16384)
     brightness: float = param(1.0, "", low=0.05, high=1.0)
-    max_rate: float = param(5.0, "1/s", above=0.0, high=30.0)
     window: bool = param(False)
     window_x: int = param(0, "px", low=-32768, high=32767)
     window_y: int = param(0, "px", low=-32768, high=32767)
@@ -64,7 +64,7 @@ class FloorProjectorNode:
             bright marker is on the floor; only while there is no calibration.
     Published topics:
         /virtual_borders/projector (sensor_msgs/Image, rgb8, latched): the projector's image, only when it changes,
-            at most ~max_rate times a second.
+            at most 5 times a second.
 
     Args:
         calibration: None if it is to be computed from four clicks.
@@ -138,7 +138,7 @@ class FloorProjectorNode:
             return
         started = time.monotonic()
         self._show(self._floor_image, self._content(rospy.get_time()))
-        rospy.rostime.wallsleep(max(0.0, started + 1.0 / self._params.max_rate - time.monotonic()))
+        rospy.rostime.wallsleep(max(0.0, started + MIN_PERIOD - time.monotonic()))
 
     def _content(self, now: float) -> FloorContent:
         """Returns what to show at a time [s]."""

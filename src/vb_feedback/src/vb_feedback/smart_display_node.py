@@ -22,7 +22,7 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import parameters
 from vb_core.ros.messages import NumpyOccupancyGrid, grid_from_message
 
-from vb_feedback.display.layout import Box
+from vb_feedback.display.layout import Rectangle
 from vb_feedback.display.rviz_config import overlay_fonts, screen_size, write_fitted_config
 
 _ASPECT = "/display_markers/screen_aspect"
@@ -84,7 +84,7 @@ def _write_fitted_config(params: SmartDisplayParams, path: Path) -> None:
     rospy.loginfo("smart_display: RViz starts as soon as there is a map on %s", names.PHYSICAL_MAP)
     grid = grid_from_message(rospy.wait_for_message(names.PHYSICAL_MAP, NumpyOccupancyGrid))
     aspect = rospy.get_param(_ASPECT, None)
-    write_fitted_config(params.config, path, Box.around(grid.corners()), *params.size(), aspect)
+    write_fitted_config(params.config, path, Rectangle.around(grid.corners()), *params.size(), aspect)
 
 
 def _install_fonts(name: str) -> None:

@@ -25,7 +25,6 @@ class SoundParams(Parameters):
     """Parameters of sound_player; config/sound_player.yaml explains them."""
 
     device: str = param("default")
-    program: str = param("aplay")
     volume: float = param(0.7, "", low=0.0, high=1.0)
     max_age: float = param(1.0, "s", above=0.0, high=10.0)
 
@@ -66,7 +65,7 @@ class SoundPlayerNode:
             return
         self._busy = True
         try:
-            play(synthesize(name, self._params.volume), self._params.device, self._params.program)
+            play(synthesize(name, self._params.volume), self._params.device)
         except CodedError as error:
             # a device may be plugged in later, so the node tries again periodically, without a second warning
             self._silent_until = time.monotonic() + _RETRY_DELAY

@@ -26,6 +26,9 @@ from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderResponse
 
 PROGRESS_RATE = 8.0  # [1/s] of progress messages while spots arrive; the display needs 5, and a busy machine is slower
 HEARTBEAT_PERIOD = 1.0  # [s] between progress messages while no spots arrive
+LIVE_CPU_SHARE = (
+    0.12  # of one core, for the live chain: two cores must also search the images; no limit for the final one
+)
 MAX_SHOWN = 300  # points in a message, enough to see the drawing and cheap to display
 
 
@@ -34,7 +37,6 @@ class FusionParams(Parameters):
     """The node's parameters."""
 
     extraction: ExtractionParams = param(ExtractionParams())
-    live_cpu_share: float = param(0.12, above=0.0, high=1.0)
     seen_timeout: float = param(0.5, "s", above=0.0, high=10.0)
 
 
@@ -59,7 +61,7 @@ class BorderFusionNode:
     def __init__(self, params: FusionParams) -> None:
         self._params = params
         self._collector = SpotCollector()
-        self._live = LiveExtractor(params.extraction, params.live_cpu_share)
+        self._live = LiveExtractor(params.extraction, LIVE_CPU_SHARE)
         self._lock = threading.Lock()
         self._new_spots = False  # whether spots arrived since the last progress message
         self._failure: Optional[CodedError] = None  # why the last attempt to extract a border failed
@@ -86,7 +88,7 @@ class BorderFusionNode:
             entered = message.entered.to_sec()
             is_new = self._collector.set_state(state, message.interaction_id, entered, message.last_outcome)
             if is_new:
-                self._live = LiveExtractor(self._params.extraction, self._params.live_cpu_share)
+                self._live = LiveExtractor(self._params.extraction, LIVE_CPU_SHARE)
                 self._failure = None
                 self._doubts = []
         if is_new or state != state_before:

@@ -179,7 +179,7 @@ def _complete(
     if needs:
         config["availability"].append({"topic": lab.topic("health"), "value_template": f"{{{{ value_json.{needs} }}}}"})
     config["availability_mode"] = "all"
-    name = lab.device.replace("_", " ").capitalize()
+    name = sentences.words_of_name(lab.device).capitalize()
     config["device"] = {"identifiers": [lab.device], "name": name, "model": "Virtual borders"}
     config["origin"] = {"name": "vb_mqtt"}
     return config

@@ -55,7 +55,7 @@ class ClearanceMap:
         view_grid = physical if physical is not None and physical.same_geometry(grid) else grid
         self.opaque = view_grid.data >= BLOCKED_THRESHOLD
 
-    # ------------------------------------------------------------- places
+    # ------------------------------------------------------------- positions
     def has_room_at(self, points: np.ndarray) -> np.ndarray:
         """Returns (N,) bool: whether there is room for the robot and its margin at points (N, 2) [m]."""
         return sample(self.grid, self.clearance, points) >= self.radius + STOP_MARGIN
@@ -75,8 +75,8 @@ class ClearanceMap:
         return ~(is_opaque & is_between).any(axis=1)
 
     # ------------------------------------------------------------- paths
-    def path_lengths(self, start, places: np.ndarray, others=(), barred: Optional[np.ndarray] = None) -> np.ndarray:
-        """Returns the lengths (N,) [m] of the shortest paths from a start (2,) [m] to places (N, 2) [m], or inf if none.
+    def path_lengths(self, start, positions: np.ndarray, others=(), barred: Optional[np.ndarray] = None) -> np.ndarray:
+        """Returns the lengths (N,) [m] of the shortest paths from a start (2,) [m] to positions (N, 2) [m], or inf if none.
 
         Paths avoid other robots (K, 2) [m], of the same size, and barred cells (H, W) bool. Straight lines connect a
         start outside a window to the free cells of its edge.
@@ -105,7 +105,7 @@ class ClearanceMap:
             entries = np.flatnonzero(at_edge & np.isfinite(distances))
         cost = np.where(free, step * self.grid.resolution, np.inf)
         paths = ShortestPaths(cost, cells[entries], distances[entries])
-        targets = self.grid.world_to_cell(places) // step
+        targets = self.grid.world_to_cell(positions) // step
         inside = ((targets >= 0) & (targets < (rows, columns))).all(axis=1)
         lengths = np.full(len(targets), np.inf)
         lengths[inside] = paths.costs[tuple(targets[inside].T)]

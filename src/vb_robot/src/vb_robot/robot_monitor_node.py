@@ -25,8 +25,9 @@ from vb_core.ros.robot_status import connections_from_message
 from vb_core.ros.transforms import TransformLookup
 from vb_core.stop_latch import HeldStops, new_id
 from vb_core.vocabulary import state_by_name
+from vb_core.zones import zone_by_number
 from vb_msgs.msg import BorderProgress, DetectorStatus, DriverState, InteractionState, RobotStatusArray, Stop
-from vb_msgs.msg import VirtualBorder, VirtualBorderArray
+from vb_msgs.msg import VirtualBorderArray
 from vb_msgs.srv import SendRobot, SendRobotResponse
 from vb_robot.dispatching.dispatcher import Dispatcher
 from vb_robot.dispatching.viewpoint import DrawingState
@@ -175,7 +176,8 @@ class RobotMonitorNode:
         self._speed_limits = grid
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
-        self._has_slow_zones = any(border.in_force and border.zone == VirtualBorder.SLOW for border in message.borders)
+        in_force = [zone_by_number(border.zone) for border in message.borders if border.in_force]
+        self._has_slow_zones = any(zone.limits_speed for zone in in_force)
         with self._lock:
             for robot in self._robots.values():
                 robot.set_borders(keep_out_borders_for(robot.name, message))

@@ -91,7 +91,6 @@ class CameraNoise(Parameters):
     read_sigma: float = param(1.0, "grey levels", low=0.0, high=50.0)
     full_well_e: float = param(10000.0, "electrons", above=0.0)
     prnu: float = param(0.006, "", low=0.0, high=0.5)
-    frames: int = param(5, "", low=2, high=32)
 
     def sigma(self, level: Any) -> Any:
         """Returns the standard deviation of read and photon noise [grey levels] at a brightness [grey levels]."""
@@ -110,7 +109,6 @@ class RobotCamera(Parameters):
     depth_sigma_quadratic: float = param(0.0019, "1/m", low=0.0)
     depth_grazing_deg: float = param(80.0, "deg", low=0.0, high=90.0)
     depth_holes: float = param(0.004, "", low=0.0, high=1.0)
-    depth_every: int = param(2, "frames", low=1, high=50)
 
 
 @dataclass(frozen=True)

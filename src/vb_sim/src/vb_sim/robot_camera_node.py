@@ -6,7 +6,7 @@ Subscribed topics:
 Published topics:
     camera/rgb/image_raw (sensor_msgs/Image, 640 x 480 rgb8), camera/rgb/camera_info (sensor_msgs/CameraInfo)
     camera/depth_registered/image_raw (sensor_msgs/Image, 160 x 120 16UC1 [mm], 0 if unknown): with every
-        `robot_camera/depth_every`-th colour image, with the same stamp.
+        second colour image, with the same stamp.
     camera/depth_registered/camera_info (sensor_msgs/CameraInfo): likewise.
     /tf_static (tf2_msgs/TFMessage): <prefix>base_link -> <prefix>camera_optical_frame.
 """
@@ -26,6 +26,9 @@ from vb_sim.rendering.floor_texture import render_floor
 from vb_sim.rendering.mesh import world_mesh
 from vb_sim.world import Robot, load_world
 
+CAMERA_RATE = 25.0  # [1/s] of colour images; assumed
+_DEPTH_EVERY = 2  # colour images for a depth image; saves time
+
 
 @dataclass(frozen=True)
 class RobotCameraParams(Parameters):
@@ -37,7 +40,7 @@ class RobotCameraParams(Parameters):
     tf_prefix: str = param("")
 
 
-def robot_camera(robot: Robot, view: RobotView, tf_prefix: str, depth_every: int) -> SimulatedCamera:
+def robot_camera(robot: Robot, view: RobotView, tf_prefix: str) -> SimulatedCamera:
     """Creates a robot's camera with its topics, in the node's namespace.
 
     Args:
@@ -46,9 +49,9 @@ def robot_camera(robot: Robot, view: RobotView, tf_prefix: str, depth_every: int
     frame = f"{tf_prefix}camera_optical_frame"
     mount = message_from_transform(robot.camera_mount(), f"{tf_prefix}base_link", frame, rospy.Time.now())
     # depth is published first, so that nodes have a colour image's depth when the colour image arrives
-    depth = ImageStream("camera/depth_registered", frame, view.depth_model, "16UC1", view.depth, depth_every)
+    depth = ImageStream("camera/depth_registered", frame, view.depth_model, "16UC1", view.depth, _DEPTH_EVERY)
     color = ImageStream("camera/rgb", frame, view.model, view.encoding, view.frame)
-    return SimulatedCamera(robot.name, robot.camera_rate, view, [depth, color], mount)
+    return SimulatedCamera(robot.name, CAMERA_RATE, view, [depth, color], mount)
 
 
 def build() -> CameraNode:
@@ -60,5 +63,5 @@ def build() -> CameraNode:
     # the seed is that of the ceiling cameras, so that all cameras see the same floor
     floor = render_floor(world, params.seed)
     view = RobotView(robot, world.robot_radii(), floor, world_mesh(world), models, params.seed)
-    camera = robot_camera(robot, view, params.tf_prefix, models.robot_camera.depth_every)
+    camera = robot_camera(robot, view, params.tf_prefix)
     return CameraNode([camera], models.optics.latency_ms)

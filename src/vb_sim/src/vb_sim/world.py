@@ -22,11 +22,12 @@ from vb_core.geometry import base_to_map
 from vb_core.parameters import Parameters, param
 from vb_sim.model_params import read_document
 
-Color = Tuple[int, int, int]
+CAMERA_FOV = 58.0  # [deg] horizontal field of view of a robot's camera; assumed
+Rgb = Tuple[int, int, int]  # 0 .. 255
 Point2 = Tuple[float, float]  # (x, y) [m], map frame
 
 
-def _color(default: Color) -> Any:
+def _color(default: Rgb) -> Any:
     return param(default, "", low=0, high=255)
 
 
@@ -46,7 +47,7 @@ class Floor(Parameters):
     """The floor's appearance."""
 
     kind: str = param("planks", choices=("planks", "tiles", "plain"))
-    color: Color = _color((150, 122, 92))
+    color: Rgb = _color((150, 122, 92))
     contrast: float = param(0.16, low=0.0, high=1.0)
     plank: Tuple[float, float] = param((1.2, 0.14), "m", above=0.01)
 
@@ -59,7 +60,7 @@ class Wall(Parameters):
     end: Tuple[float, float] = param((1.0, 0.0), "m")
     thickness: float = param(0.05, "m", above=0.0)
     height: float = param(0.5, "m", above=0.0)
-    color: Color = _color((225, 222, 215))
+    color: Rgb = _color((225, 222, 215))
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ class Furniture(Parameters):
     radius: float = param(0.2, "m", above=0.0)
     height: float = param(0.7, "m", above=0.0)
     leg: float = param(0.05, "m", above=0.0)
-    color: Color = _color((160, 160, 160))
+    color: Rgb = _color((160, 160, 160))
 
     def footprint(self) -> np.ndarray:
         """Returns the outline (N, 2) [m] seen from above, counter-clockwise."""
@@ -105,7 +106,7 @@ class FloorPatch(Parameters):
     count: int = param(40, low=0, high=10000)
     snippet: float = param(0.03, "m", above=0.0)
     contrast: float = param(0.2, low=0.0, high=1.0)
-    color: Color = _color((128, 48, 52))
+    color: Rgb = _color((128, 48, 52))
 
     def footprint(self) -> np.ndarray:
         """Returns the outline (4, 2) [m]."""
@@ -169,8 +170,6 @@ class Robot(Parameters):
     camera_x: float = param(0.10, "m")
     camera_height: float = param(0.45, "m", above=0.05)
     camera_pitch: float = param(30.0, "deg", low=0.0, high=89.0)
-    camera_fov: float = param(58.0, "deg", low=10.0, high=150.0)
-    camera_rate: float = param(25.0, "1/s", above=0.0, high=120.0)
 
     def start_pose(self) -> Tuple[float, float, float]:
         """Returns the start pose (x, y, yaw) [m, m, rad]."""
@@ -178,7 +177,7 @@ class Robot(Parameters):
 
     def color_model(self) -> CameraModel:
         """Returns the model of the colour camera, 640 x 480 px (paper)."""
-        return CameraModel.ideal(640, 480, 320.0 / math.tan(math.radians(self.camera_fov) / 2.0))
+        return CameraModel.ideal(640, 480, 320.0 / math.tan(math.radians(CAMERA_FOV) / 2.0))
 
     def depth_model(self) -> CameraModel:
         """Returns the model of the depth camera, 160 x 120 px (paper), registered to the colour image."""

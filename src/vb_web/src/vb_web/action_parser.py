@@ -29,7 +29,7 @@ _ID = re.compile(r"[0-9A-Za-z_.:-]{1,64}")
 _ROBOT = re.compile(r"[A-Za-z][A-Za-z0-9_/]{0,63}")  # a namespace
 
 Bounds = Tuple[Sequence[float], Sequence[float]]  # [m] the map's lowest and highest x and y
-Check = Callable[[Any, str, Optional[Bounds]], Any]  # returns the converted value, or raises with the field's name
+FieldCheck = Callable[[Any, str, Optional[Bounds]], Any]  # returns the converted value, or raises with the field's name
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def _bad_field(field: str) -> CodedError:
     return CodedError("page_bad_request", field=field)
 
 
-def _valid(is_valid: Callable[[Any], Any], convert: Callable[[Any], Any] = lambda value: value) -> Check:
+def _valid(is_valid: Callable[[Any], Any], convert: Callable[[Any], Any] = lambda value: value) -> FieldCheck:
     """Makes a check from a predicate and a conversion of the values that pass."""
 
     def check(value: Any, field: str, _bounds: Optional[Bounds] = None) -> Any:
@@ -64,7 +64,7 @@ def _valid(is_valid: Callable[[Any], Any], convert: Callable[[Any], Any] = lambd
     return check
 
 
-def _text(limit: int, empty: bool = True) -> Check:
+def _text(limit: int, empty: bool = True) -> FieldCheck:
     def is_line(value: Any) -> bool:
         plain = isinstance(value, str) and len(value) <= limit and _HIDDEN.isdisjoint(map(unicodedata.category, value))
         return plain and bool(empty or value.strip())
@@ -72,20 +72,20 @@ def _text(limit: int, empty: bool = True) -> Check:
     return _valid(is_line, lambda value: " ".join(value.split()))
 
 
-def _choice(*allowed: str) -> Check:
+def _choice(*allowed: str) -> FieldCheck:
     return _valid(lambda value: isinstance(value, str) and value in allowed)
 
 
-def _matching(pattern: "re.Pattern[str]", empty: bool = False) -> Check:
+def _matching(pattern: "re.Pattern[str]", empty: bool = False) -> FieldCheck:
     return _valid(lambda value: isinstance(value, str) and (pattern.fullmatch(value) or (empty and not value)))
 
 
-def _number(low: float, high: float) -> Check:
+def _number(low: float, high: float) -> FieldCheck:
     # the exact type, as a bool is an int in Python; NaN and infinity fail the comparison
     return _valid(lambda value: type(value) in (int, float) and low <= value <= high, float)
 
 
-def _list_of(check: Check, low: int, high: int) -> Check:
+def _list_of(check: FieldCheck, low: int, high: int) -> FieldCheck:
     def check_all(value: Any, field: str, bounds: Optional[Bounds] = None) -> Tuple[Any, ...]:
         if not isinstance(value, list) or not low <= len(value) <= high:
             raise _bad_field(field)
@@ -115,7 +115,7 @@ def _check_draft(value: Any, field: str, bounds: Optional[Bounds]) -> Dict[str, 
 
 
 _FLAG = _valid(lambda value: isinstance(value, bool))
-_BORDER: Dict[str, Check] = {  # a draft that was drawn or edited on the page
+_BORDER: Dict[str, FieldCheck] = {  # a draft that was drawn or edited on the page
     "name": _text(60),
     "kind": _choice(*BORDER_KINDS),
     "zone": _choice(*ZONES),
@@ -127,7 +127,7 @@ _BORDER: Dict[str, Check] = {  # a draft that was drawn or edited on the page
 }
 _TARGET = {"border": _matching(_ID), "revision": _valid(lambda value: type(value) is int and 0 <= value < 2**53)}
 
-ACTIONS: Dict[str, Dict[str, Check]] = {
+ACTIONS: Dict[str, Dict[str, FieldCheck]] = {
     "command": {"command": _choice(*COMMANDS), "seen_stop": _text(64), "age": _number(0.0, 60.0)},
     "preview": {"draft": _check_draft, "border": _matching(_ID, empty=True)},
     "add": {"draft": _check_draft},

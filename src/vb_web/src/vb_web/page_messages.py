@@ -163,8 +163,8 @@ def goals_section(message: RobotStatusArray) -> Dict[str, Any]:
 
 def spot_entry(message: LaserSpot) -> Optional[List[Any]]:
     """Converts a spot to [x, y, track], x and y in cm. Returns None if it is not finite."""
-    place = centimeters([message.position])
-    return [*place, int(message.track)] if place else None
+    position = centimeters([message.position])
+    return [*position, int(message.track)] if position else None
 
 
 def detector_entry(message: DetectorStatus) -> Dict[str, Any]:

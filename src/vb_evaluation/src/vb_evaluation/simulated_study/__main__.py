@@ -57,7 +57,8 @@ def _run(options: argparse.Namespace, console: Console) -> int:
         # a shell starts background jobs with interrupts ignored, and Python leaves that so
         signal.signal(number, _interrupt)
     study = config.load(options.config, options.seed)
-    jobs = run_plan.select(run_plan.plan_jobs(study, options.quick), **{name: getattr(options, name) for name in ONLY})
+    wanted = {name: getattr(options, name) for name in ONLY}
+    jobs = run_plan.select_jobs(run_plan.plan_jobs(study, options.quick), **wanted)
     counts = {file: sum(job.file == file for job in jobs) for file in (RUNS, WORLDS)}
     console.print(", ".join(f"{count} runs for {file}" for file, count in counts.items()))
     failed = campaign.run_jobs(study, jobs, options.out, console, max(1, options.processes))

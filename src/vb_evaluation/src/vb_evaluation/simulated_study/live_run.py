@@ -194,9 +194,9 @@ def personal_scenario(scenario: Scenario, traits: Traits, grid: GridMap, marks: 
     planner = Planner(Costmap(grid, traits.model.body_radius))
     line = np.vstack([scenario.border, scenario.border[:1]]) if scenario.closed else scenario.border
     for share in (1.0, 0.75, 0.5, 0.25):
-        place = scenario.stand + share * np.array(traits.stand_offset)
-        if planner.is_traversable(place) and distance_to_chain(place, line) >= MIN_STAND_DISTANCE:
-            return replace(scenario, stand=place)
+        stand = scenario.stand + share * np.array(traits.stand_offset)
+        if planner.is_traversable(stand) and distance_to_chain(stand, line) >= MIN_STAND_DISTANCE:
+            return replace(scenario, stand=stand)
     return scenario
 
 

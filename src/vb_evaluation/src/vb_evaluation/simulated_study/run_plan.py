@@ -25,7 +25,7 @@ from vb_evaluation.counterbalancing import order_runs
 from vb_evaluation.report.study_files import KEY, RUNS, WORLDS
 from vb_evaluation.simulated_study.config import PACKAGE, Study
 
-SOURCES = ("paper", "data", "literature", "assumed", "mechanics")
+SOURCES = ("paper", "data", "literature", "assumed")
 DEFAULT_FACTORS = (0.5, 2.0)
 
 
@@ -140,8 +140,8 @@ class Job:
     @property
     def name(self) -> str:
         """Its name among its file's runs. Names sort in the order of the rows."""
-        place = f"d{self.draw:04d}" if self.draw else f"p{self.participant:04d}_{self.order}"
-        return f"{self.file[: -len('.csv')]}_{place}_{self.scenario}_{self.method}"
+        number = f"d{self.draw:04d}" if self.draw else f"p{self.participant:04d}_{self.order}"
+        return f"{self.file[: -len('.csv')]}_{number}_{self.scenario}_{self.method}"
 
 
 def plan_jobs(study: Study, quick: bool = False) -> List[Job]:
@@ -156,9 +156,9 @@ def main_jobs(study: Study, participants: int) -> List[Job]:
     design = study.design
     shared = (design.participants, design.scenarios, design.methods, design.seed)
     return [
-        Job(participant, scenario, method, order=place)
+        Job(participant, scenario, method, order=order)
         for participant in range(1, participants + 1)
-        for place, (scenario, method) in enumerate(order_runs(participant, *shared), 1)
+        for order, (scenario, method) in enumerate(order_runs(participant, *shared), 1)
     ]
 
 
@@ -172,7 +172,7 @@ def world_jobs(study: Study) -> List[Job]:
     ]
 
 
-def select(candidates: List[Job], **values: Any) -> List[Job]:
+def select_jobs(candidates: List[Job], **values: Any) -> List[Job]:
     """Selects the jobs with these values of columns, where None stands for any value.
 
     Raises:

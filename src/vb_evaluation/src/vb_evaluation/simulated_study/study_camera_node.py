@@ -21,7 +21,7 @@ from vb_sim.rendering.floor_texture import FloorTexture, render_floor
 from vb_sim.rendering.mesh import Mesh, world_mesh
 from vb_sim.world import CeilingCamera, Robot, World
 
-View = TypeVar("View", CeilingView, RobotView)
+ViewT = TypeVar("ViewT", CeilingView, RobotView)
 FLOOR_SEED = 1  # everybody draws on the same floor
 _SPOT_MARGIN_PX = 40.0  # a spot whose middle is outside the image by less may still shine into it
 
@@ -53,7 +53,7 @@ class RenderCache:
             self._views.clear()
         self.world, self.models = world, models
 
-    def view(self, kind: Type[View], whose: Any) -> View:
+    def view(self, kind: Type[ViewT], whose: Any) -> ViewT:
         """Returns the view of a ceiling camera, or of a robot's, before anything has moved."""
         # without the body: the pointer's height depends on it, but nothing that was rendered does
         models = self.models
@@ -132,7 +132,7 @@ class StudyRobotCamera(StudyCameras):
 
     def __init__(self, cache: RenderCache, robot: Robot, seed: int, tf_prefix: str, idle_every: int) -> None:
         models = cache.models
-        simulated = robot_camera(robot, cache.view(RobotView, robot), tf_prefix, models.robot_camera.depth_every)
+        simulated = robot_camera(robot, cache.view(RobotView, robot), tf_prefix)
         super().__init__([simulated], models.optics.latency_ms, seed, idle_every)
 
     def _is_relevant(self, camera: SimulatedCamera, snapshot: Snapshot) -> bool:

@@ -29,7 +29,7 @@ DRAWABLE_RANGES = ((32, 126), (161, 591), (880, 1279), (8208, 8230), (8364, 8364
 
 
 @dataclass(frozen=True)
-class Box:
+class Rectangle:
     """A rectangle [m] in the map frame."""
 
     x0: float
@@ -52,30 +52,30 @@ class Box:
         """(x, y) [m]"""
         return (self.x0 + self.x1) / 2.0, (self.y0 + self.y1) / 2.0
 
-    def overlaps(self, other: "Box") -> bool:
+    def overlaps(self, other: "Rectangle") -> bool:
         """Returns whether the two share an area. Touching edges do not count."""
         return self.x0 < other.x1 and other.x0 < self.x1 and self.y0 < other.y1 and other.y0 < self.y1
 
     @staticmethod
-    def around(points: np.ndarray) -> "Box":
+    def around(points: np.ndarray) -> "Rectangle":
         """Makes the smallest box that holds points (N, 2) [m]."""
         low, high = np.min(points, axis=0), np.max(points, axis=0)
-        return Box(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+        return Rectangle(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
 
     @staticmethod
-    def centered(x: float, y: float, width: float, height: float) -> "Box":
+    def centered(x: float, y: float, width: float, height: float) -> "Rectangle":
         """Makes a box from its centre and size [m]."""
-        return Box(x - width / 2.0, y - height / 2.0, x + width / 2.0, y + height / 2.0)
+        return Rectangle(x - width / 2.0, y - height / 2.0, x + width / 2.0, y + height / 2.0)
 
 
 @dataclass(frozen=True)
 class Layout:
     """The parts of the view, which do not overlap."""
 
-    view: Box
-    map: Box
-    panel: Box
-    strip: Box
+    view: Rectangle
+    map: Rectangle
+    panel: Rectangle
+    strip: Rectangle
 
     @property
     def unit(self) -> float:
@@ -83,7 +83,7 @@ class Layout:
         return self.view.height
 
 
-def fit_view(extent: Box, aspect: float) -> Layout:
+def fit_view(extent: Rectangle, aspect: float) -> Layout:
     """Returns the smallest view that shows the whole map beside panel and strip.
 
     Args:
@@ -104,10 +104,10 @@ def fit_view(extent: Box, aspect: float) -> Layout:
     x, y = extent.center
     x0 = x - (1.0 - panel) * width / 2.0
     y1 = y + (1.0 - STRIP_HEIGHT) * height / 2.0
-    view = Box(x0, y1 - height, x0 + width, y1)
+    view = Rectangle(x0, y1 - height, x0 + width, y1)
     left = x0 + (1.0 - panel) * width
     bottom = view.y0 + STRIP_HEIGHT * height
-    return Layout(view, extent, Box(left, bottom, view.x1, view.y1), Box(view.x0, view.y0, view.x1, bottom))
+    return Layout(view, extent, Rectangle(left, bottom, view.x1, view.y1), Rectangle(view.x0, view.y0, view.x1, bottom))
 
 
 # ----------------------------------------------------------------- letters
@@ -174,9 +174,9 @@ def place_words(text: str, x: float, y: float, size: float) -> List[Tuple[str, f
     return placed
 
 
-def text_box(text: str, x: float, y: float, size: float) -> Box:
+def text_box(text: str, x: float, y: float, size: float) -> Rectangle:
     """Returns the box of a text centred at (x, y) [m]. Newlines separate lines."""
-    return Box.centered(x, y, text_width(text, size), text_height(text.count("\n") + 1, size))
+    return Rectangle.centered(x, y, text_width(text, size), text_height(text.count("\n") + 1, size))
 
 
 def wrap(text: str, size: float, width: float) -> List[str]:
@@ -227,9 +227,9 @@ def _truncate(lines: List[str], count: int, size: float, width: float) -> str:
     return "\n".join([*lines[: count - 1], last.rstrip() + "..."])
 
 
-def place_labels(desired: Sequence[Box], within: Box) -> List[Box]:
+def place_labels(desired: Sequence[Rectangle], within: Rectangle) -> List[Rectangle]:
     """Moves labels up or down, as little as needed to be inside a box and, if there is room, not to overlap."""
-    placed: List[Box] = []
+    placed: List[Rectangle] = []
     for box in desired:
         desired_y = box.center[1]
         for gap in (_USUAL_GAP, _MIN_GAP):
@@ -247,9 +247,9 @@ def place_labels(desired: Sequence[Box], within: Box) -> List[Box]:
     return placed
 
 
-def _move_inside(box: Box, y: float, within: Box) -> Box:
+def _move_inside(box: Rectangle, y: float, within: Rectangle) -> Rectangle:
     """Moves a box to a centre's height y [m], and from there as little as needed to be inside another box."""
     # a box that is too large stands at the lower edges
     x = max(min(box.center[0], within.x1 - box.width / 2.0), within.x0 + box.width / 2.0)
     y = max(min(y, within.y1 - box.height / 2.0), within.y0 + box.height / 2.0)
-    return Box.centered(x, y, box.width, box.height)
+    return Rectangle.centered(x, y, box.width, box.height)

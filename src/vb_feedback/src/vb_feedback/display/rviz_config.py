@@ -12,11 +12,11 @@ import yaml
 
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
-from vb_feedback.display.layout import DRAWABLE_RANGES, Box, fit_view
+from vb_feedback.display.layout import DRAWABLE_RANGES, Rectangle, fit_view
 
 
 def write_fitted_config(
-    source: str, target: Path, extent: Box, width: int, height: int, aspect: Optional[float] = None
+    source: str, target: Path, extent: Rectangle, width: int, height: int, aspect: Optional[float] = None
 ) -> None:
     """Copies an RViz config, with its view from above changed to show the whole display on a screen.
 

@@ -14,7 +14,7 @@ import numpy as np
 from vb_core.geometry import chain_length, resample_chain
 from vb_feedback.display import colors
 from vb_feedback.display.colors import Color
-from vb_feedback.display.layout import Box, Layout, fit_texts, place_labels, place_words, transliterate, text_box
+from vb_feedback.display.layout import Rectangle, Layout, fit_texts, place_labels, place_words, transliterate, text_box
 
 LINES = "lines"
 POINTS = "points"
@@ -134,7 +134,7 @@ def border_shapes(layout: Layout, borders: Sequence[DisplayedBorder], disabled_w
     size = 0.055 * layout.unit
     texts = [_label(border, layout, size, disabled_word) for border in borders]
     boxes = [text_box(text, *border.seed, size) for border, text in zip(borders, texts)]
-    desired_plates = [Box.centered(*box.center, box.width + 0.5 * size, box.height + 0.3 * size) for box in boxes]
+    desired_plates = [Rectangle.centered(*box.center, box.width + 0.5 * size, box.height + 0.3 * size) for box in boxes]
     plates = place_labels(desired_plates, layout.map)
     shapes: List[Shape] = []
     for number, (border, text, plate) in enumerate(zip(borders, texts, plates)):

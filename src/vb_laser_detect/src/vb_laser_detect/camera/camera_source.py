@@ -309,7 +309,7 @@ class CameraSource:
 
     def _fault(self, error: Any) -> CodedError:
         """Returns the coded error for an error of FFmpeg."""
-        told = (*type(error).__mro__, getattr(error, "errno", None))
-        code = next((code for code, reasons in _REASONS.items() if set(reasons) & set(told)), "camera_fault")
+        kinds = (*type(error).__mro__, getattr(error, "errno", None))
+        code = next((code for code, reasons in _REASONS.items() if set(reasons) & set(kinds)), "camera_fault")
         why = getattr(error, "strerror", "")
         return CodedError(code, source=self._shown_address, seconds=f"{_STALL_TIMEOUT:g}", why=why)

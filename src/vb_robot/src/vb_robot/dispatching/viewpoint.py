@@ -199,69 +199,69 @@ class ViewpointPlanner:
         Args:
             avoid: circles (x, y, radius) [m] around positions that failed.
         """
-        places, yaws, distances = _poses_around(self.target_point, robot)
+        positions, yaws, distances = _poses_around(self.target_point, robot)
         keep = self.view.sees(np.column_stack([distances, np.zeros_like(distances)]), IMAGE_MARGIN)
-        keep &= self.clearance_map.has_room_at(places)
+        keep &= self.clearance_map.has_room_at(positions)
         min_gap = 2.0 * self.clearance_map.radius + STOP_MARGIN
         robot_circles = [(x, y, min_gap) for x, y in self._others]
         for x, y, radius in [*robot_circles, *avoid]:
-            keep &= np.hypot(places[:, 0] - x, places[:, 1] - y) >= radius
-        keep[keep] = self._shows(places[keep], yaws[keep])
-        places, yaws, distances = places[keep], yaws[keep], distances[keep]
-        if not len(places):
+            keep &= np.hypot(positions[:, 0] - x, positions[:, 1] - y) >= radius
+        keep[keep] = self._shows(positions[keep], yaws[keep])
+        positions, yaws, distances = positions[keep], yaws[keep], distances[keep]
+        if not len(positions):
             return self._retreat(robot)
-        offsets = places - robot[:2]
+        offsets = positions - robot[:2]
         moves = np.hypot(*offsets.T)
-        lengths = self.clearance_map.path_lengths(robot[:2], places, self._others)
-        crossing = self._cross_area(robot, places, lengths)
+        lengths = self.clearance_map.path_lengths(robot[:2], positions, self._others)
+        crossing = self._cross_area(robot, positions, lengths)
         lengths[moves < 1e-6] = 0.0
         # the robot first turns towards the position and there to the yaw, or only to the yaw if it is there already
         heading = np.where(moves < 0.1, robot[2], np.arctan2(offsets[:, 1], offsets[:, 0]))
         turns = np.array([heading - robot[2], yaws - heading])
         turns = np.abs(np.arctan2(np.sin(turns), np.cos(turns)))
         cost = lengths + TURN_COST * turns.sum(axis=0) + DISTANCE_COST * np.abs(distances - BEST_DISTANCE)
-        seen_part = self._seen(self._ahead, places, yaws).mean(axis=1)
+        seen_part = self._seen(self._ahead, positions, yaws).mean(axis=1)
         cost += UNSEEN_COST * (1.0 - seen_part)
         # while the seed is shown, the border may be saved at any moment, so a robot that need not come waits
         waits = self.drawing.marks_side and self.drawing.seen_by_stationary
-        cost += np.where(crossing, np.inf if waits else LOCKED_COST, 0.0) + LOCKED_COST * ~self._is_outside(places)
+        cost += np.where(crossing, np.inf if waits else LOCKED_COST, 0.0) + LOCKED_COST * ~self._is_outside(positions)
         best = int(np.argmin(cost))
         if not np.isfinite(cost[best]):
             return self._retreat(robot)
         yaw = geometry.wrap_angle(float(yaws[best]))
-        return Viewpoint((*places[best].tolist(), yaw), float(cost[best]))
+        return Viewpoint((*positions[best].tolist(), yaw), float(cost[best]))
 
-    def _cross_area(self, robot: Pose, places: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-        """Returns (N,) bool: whether the shortest path to each place, of these lengths [m], crosses the expected area.
+    def _cross_area(self, robot: Pose, positions: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+        """Returns (N,) bool: whether the shortest path to each position, of these lengths [m], crosses the expected area.
 
         Navigation does not know the border before it is saved. A robot that is on the area must leave it in any case.
         """
         is_touching = sample(self.clearance_map.grid, self._touching, np.array([robot[:2]]))[0]
         if is_touching or not self._touching.any():
-            return np.zeros(len(places), dtype=bool)
-        detours = self.clearance_map.path_lengths(robot[:2], places, self._others, self._touching)
+            return np.zeros(len(positions), dtype=bool)
+        detours = self.clearance_map.path_lengths(robot[:2], positions, self._others, self._touching)
         return detours > lengths + 1e-6
 
     # ------------------------------------------------------------- one test for all poses
-    def _shows(self, places: np.ndarray, yaws: np.ndarray) -> np.ndarray:
+    def _shows(self, positions: np.ndarray, yaws: np.ndarray) -> np.ndarray:
         """Returns (N,) bool: which poses see what they must, and are off the line and the seed's side."""
         drawing = self.drawing
         required = [self.target_point] if drawing.seen_by_stationary else [self.target_point, drawing.spot]
-        keep = self._seen(np.array(required), places, yaws, SEEN_MARGIN).all(axis=1)
-        gaps = np.linalg.norm(places[:, None, :] - self._line[None, :, :], axis=2).min(axis=1)
+        keep = self._seen(np.array(required), positions, yaws, SEEN_MARGIN).all(axis=1)
+        gaps = np.linalg.norm(positions[:, None, :] - self._line[None, :, :], axis=2).min(axis=1)
         keep &= gaps >= self.clearance_map.radius + LINE_MARGIN
         if drawing.marks_side:
-            keep &= self._is_outside(places)
-        keep[keep] = self.clearance_map.has_line_of_sight(places[keep], self.target_point)
+            keep &= self._is_outside(positions)
+        keep[keep] = self.clearance_map.has_line_of_sight(positions[keep], self.target_point)
         return keep
 
-    def _is_outside(self, places: np.ndarray) -> np.ndarray:
-        """Returns (N,) bool: which places (N, 2) [m] are probably outside the area that the border will restrict."""
-        return sample(self.clearance_map.grid, self._outside, places, outside=1.0) > 0
+    def _is_outside(self, positions: np.ndarray) -> np.ndarray:
+        """Returns (N,) bool: which positions (N, 2) [m] are probably outside the area that the border will restrict."""
+        return sample(self.clearance_map.grid, self._outside, positions, outside=1.0) > 0
 
-    def _seen(self, points: np.ndarray, places: np.ndarray, yaws: np.ndarray, margin: float = 0.0) -> np.ndarray:
+    def _seen(self, points: np.ndarray, positions: np.ndarray, yaws: np.ndarray, margin: float = 0.0) -> np.ndarray:
         """Returns (N, K) bool: which points (K, 2) [m] are in the image from each pose."""
-        x, y = (points[:, None] - places).T  # (N, K) each, from a pose to a point, map frame
+        x, y = (points[:, None] - positions).T  # (N, K) each, from a pose to a point, map frame
         cosines = np.cos(yaws)[:, None]
         sines = np.sin(yaws)[:, None]
         ahead = x * cosines + y * sines
@@ -275,17 +275,17 @@ class ViewpointPlanner:
         if not self.drawing.marks_side or self._is_outside(np.array([robot[:2]]))[0]:
             return None
         cells = np.argwhere(self._outside & (clearance_map.clearance >= clearance_map.radius + STOP_MARGIN))
-        places = clearance_map.grid.cell_to_world(cells)
-        lengths = clearance_map.path_lengths(robot[:2], places, self._others)
+        positions = clearance_map.grid.cell_to_world(cells)
+        lengths = clearance_map.path_lengths(robot[:2], positions, self._others)
         if not np.isfinite(lengths).any():
             return None
         best = int(np.argmin(lengths))
-        yaw = math.atan2(*(spot - places[best])[::-1])
-        return Viewpoint((*places[best].tolist(), yaw), float(lengths[best]), sees_spot=False)
+        yaw = math.atan2(*(spot - positions[best])[::-1])
+        return Viewpoint((*positions[best].tolist(), yaw), float(lengths[best]), sees_spot=False)
 
 
 def _poses_around(target_point: np.ndarray, robot: Pose) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns places (N, 2) [m], yaws (N,) [rad], distances (N,) [m] of poses facing a point, also at the robot."""
+    """Returns positions (N, 2) [m], yaws (N,) [rad], distances (N,) [m] of poses facing a point, also at the robot."""
     x, y = target_point - robot[:2]
     robot_distance = float(np.hypot(x, y))
     robot_yaw = math.atan2(y, x)

@@ -54,8 +54,8 @@ def find_border_name(borders: Sequence[KnownBorder], point) -> str:
 
 def is_inside(borders: GridMap, physical: GridMap, point) -> bool:
     """Returns whether only a border forbids the robot to be at a point (2,) [m]."""
-    place = np.reshape(point, (1, 2))
-    with_borders, without = (sample(grid, grid.data, place, -1.0)[0] for grid in (borders, physical))
+    position = np.reshape(point, (1, 2))
+    with_borders, without = (sample(grid, grid.data, position, -1.0)[0] for grid in (borders, physical))
     return bool(with_borders >= LETHAL_THRESHOLD and with_borders > without)
 
 
@@ -78,7 +78,7 @@ class GoalChecker:
         self._barred = forbidden_cells(borders, physical)
         # one cell less, because navigation may round differently, and a goal is refused only for certain reasons
         self._radius = max(radius - borders.resolution, 0.5 * borders.resolution)
-        self._parts = {layer: self._connected(grid) for layer, grid in (("borders", borders), ("physical", physical))}
+        self._components = {"borders": self._label(borders), "physical": self._label(physical)}
 
     def name_at(self, point) -> str:
         """Returns the name of the border that contains a point (2,) [m], or that leaves no room at it."""
@@ -94,40 +94,40 @@ class GoalChecker:
         grid = self.borders
         if not grid.contains_cells(grid.world_to_cell(goal))[0]:
             return "goal_off_map", ""
-        goal_parts = {layer: self._part_at(layer, goal, 0.0) for layer in self._parts}
-        if not goal_parts["physical"]:
+        goal_components = {layer: self._component_at(layer, goal, 0.0) for layer in self._components}
+        if not goal_components["physical"]:
             return "goal_in_obstacle", ""
-        if not goal_parts["borders"]:
+        if not goal_components["borders"]:
             return "goal_in_border", self.name_at(goal)
         if start is None:
             return None
-        start_parts = {layer: self._part_at(layer, start, START_TOLERANCE) for layer in self._parts}
-        if not start_parts["physical"] or goal_parts["physical"] != start_parts["physical"]:
-            return ("goal_out_of_reach", "") if start_parts["physical"] else None
-        if not start_parts["borders"] or goal_parts["borders"] != start_parts["borders"]:
+        start_components = {layer: self._component_at(layer, start, START_TOLERANCE) for layer in self._components}
+        if not start_components["physical"] or goal_components["physical"] != start_components["physical"]:
+            return ("goal_out_of_reach", "") if start_components["physical"] else None
+        if not start_components["borders"] or goal_components["borders"] != start_components["borders"]:
             return "goal_behind_border", self._crossed(start, goal)
         return None
 
-    def _connected(self, grid: GridMap) -> np.ndarray:
-        """Labels the connected parts of the floor (H, W) with room for the robot. 0 is no room. Unknown may be free."""
+    def _label(self, grid: GridMap) -> np.ndarray:
+        """Labels the connected floor (H, W) with room for the robot. 0 is no room. Unknown may be free."""
         room = clearance_grid(grid.data >= LETHAL_THRESHOLD, grid.resolution) >= self._radius
         return cv2.connectedComponents(room.astype(np.uint8), connectivity=4)[1]
 
-    def _part_at(self, layer: str, point, reach: float) -> int:
+    def _component_at(self, layer: str, point, reach: float) -> int:
         """Returns the label of the part of the floor at a point (2,), or nearest within `reach` [m], or 0 if none."""
-        parts, grid = self._parts[layer], self.borders
+        components, grid = self._components[layer], self.borders
         cell = tuple(grid.world_to_cell(point)[0])
-        if grid.contains_cells(np.array([cell]))[0] and parts[cell]:
-            return int(parts[cell])
-        cell, _ = nearest_cell(grid, parts > 0, point, reach)
-        return int(parts[cell]) if cell is not None else 0
+        if grid.contains_cells(np.array([cell]))[0] and components[cell]:
+            return int(components[cell])
+        cell, _ = nearest_cell(grid, components > 0, point, reach)
+        return int(components[cell]) if cell is not None else 0
 
     def _crossed(self, start, goal) -> str:
         """Returns the name of the first border on the path that crosses the fewest border cells."""
         if is_inside(self.borders, self.physical, start):
             return self.name_at(start)
         step = int(np.ceil(max(self.borders.shape) / SEARCH_CELLS))
-        allowed, passable = (_any_of(self._parts[layer] > 0, step) for layer in ("borders", "physical"))
+        allowed, passable = (_any_of(self._components[layer] > 0, step) for layer in ("borders", "physical"))
         passable |= allowed
         ends = self.borders.world_to_cell(np.array([start, goal])) // step
         passable[tuple(ends.T)] = True  # the ends may be outside the blocks that have room

@@ -19,7 +19,7 @@ from vb_core.camera_model import CameraModel
 from vb_core.ros import node, parameters
 from vb_core.ros.images import info_from_camera, message_from_image
 from vb_msgs.msg import LabState
-from vb_sim.rendering.camera_view import View
+from vb_sim.rendering.camera_view import CameraView
 from vb_sim.cameras.frame_clock import FrameSchedule, SmoothClock
 from vb_sim.lab_history import LabHistory, Snapshot, snapshot_from_message
 
@@ -68,7 +68,7 @@ class SimulatedCamera:
 
     name: str
     rate: float
-    view: View
+    view: CameraView
     streams: List[ImageStream]
     mount: TransformStamped
     taken: int = 0

@@ -144,14 +144,14 @@ class RobotOnlyScript(ParticipantScript):
         yield from person.wait_for_seed(3.0)
 
     # ------------------------------------------------------------ leading
-    def _is_on_seed_side(self, place: np.ndarray) -> bool:
+    def _is_on_seed_side(self, position: np.ndarray) -> bool:
         """Returns whether a point (2,) [m] is clearly on the same side of the border as the seed."""
         person = self.person
         region = Polygon(person.scenario.region)
         border = person.scenario.border
         chain = np.vstack([border, border[:1]]) if person.scenario.closed else border
-        same_side = region.contains(Point(place)) == region.contains(Point(person.seed))
-        return bool(same_side and distance_to_chain(np.asarray(place), chain) > 0.2)
+        same_side = region.contains(Point(position)) == region.contains(Point(person.seed))
+        return bool(same_side and distance_to_chain(np.asarray(position), chain) > 0.2)
 
     def _lead(
         self,
@@ -236,7 +236,7 @@ class RobotOnlyScript(ParticipantScript):
         if person.walker.walking or person.spot is None or person.perception.now < self._next_check:
             return
         self._next_check = person.perception.now + 0.5
-        if not person.walker.is_good_place(person.walker.position, person.spot, line):
+        if not person.walker.is_good_position(person.walker.position, person.spot, line):
             person.walker.go_to_point_at(person.spot, line)
 
 

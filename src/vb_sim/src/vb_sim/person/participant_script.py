@@ -68,7 +68,7 @@ class ParticipantScript:
             yield from person.give_command("cancel", self.source)
         person.spot = None
         person.doing = "walks away"
-        person.walker.walk_to(person.walker.find_place_near(person.walker.position, 0.8, 1.5, person.rng))
+        person.walker.walk_to(person.walker.find_position_near(person.walker.position, 0.8, 1.5, person.rng))
         yield from person.arrive(WALK_AWAY_TIME)
         person.walker.stop()
         person.doing = "is done"

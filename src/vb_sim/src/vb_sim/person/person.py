@@ -142,7 +142,7 @@ class Person:
         # without ceiling cameras, a person begins by leading the robot
         start_near = np.array(scenario.stand if method == "nrs" else world.robots[0].start[:2], dtype=float)
         self.walker = Walker(self.grid, model, start_near)
-        self.walker.position = self.walker.find_place_near(start_near, 1.2, 2.0, self.rng)
+        self.walker.position = self.walker.find_position_near(start_near, 1.2, 2.0, self.rng)
         self.drawing_speed = float(self.rng.uniform(model.drawing_speed[0], max(model.drawing_speed)))
         self._tremor = Tremor(model.tremor, model.tremor_band, self.rng)
         self.perception = Perception()

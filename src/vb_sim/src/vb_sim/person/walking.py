@@ -53,22 +53,22 @@ class Walker:
         """Whether the person is still walking."""
         return len(self._path) > 0
 
-    def find_place_near(
-        self, place: np.ndarray, nearest: float, farthest: float, rng: np.random.Generator
+    def find_position_near(
+        self, position: np.ndarray, nearest: float, farthest: float, rng: np.random.Generator
     ) -> np.ndarray:
-        """Chooses a random position (2,) [m], `nearest` to `farthest` [m] from `place`, with a path between them."""
+        """Chooses a random position (2,) [m], `nearest` to `farthest` [m] from `position`, with a path between them."""
         for _ in range(200):
             angle = rng.uniform(0.0, 2.0 * math.pi)
             distance = rng.uniform(nearest, farthest)
-            candidate = place + distance * np.array([math.cos(angle), math.sin(angle)])
-            path = self._plan(candidate, place)
+            candidate = position + distance * np.array([math.cos(angle), math.sin(angle)])
+            path = self._plan(candidate, position)
             if len(path) and geometry.chain_length(path) < farthest + 1.0:
                 return candidate
-        return np.asarray(place, dtype=float)
+        return np.asarray(position, dtype=float)
 
-    def walk_to(self, place: np.ndarray) -> None:
+    def walk_to(self, position: np.ndarray) -> None:
         """Starts walking to a position (2,) [m], or to within 0.4 m if it is not accessible, if there is a path."""
-        self._path = self._plan(self.position, np.asarray(place, dtype=float), self.robot, 0.4)
+        self._path = self._plan(self.position, np.asarray(position, dtype=float), self.robot, 0.4)
         self._waiting_time = 0.0
 
     def go_to_point_at(self, spot: np.ndarray, line: np.ndarray, away_from: Optional[np.ndarray] = None) -> None:
@@ -83,7 +83,7 @@ class Walker:
         for radius, angle in itertools.product((1.0, 1.4, 1.8, 2.2), angles):
             candidate = spot + radius * np.array([math.cos(angle), math.sin(angle)])
             is_aside = away_from is None or np.linalg.norm(candidate - away_from) > 0.7
-            if is_aside and self.is_good_place(candidate, spot, line):
+            if is_aside and self.is_good_position(candidate, spot, line):
                 candidates.append(candidate)
         for candidate in sorted(candidates, key=lambda candidate: math.dist(candidate, self.position))[:6]:
             path = self._plan(self.position, candidate, self.robot)
@@ -120,18 +120,18 @@ class Walker:
             limit = self._model.turning_speed * dt
             self.yaw = geometry.wrap_angle(self.yaw + min(max(turn, -limit), limit))
 
-    def is_good_place(self, place: np.ndarray, spot: np.ndarray, line: np.ndarray) -> bool:
-        """Returns whether a place (2,) [m] is in reach of the spot, off the line, and out of the robot's way."""
-        distance = float(np.linalg.norm(place - spot))
-        if not (NEAREST_STAND <= distance <= self._model.reach and self._planner.is_traversable(place)):
+    def is_good_position(self, position: np.ndarray, spot: np.ndarray, line: np.ndarray) -> bool:
+        """Returns whether a position (2,) [m] is in reach of the spot, off the line, and out of the robot's way."""
+        distance = float(np.linalg.norm(position - spot))
+        if not (NEAREST_STAND <= distance <= self._model.reach and self._planner.is_traversable(position)):
             return False
-        if len(line) and distance_to_chain(place, line) < 0.4:
+        if len(line) and distance_to_chain(position, line) < 0.4:
             return False
         if self.robot is None:
             return True
-        if np.linalg.norm(place - self.robot) < ROBOT_DISTANCE + 0.1:
+        if np.linalg.norm(position - self.robot) < ROBOT_DISTANCE + 0.1:
             return False
-        return distance_to_chain(place, np.array([self.robot, spot])) >= 0.45
+        return distance_to_chain(position, np.array([self.robot, spot])) >= 0.45
 
     def _runs_into(self, position: np.ndarray) -> bool:
         if self.robot is None:

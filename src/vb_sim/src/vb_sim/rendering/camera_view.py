@@ -36,7 +36,7 @@ class Body:
     radius: float
 
 
-class View:
+class CameraView:
     """Renders the images of a camera.
 
     Args:

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from vb_core.geometry import Pose, invert_transform, transform_points
-from vb_sim.rendering.camera_view import Body, View
+from vb_sim.rendering.camera_view import Body, CameraView
 from vb_sim.lab_history import Snapshot
 from vb_sim.model_params import Models
 from vb_sim.rendering import bodies
@@ -23,6 +23,7 @@ from vb_sim.rendering.laser_spot import SpotImage
 from vb_sim.rendering.mesh import DepthBuffer, Mesh, RayGrid
 from vb_sim.world import CeilingCamera
 
+_NOISY_IMAGES = 5  # of the empty room, shown in random order
 # moving objects are drawn at half the resolution, because a Bayer pattern resolves colour no better
 _HALF = 2
 _NOISE_OFFSET = 16
@@ -91,11 +92,11 @@ def _draw_shadow(outline: np.ndarray, blur_px: float, shape: Tuple[int, int]) ->
     return lit
 
 
-class CeilingView(View):
+class CeilingView(CameraView):
     """Renders one ceiling camera.
 
     Args:
-        floor, mesh: the world's floor, walls and furniture. The other arguments are as for `View`.
+        floor, mesh: the world's floor, walls and furniture. The other arguments are as for `CameraView`.
     """
 
     def __init__(
@@ -149,7 +150,7 @@ class CeilingView(View):
         values *= 1.0 + self._noise_model.prnu * self._rng.standard_normal(values.shape, dtype=np.float32)
         sigma = self._noise_model.sigma(values).astype(np.float32)
         images = []
-        for _ in range(self._noise_model.frames):
+        for _ in range(_NOISY_IMAGES):
             noisy = values + sigma * self._rng.standard_normal(values.shape, dtype=np.float32)
             images.append(np.clip(noisy + 0.5, 0, 255).astype(np.uint8))
         return images

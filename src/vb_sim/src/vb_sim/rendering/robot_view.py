@@ -10,7 +10,7 @@ import numpy as np
 
 from vb_core import geometry
 from vb_core.geometry import Pose
-from vb_sim.rendering.camera_view import Body, View
+from vb_sim.rendering.camera_view import Body, CameraView
 from vb_sim.lab_history import Snapshot
 from vb_sim.model_params import Models
 from vb_sim.rendering import bodies
@@ -25,7 +25,7 @@ _TILES = 7
 _FRONT_OFFSET = 0.05
 
 
-class RobotView(View):
+class RobotView(CameraView):
     """Renders one robot's camera; arguments as for `CeilingView`. Colour and depth show the same geometry."""
 
     def __init__(

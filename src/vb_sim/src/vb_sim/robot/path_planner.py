@@ -149,8 +149,8 @@ class Planner:
         cells = self._grid.world_to_cell(np.linspace(start, position, 16))
         if nearest is not None and (self.costmap.costs[tuple(cells.T)] != LETHAL).all():
             return nearest
-        place = f"({start[0]:.2f}, {start[1]:.2f})"
-        raise CodedError("start_blocked", f"the start {place} is inside an obstacle or a border")
+        position = f"({start[0]:.2f}, {start[1]:.2f})"
+        raise CodedError("start_blocked", f"the start {position} is inside an obstacle or a border")
 
     def _goal_cell(self, goal: np.ndarray, tolerance: float, costs: np.ndarray) -> Tuple[Cell, np.ndarray]:
         cell = self._cell(goal, "goal")
@@ -159,10 +159,10 @@ class Planner:
         nearest, position = nearest_cell(self._grid, np.isfinite(costs), goal, tolerance)
         if nearest is not None:
             return nearest, position
-        place = f"({goal[0]:.2f}, {goal[1]:.2f})"
+        position = f"({goal[0]:.2f}, {goal[1]:.2f})"
         if not self._free[cell]:
-            raise CodedError("goal_blocked", f"the goal {place} is in or too near an obstacle or a border")
-        raise CodedError("no_path", f"no way leads to {place}")
+            raise CodedError("goal_blocked", f"the goal {position} is in or too near an obstacle or a border")
+        raise CodedError("no_path", f"no way leads to {position}")
 
     # ------------------------------------------------------------ search
     def _search(self, start: Cell) -> Tuple[np.ndarray, np.ndarray]:
