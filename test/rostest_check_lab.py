@@ -53,7 +53,9 @@ class CheckLab(unittest.TestCase):
         self.assertNotIn(("camera_silent", "north"), lines)
         self.assertIn("1 von 2", lines["lab_borders_ok", ""]["message"])
         line = lines["camera_not_calibrated", "south"]
-        self.assertEqual((line["state"], line["robot"], line["values"]["camera"]), ("error", "", "south"))
+        self.assertEqual(line["state"], "error")
+        self.assertEqual(line["robot"], "")
+        self.assertEqual(line["values"]["camera"], "south")
         # the nodes logged their faults, with the codes
         for node, code in (("/camera_poses", "detector_missing"), ("/spot_detectors", "camera_no_lens")):
             wait_until(lambda: any(who == node and f"[{code}]" in text for who, text in self.logged), f"{node}: {code}")

@@ -124,8 +124,10 @@ class InputMethods(unittest.TestCase):
         self.maps.wait(lambda message: (message.data == room().data.ravel()).all(), f"{way}: the map as it was")
         record = wait_until(lambda: self.record_of(identity), f"{way}: the record")
         self.assertEqual(record["outcome"], "saved")
-        self.assertEqual((record["border_id"], record["sources"]), (stored.id, [way]))
-        self.assertEqual((record["cameras"], record["guide_s"]), (["red", "green"], 0.0))
+        self.assertEqual(record["border_id"], stored.id)
+        self.assertEqual(record["sources"], [way])
+        self.assertEqual(record["cameras"], ["red", "green"])
+        self.assertEqual(record["guide_s"], 0.0)
         self.assertAlmostEqual(record["border_s"], 1.0 + len(stroke) * FRAME_S, places=3)
         self.assertAlmostEqual(record["seed_s"], 1.0 + 30 * FRAME_S, places=3)
 
@@ -148,7 +150,8 @@ class InputMethods(unittest.TestCase):
             self.interact("voice", self.speak)
         kind, points, cells = self.results["service"]
         for way, (other_kind, other_points, other_cells) in self.results.items():
-            self.assertEqual((kind, points.shape), (other_kind, other_points.shape), way)
+            self.assertEqual(kind, other_kind, way)
+            self.assertEqual(points.shape, other_points.shape, way)
             # the stamps of the interactions differ, and so does their rounding
             self.assertLess(np.abs(points - other_points).max(), 1e-6, way)
             self.assertTrue((cells == other_cells).all(), way)

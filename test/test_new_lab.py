@@ -37,7 +37,8 @@ def test_a_new_labs_files_can_be_read_and_are_complete(tmp_path):
     # the lab's folder is complete without the original map file
     (tmp_path / "room.pgm").unlink()
     copy = read_map(lab / "map.yaml")
-    assert (copy.origin, copy.data.tolist()) == (grid.origin, grid.data.tolist())
+    assert copy.origin == grid.origin
+    assert copy.data.tolist() == grid.data.tolist()
     ElementTree.parse(str(lab / "cameras.launch"))
     settings = {name: yaml.safe_load((lab / "detectors" / f"{name}.yaml").read_text()) for name in ("north", "south")}
     assert settings == {"north": {"source": "/dev/video0"}, "south": {}}

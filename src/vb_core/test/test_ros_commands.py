@@ -10,7 +10,7 @@ import pytest
 import rospy
 
 from refusals import refused
-from vb_testing import wait_until
+from vb_testing import assert_fields, wait_until
 from vb_core.errors import CodedError
 from vb_core.ros import commands, services
 from vb_msgs.msg import DriverState, InteractionState, RobotStatus, RobotStatusArray
@@ -81,7 +81,8 @@ def test_every_command_has_a_unique_id_and_expires(sender, monkeypatch):
     sender()
     first, second = [commands.make_request("save", "test", 5.0, uncertain) for uncertain in (False, True)]
     assert len({first.id, second.id, ""}) == 3
-    assert (first.uncertain, second.uncertain) == (False, True)
+    assert not first.uncertain
+    assert second.uncertain
     assert first.expires == rospy.Time(105)
     # nothing expires before simulated time has begun
     monkeypatch.setattr(commands.rospy, "get_rostime", lambda: rospy.Time(0))
@@ -128,9 +129,11 @@ def test_a_commands_age_counts_from_when_it_was_given(sender):
     orders.submit("define_border", given_at=94.0, source="other")
     outcomes = {request.command: (request.expires, answer, error) for request, _, answer, error in manager.wait_for(2)}
     expires, answer, _ = outcomes["save"]
-    assert (expires, answer.success) == (rospy.Time(103), True)
+    assert expires == rospy.Time(103)
+    assert answer.success
     _, answer, error = outcomes["define_border"]
-    assert (answer, error.code) == (None, "expired")
+    assert answer is None
+    assert error.code == "expired"
     assert [request.command for request in manager.requests] == ["save"]
 
 
@@ -163,11 +166,13 @@ def test_robots_answer_a_stop_without_a_manager(sender, monkeypatch):
     monkeypatch.setattr(commands.time, "sleep", report)
     orders.submit("stop")
     ((_, _, answer, error),) = manager.wait_for(1)
-    assert (answer.success, answer.code, error) == (True, "stop_held", None)
+    assert_fields(answer, success=True, code="stop_held")
+    assert error is None
     assert [value.value for value in answer.values] == ["ada, cleo"]
     orders.submit("stop")
     _, _, answer, error = manager.wait_for(2)[1]
-    assert (answer, error.code) == (None, "stop_unconfirmed")
+    assert answer is None
+    assert error.code == "stop_unconfirmed"
 
 
 def test_commands_to_other_nodes_wait_their_turn_too(sender):

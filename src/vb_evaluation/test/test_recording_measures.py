@@ -57,7 +57,8 @@ def test_a_picture_that_is_no_ground_truth_is_named(picture, words, tmp_path):
         cv2.imwrite(str(tmp_path / "a.png"), picture)
     with refused("bad_ground_truth") as caught:
         read_ground_truth(tmp_path / "a.png", ROOM)
-    assert words in str(caught.value) and "a.png" in str(caught.value)
+    assert words in str(caught.value)
+    assert "a.png" in str(caught.value)
 
 
 def test_a_seed_is_right_if_the_nearest_free_floor_was_asked_for():
@@ -234,7 +235,8 @@ def mishaps(tmp_path_factory):
 
 @pytest.mark.parametrize("name, mishap", MISHAPS.items(), ids=MISHAPS)
 def test_each_mishap_has_its_outcome(mishaps, name, mishap):
-    assert (mishaps.rows[name]["outcome"], mishaps.rows[name]["completed"]) == (mishap.outcome, mishap.completed)
+    assert mishaps.rows[name]["outcome"] == mishap.outcome
+    assert mishaps.rows[name]["completed"] == mishap.completed
 
 
 def test_the_judge_sees_each_saved_border_under_a_number_alone(mishaps):
@@ -244,7 +246,8 @@ def test_the_judge_sees_each_saved_border_under_a_number_alone(mishaps):
 
 @pytest.mark.parametrize("name, helped, problems", [("cancelled with help", "2", "1"), ("good", "0", "0")])
 def test_help_and_problems_are_counted(mishaps, name, helped, problems):
-    assert (mishaps.rows[name]["helped"], mishaps.rows[name]["problems"]) == (helped, problems)
+    assert mishaps.rows[name]["helped"] == helped
+    assert mishaps.rows[name]["problems"] == problems
 
 
 def test_a_wrong_seed_has_its_index_and_a_run_that_was_never_begun_no_time(mishaps):
@@ -254,9 +257,11 @@ def test_a_wrong_seed_has_its_index_and_a_run_that_was_never_begun_no_time(misha
 
 def test_each_doubtful_run_has_a_warning(mishaps):
     written = read_sheet(mishaps.folder / "out" / "warnings.csv", ()).to_dict("records")
-    assert [line["warning"] for line in written] == mishaps.notes and len(mishaps.notes) == 8
+    assert [line["warning"] for line in written] == mishaps.notes
+    assert len(mishaps.notes) == 8
     assert mishaps.notes[-3].startswith("p9, carpet, nrs: counts for nothing: its map differs")
-    assert "session.bag" in mishaps.notes[-2] and "there is no folder" in mishaps.notes[-1]
+    assert "session.bag" in mishaps.notes[-2]
+    assert "there is no folder" in mishaps.notes[-1]
 
 
 @pytest.mark.parametrize(
@@ -278,5 +283,6 @@ def test_each_table_counts_mishaps_as_what_they_are(mishaps, table, row, cells):
 
 def test_the_page_reports_mishaps_and_people(mishaps):
     assert "nothing was begun in this recording" in mishaps.page
-    assert "1 runs were not done in the planned condition" in mishaps.page and "not_as_planned" not in mishaps.page
+    assert "1 runs were not done in the planned condition" in mishaps.page
+    assert "not_as_planned" not in mishaps.page
     assert "M = 41.5, SD = 19.1, 28 to 55" in mishaps.page

@@ -133,7 +133,7 @@ class MqttTest(unittest.TestCase):
         config = self.hub.wait(f"homeassistant/switch/home/{key}/config", lambda _: True, "the switch")
         self.assertEqual(config["name"], "Nursery")
         border = self.wait(key, lambda value: value["in_force"], "the border's state")
-        self.assertEqual((border["enabled"], border["border"]), (True, "Nursery"))
+        self.assertLessEqual({"enabled": True, "border": "Nursery"}.items(), border.items())
         self.assertAlmostEqual(border["area_m2"], 2.5, delta=0.2)
         self.assertEqual(self.hub.messages["home/availability"], b"online")
         self.assertTrue(self.shown("camera_red")["problem"])  # no detector is running
@@ -154,7 +154,7 @@ class MqttTest(unittest.TestCase):
         self.wait(key, lambda value: value["enabled"], "the border")
         for enabled, text in ((False, "Nursery was switched off."), (True, "Nursery was switched on.")):
             answer = self.send(border=key, enabled=enabled)
-            self.assertEqual((answer["event_type"], answer["text"]), ("done", text))
+            self.assertLessEqual({"event_type": "done", "text": text}.items(), answer.items())
             self.wait(key, lambda value: value["enabled"] is enabled, f"enabled: {enabled}")
         self.assertEqual(self.send(border="border_none", enabled=True)["code"], "mqtt_no_border")
         self.remove_border(identity)

@@ -91,5 +91,6 @@ class Rig:
         self.set_state(GUIDE)
         self.spot = (self.pose[0] + distance, self.pose[1])
         self.step(0.8)
-        assert self.commands[-1].source == "follow" and self.commands[-1].v > 0.1
+        assert self.commands[-1].source == "follow"
+        assert self.commands[-1].v > 0.1
         return self

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from refusals import refused
+from vb_testing import assert_fields
 from speech import RATE, command_in, examine, room_noise, say, tone, utterances
 from vb_core.sentences import words_of_name
 from vb_core.sounds import SOUNDS, Note, Melody
@@ -39,8 +40,9 @@ def test_commands_are_recognised_most_of_the_time(recognizer):
 
 def test_a_result_contains_the_best_guess_and_why_it_is_no_command(recognizer):
     (result,) = examine(recognizer, say("has anyone seen my glasses"))
-    assert (result.command, result.reason) == (None, "unlike_a_command")
-    assert result.best and result.confidence < THRESHOLD
+    assert_fields(result, command=None, reason="unlike_a_command")
+    assert result.best
+    assert result.confidence < THRESHOLD
     long = say("this sentence goes on and on and on for much longer than any command could ever take")
     assert [result.reason for result in examine(recognizer, long)] == ["too_long"]
 
@@ -65,7 +67,8 @@ def test_the_speech_model_gives_what_was_said_not_how_loud():
     pcm = say("define seed", snr_db=25.0)
     every = np.arange(len(texts))
     ratios = model.log_likelihood_ratios(pcm, every)
-    assert (ratios.shape, texts[int(ratios.argmax())]) == ((5,), "define seed")
+    assert ratios.shape == (5,)
+    assert texts[int(ratios.argmax())] == "define seed"
     np.testing.assert_allclose(model.log_likelihood_ratios((pcm // 4).astype(np.int16), every), ratios, atol=1.5)
     # the other texts do not matter
     assert SpeechModel(["save"]).log_likelihood_ratios(pcm, every[:1])[0] == pytest.approx(ratios[2], abs=1.0)
@@ -92,7 +95,8 @@ def test_a_stop_at_the_end_of_talk_counts(recognizer, before):
     """One voice in one noise each: bench/voice/command_recognition.py measures how often it does."""
     voices = ("en-us", "en-gb", "en-us+f2")
     commands = [command_in(recognizer, say(f"{before} stop", voice, snr_db=25.0)) for voice in voices]
-    assert set(commands) <= {"stop", None} and "stop" in commands
+    assert set(commands) <= {"stop", None}
+    assert "stop" in commands
 
 
 # ------------------------------------------------------------------ a stream
@@ -223,7 +227,8 @@ def test_a_click_is_no_utterance_and_a_short_pause_ends_none(spans, faint, total
 def test_a_voice_is_found_and_noise_is_not():
     voice = np.concatenate([np.zeros(RATE), say("define border"), np.zeros(RATE)]).astype(np.int16)
     spoken = utterances(voice)
-    assert len(spoken) == 1 and 1.4 < spoken[0].start < 1.8
+    assert len(spoken) == 1
+    assert 1.4 < spoken[0].start < 1.8
     assert utterances(room_noise(4 * RATE, 2000.0).astype(np.int16)) == []
 
 
@@ -248,8 +253,10 @@ def test_what_was_heard_long_ago_does_not_decide_what_is_speech():
 # ------------------------------------------------------------------ sound
 def test_a_microphone_that_is_on_is_known_by_its_noise_however_loud():
     loudest = np.array([-32768, 32767] * 400, np.int16)  # their difference overflows int16
-    assert (has_sound(loudest), has_sound(np.array([5, 8, 6], np.int16))) == (True, True)
-    assert (has_sound(np.full(800, 300, np.int16)), has_sound(np.zeros(0, np.int16))) == (False, False)
+    assert has_sound(loudest)
+    assert has_sound(np.array([5, 8, 6], np.int16))
+    assert not has_sound(np.full(800, 300, np.int16))
+    assert not has_sound(np.zeros(0, np.int16))
 
 
 def test_a_recording_program_is_read_and_started_again():
@@ -270,4 +277,5 @@ def test_a_missing_recording_program_is_reported():
     troubles = []
     microphone = Microphone(["no_such_program"], lambda text: (troubles.append(text), microphone.close()))
     assert microphone.get() is None
-    assert len(troubles) == 1 and "cannot start no_such_program" in troubles[0]
+    assert len(troubles) == 1
+    assert "cannot start no_such_program" in troubles[0]

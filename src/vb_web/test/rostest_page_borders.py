@@ -8,7 +8,7 @@ from shapely.geometry import Point, Polygon
 
 from page_rig import CARPET, PageTest, draw_carpet, overlap, run_script
 from phone import PHONE
-from vb_testing import wait_until
+from vb_testing import assert_fields, wait_until
 from vb_core import names, sentences
 from vb_core.ros.messages import array_from_points
 from vb_msgs.msg import VirtualBorder
@@ -28,7 +28,7 @@ class BordersTest(PageTest):
         self.browser.click("#review button", "Save")
         self.wait_mode("look")
         (border,) = self.wait_borders(1)
-        self.assertEqual((border.name, border.kind), ("Küche 厨房", VirtualBorder.POLYGON))
+        assert_fields(border, name="Küche 厨房", kind=VirtualBorder.POLYGON)
         area = Polygon(array_from_points(border.points))
         np.testing.assert_allclose(area.bounds, (*CARPET[0], *CARPET[2]), atol=0.1)
         self.assertTrue(area.contains(Point(border.seed.x, border.seed.y)))
