@@ -74,7 +74,7 @@ class Rig:
         # its clock stops while the world goes on
         self._stood = self.arbiter.gate.clock_age = self._stood + DT if "clock" in self.silent else 0.0
         if "goal" not in self.silent and self.goal:
-            self.arbiter.set_goal(True, self.now)
+            self.arbiter.set_goal_active(True, self.now)
         command = self.arbiter.step(self.now)
         self.cancelled += command.cancel
         self.commands.append(command)

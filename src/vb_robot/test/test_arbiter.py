@@ -125,9 +125,9 @@ def test_a_command_expires_after_half_a_second(source, age, drives):
 @pytest.mark.parametrize("age, cancels", [(-0.1, False), (0.0, True), (0.9, True), (1.1, False)])
 def test_following_cancels_a_goal_reported_within_a_second(age, cancels):
     rig = Rig().follows()
-    rig.arbiter.set_goal(True, rig.now)
+    rig.arbiter.set_goal_active(True, rig.now)
     assert rig.arbiter.step(rig.now + age).cancel is cancels
-    rig.arbiter.set_goal(False, rig.now)
+    rig.arbiter.set_goal_active(False, rig.now)
     assert not rig.arbiter.step(rig.now + age + 2.0).cancel
 
 
