@@ -65,8 +65,7 @@ def test_only_robots_that_plan_round_borders_are_sent(case):
 def test_stop_is_offered_only_if_it_stops_a_robot(case):
     for localized in (True, False):
         commands = offered_to(robot(case.connected, is_localized=localized)).commands
-        assert ("stop" in commands) == case.stops
-        assert ("resume" in commands) == case.stops
+        assert [name for name in ("stop", "resume") if name in commands] == ["stop", "resume"] * case.stops
 
 
 @for_each_robot

@@ -92,8 +92,7 @@ def test_a_refused_map_file_names_its_key(tmp_path, old, new, key):
 def test_files_are_written_together_or_none_is(tmp_path):
     first, second = tmp_path / "a", tmp_path / "folder/b"
     write_together({first: b"1", second: b"2"})
-    assert first.read_bytes() == b"1"
-    assert second.read_bytes() == b"2"
+    assert [path.read_bytes() for path in (first, second)] == [b"1", b"2"]
     (tmp_path / "file").write_text("")
     for beyond in (tmp_path / "file" / "c", tmp_path / "folder"):  # where no file can be created or replaced
         with refused("cannot_write"):

@@ -106,8 +106,7 @@ def test_robots_keep_out_of_an_unknown_zone():
 
 def test_a_zone_changes_the_map_or_limits_the_speed():
     for zone in ZONES.values():
-        assert zone.value(0.6) == 60 * zone.restricts
-        assert zone.value(0.0) == 0
+        assert [zone.value(occupancy) for occupancy in (0.6, 0.0)] == [60 * zone.restricts, 0]
         assert zone.restricts or zone.limits_speed
         # a zone that may be crossed must not look like a wall in the map, every other one must
         assert (zone.occupancy < 1.0) == zone.soft

@@ -135,11 +135,6 @@ def test_a_damaged_recording_names_file_and_line(log, words, tmp_path):
         Recording(tmp_path)
 
 
-def test_a_missing_recording_is_named(tmp_path):
-    with pytest.raises(CodedError, match="nowhere"):
-        Recording(tmp_path / "nowhere")
-
-
 @pytest.fixture
 def plain_study(tmp_path):
     """A study of one run."""

@@ -29,8 +29,7 @@ def moments(seconds, **changes):
 
 def test_without_cameras_the_robot_is_led_there():
     result = LiveRun(moments(10.0), Job(1, "carpet", "robot_only")).run()
-    assert result.spots
-    assert all(spot.mobile for spot in result.spots)
+    assert {spot.mobile for spot in result.spots} == {True}
     # the time limit came while the robot was being led
     assert result.records[0]["guide_s"] > 3.0
     assert result.records[0]["border_s"] == 0.0
@@ -91,8 +90,7 @@ def test_an_interruption_ends_the_study_and_the_same_command_goes_on(tmp_path, p
     done = (tmp_path / "cut" / "runs.csv").read_text().count("\n") - 1
     assert f"interrupted: {done} of 6 runs are done and kept in {tmp_path}" in cut.stdout
     assert done < 6
-    assert "Traceback" not in cut.stdout
-    assert "failed" not in cut.stdout
+    assert [word for word in ("Traceback", "failed") if word in cut.stdout] == []
 
     for folder in ("cut", "whole"):
         assert campaign.run_jobs(STUDY, run_plan.main_jobs(STUDY, 2), tmp_path / folder, QUIET) == 0
@@ -130,9 +128,8 @@ def test_a_row_of_each_file_is_made_again_alone(name, tmp_path, monkeypatch):
     selection = [part for key, value in job.columns(1).items() if key != "seed" for part in (f"--{key}", str(value))]
     arguments = ["--config", str(path), *selection, "--processes", "1", "--out", str(tmp_path / "again")]
     assert main(arguments) == 0
-    header, *rows = (tmp_path / "again" / name).read_text().splitlines()
-    assert len(rows) == 1
-    assert {header, *rows} <= set((tmp_path / "all" / name).read_text().splitlines())
+    header, row = (tmp_path / "again" / name).read_text().splitlines()
+    assert {header, row} <= set((tmp_path / "all" / name).read_text().splitlines())
     assert main([*arguments, "--participant", "3"]) == 2, "the study has no such run"
 
 

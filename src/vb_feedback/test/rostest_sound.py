@@ -38,8 +38,6 @@ class SoundTest(unittest.TestCase):
 
     @classmethod
     def tearDownClass(cls):
-        for node in cls.nodes:
-            node.stop()
         cls.folder.cleanup()
 
     def test_sounds_are_played_whole_and_in_order(self):

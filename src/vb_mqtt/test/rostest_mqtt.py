@@ -78,9 +78,7 @@ class MqttTest(unittest.TestCase):
 
     @classmethod
     def tearDownClass(cls):
-        cls.node.stop()
         cls.hub.close()
-        cls.server.kill()
 
     @staticmethod
     def on_drawn(_request):

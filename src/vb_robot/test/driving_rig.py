@@ -21,10 +21,10 @@ DT, PROFILE = 0.05, RobotProfile()
 class Rig:
     """An arbiter on a unicycle in an empty room; inputs named in `silent` do not arrive."""
 
-    def __init__(self, pose=(2.0, 2.5, 0.0), grid=None, camera="robot", cameras=("robot",), stops=None):
+    def __init__(self, pose=(2.0, 2.5, 0.0), grid=None, camera="robot", cameras=("robot",)):
         self.now, self.pose = 100.0, pose
         self.silent = set()
-        self.arbiter = Arbiter(PROFILE, camera, cameras, stops)
+        self.arbiter = Arbiter(PROFILE, camera, cameras)
         self.set_grid(grid or empty())
         self.camera, self.latch = camera, StopLatch()
         self.state = (DEFAULT, "", 0.0)

@@ -11,7 +11,6 @@ from driving_rig import DT, PROFILE, Rig
 from plain_rooms import VIEW, empty, with_border
 from vb_testing import assert_fields
 from vb_core.geometry import map_to_base
-from vb_core.stop_latch import HeldStops
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED, state_by_name
 from vb_robot.driving.arbiter import Arbiter
 from vb_robot.driving.escape import END_CLEARANCE, PINCHED_AFTER
@@ -77,19 +76,6 @@ def test_stop_is_latched_until_released_and_keeps_the_goal(channel):
     rig.teleop = None
     rig.latch.resume(rig.latch.number)
     assert rig.step(1.0).v == 0.3
-
-
-def test_a_restarted_driver_stays_stopped(tmp_path):
-    HeldStops(tmp_path / "stops")  # an earlier run without a stop
-    earlier_stops = HeldStops(tmp_path / "stops")
-    earlier_stops.add("a")
-    assert earlier_stops.store()
-    rig = Rig(stops=HeldStops(tmp_path / "stops"))
-    rig.silent.add("state")
-    rig.navigation = rig.teleop = (0.3, 0.0)
-    assert rig.step(1.0).source == "stop"
-    rig.silent.clear()  # the manager is back, and has not heard of the stop either
-    assert rig.step(5.0).source == "stop"
 
 
 LISTENERS = {  # (time [s], number of listeners, whether a zero is published)

@@ -124,8 +124,7 @@ def test_a_stamp_slightly_in_the_future_counts_as_now(ahead, first, last):
     gate.limit(100.0, NONE, VelocityRequest())
     gate.set_pose((4.0, 2.5, 0.0), 100.0 + ahead)
     valid_ms = [ms for ms in (0, 99, 101, 199, 201, 499, 501, 1099, 1101) if gate.pose(100.0 + ms / 1000.0)]
-    assert valid_ms[0] == first
-    assert valid_ms[-1] == last
+    assert (valid_ms[0], valid_ms[-1]) == (first, last)
 
 
 JUMPS = {  # (seconds, the pose's x [m] while the odometry stays as it is, whether the robot is held)

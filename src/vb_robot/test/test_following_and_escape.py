@@ -41,10 +41,8 @@ def follow(follower, distance, degrees):
 def test_a_robot_drives_nearer_from_130_to_100_cm_and_back_from_75_to_90_cm(degrees, distances, speeds, turn):
     follower = SpotFollower()
     for distance, speed in zip(distances, speeds):
-        v, w, code = follow(follower, distance, degrees)
-        assert v == pytest.approx(speed)
-        assert w == pytest.approx(turn)
-        assert code == ("driving" if v or w else "spot_in_view")
+        code = "driving" if speed or turn else "spot_in_view"
+        assert follow(follower, distance, degrees) == (pytest.approx(speed), pytest.approx(turn), code)
 
 
 def test_a_robot_turns_from_14_to_4_degrees_off():

@@ -267,14 +267,12 @@ def test_the_usual_speed_returns_after_a_slow_zone(planner, restarted):
     speed.apply(math.inf)
     for _ in range(3):
         speed.apply(0.2)
-    assert planner.values == {"max_vel_trans": 0.2, "max_vel_x": 0.2, "min_vel_trans": 0.1}
-    assert planner.asked == 3
+    assert_fields(planner, values={"max_vel_trans": 0.2, "max_vel_x": 0.2, "min_vel_trans": 0.1}, asked=3)
     speed = planner.speed() if restarted else speed
     speed.apply(0.1)
     assert planner.values["min_vel_trans"] == 0.05, "the lowest speed lies below the highest"
     speed.apply(math.inf)
-    assert planner.values == planner.usual
-    assert planner.kept == {}
+    assert_fields(planner, values=planner.usual, kept={})
 
 
 def test_a_speed_set_between_zones_is_the_usual_one_from_then_on(planner):

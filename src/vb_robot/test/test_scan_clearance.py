@@ -224,9 +224,8 @@ def test_navigations_map_has_what_the_driver_keeps_out_of():
     physical = physical.with_data(np.minimum(data, physical.data))
     ground = Workspace(plain.borders.with_data(data), physical, 0.18, uncertainty=0.1)
     grown = ground.keep_out.data != ground.borders.data
-    assert grown.any()
-    assert (ground.borders.data[grown] == 0).all()
-    assert (ground.keep_out.data[grown] == 100).all()
+    assert set(ground.borders.data[grown]) == {0}
+    assert set(ground.keep_out.data[grown]) == {100}
     assert (ground.keep_out.data[data < 0] == -1).all(), "unknown floor stays unknown: navigation does not plan there"
 
 

@@ -33,10 +33,6 @@ class VoiceCommandsTest(unittest.TestCase):
         wait_until(lambda: cls.sound.get_num_connections() > 1, "the node to hear its own sounds")
 
     @classmethod
-    def tearDownClass(cls):
-        cls.node.stop()
-
-    @classmethod
     def on_command(cls, request):
         cls.requests.append(request)
         cls.hold.wait(60)

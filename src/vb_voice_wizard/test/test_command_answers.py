@@ -42,8 +42,7 @@ def test_a_repetition_waits_for_the_first_one_for_a_time(patience, code):
         if patience == 0.0:
             assert second.result(60).code == code
         go_on.set()
-    assert first.result().code == "saved"
-    assert second.result().code == code
+    assert [future.result().code for future in (first, second)] == ["saved", code]
 
 
 def test_a_fault_is_not_an_answer():

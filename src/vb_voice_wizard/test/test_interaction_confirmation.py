@@ -53,8 +53,7 @@ def test_one_press_that_comes_by_topic_and_as_a_command_is_one_stop():
     interaction.stop("press", "page 1a2b", 1.0)
     assert interaction.stop("press", "page", 20.0).code == "stopped"
     assert interaction.latch.stopped_by == "page 1a2b"
-    assert interaction.last_source == "page 1a2b"
-    assert interaction.last_answered == 1.0
+    assert_fields(interaction, last_source="page 1a2b", last_answered=1.0)
 
 
 def test_a_press_that_comes_again_after_resume_stops_nothing():

@@ -56,7 +56,7 @@ def test_noise_beeps_and_nothing_are_no_commands(recognizer):
     quiet = np.zeros(RATE, dtype=np.int16)
     assert examine(recognizer, quiet) == []
     assert command_in(recognizer, np.zeros(0, dtype=np.int16)) is None
-    assert command_in(recognizer, room_noise(3 * RATE, 1000).astype(np.int16)) is None
+    assert utterances(room_noise(4 * RATE, 2000.0).astype(np.int16)) == []
     for hertz in (440, 880, 1760):
         assert command_in(recognizer, np.concatenate([quiet, tone(hertz, 0.3), quiet])) is None
 
@@ -149,8 +149,7 @@ def test_another_command_counts_unless_it_lies_within_a_sound_of_ours(recognizer
     ):
         (utterance,) = listen(CommandListener(recognizer), pcm, [(sound, sound_start)])
         assert utterance.reason == reason, sound_start
-        assert utterance.command == (None if reason == "muted" else "cancel")
-        assert utterance.best == "cancel"
+        assert_fields(utterance, command=None if reason == "muted" else "cancel", best="cancel")
 
 
 @pytest.mark.parametrize("certain, end, uncertain", [(True, 1e3, False), (False, 1e3, True), (True, -1e3, True)])
@@ -224,14 +223,6 @@ def test_a_click_is_no_utterance_and_a_short_pause_ends_none(spans, faint, total
     np.testing.assert_allclose(np.reshape(utterances, (-1, 2)), np.reshape(expected, (-1, 2)), atol=STEP)
 
 
-def test_a_voice_is_found_and_noise_is_not():
-    voice = np.concatenate([np.zeros(RATE), say("define border"), np.zeros(RATE)]).astype(np.int16)
-    spoken = utterances(voice)
-    assert len(spoken) == 1
-    assert 1.4 < spoken[0].start < 1.8
-    assert utterances(room_noise(4 * RATE, 2000.0).astype(np.int16)) == []
-
-
 def test_what_was_heard_long_ago_does_not_decide_what_is_speech():
     """The network's own memory makes it deaf after a minute of talk; the detector's memory is two seconds."""
     talk = say("this sentence goes on and on and on for much longer than any command could ever take", pause=0.1)
@@ -253,10 +244,8 @@ def test_what_was_heard_long_ago_does_not_decide_what_is_speech():
 # ------------------------------------------------------------------ sound
 def test_a_microphone_that_is_on_is_known_by_its_noise_however_loud():
     loudest = np.array([-32768, 32767] * 400, np.int16)  # their difference overflows int16
-    assert has_sound(loudest)
-    assert has_sound(np.array([5, 8, 6], np.int16))
-    assert not has_sound(np.full(800, 300, np.int16))
-    assert not has_sound(np.zeros(0, np.int16))
+    assert [has_sound(pcm) for pcm in (loudest, np.array([5, 8, 6], np.int16))] == [True, True]
+    assert [has_sound(pcm) for pcm in (np.full(800, 300, np.int16), np.zeros(0, np.int16))] == [False, False]
 
 
 def test_a_recording_program_is_read_and_started_again():
@@ -277,5 +266,5 @@ def test_a_missing_recording_program_is_reported():
     troubles = []
     microphone = Microphone(["no_such_program"], lambda text: (troubles.append(text), microphone.close()))
     assert microphone.get() is None
-    assert len(troubles) == 1
-    assert "cannot start no_such_program" in troubles[0]
+    (trouble,) = troubles
+    assert "cannot start no_such_program" in trouble

@@ -69,6 +69,9 @@ class PageTest(unittest.TestCase):
         # a banner that disappears moves the map
         self.browser.wait("!document.getElementById('banners').textContent", what="a page with nothing to say")
 
+    def tearDown(self):
+        self.assertEqual(self.browser.faults(), [])
+
     def borders(self):
         message = self.heard.get(names.BORDERS)
         return list(message.borders) if message else []
@@ -105,6 +108,7 @@ class PageTest(unittest.TestCase):
         with closing(Browser(self.browser.url, (360, 640), *options, **more)) as small:
             small.wait_ready()
             yield small
+            self.assertEqual(small.faults(), [])
 
     def restart_page(self, *arguments):
         """Kills the page node, which forgets all that it has heard, and starts it again."""

@@ -76,5 +76,4 @@ def test_the_page_loads_nothing_from_elsewhere():
 def test_an_unconfirmed_border_is_sent_before_and_after():
     points = [Point(0.0, 0.0, 0.0), Point(1.0, 0.0, 0.0), Point(1.0, 2.0, 0.0)]
     section = page_messages.border_section(VirtualBorder(before=points[:2], after=points))
-    assert section["before"] == [0, 0, 100, 0]
-    assert section["after"] == [0, 0, 100, 0, 100, 200]
+    assert {"before": [0, 0, 100, 0], "after": [0, 0, 100, 0, 100, 200]}.items() <= section.items()
