@@ -27,6 +27,14 @@ def test_a_resume_releases_only_the_stop_that_its_sender_saw():
     assert not latch.stopped
 
 
+def test_a_press_that_comes_twice_is_one_stop():
+    latch = StopLatch()
+    assert [latch.stop("a", "page"), latch.stop("a", "page")] == [True, False]
+    assert latch.resume(latch.number)
+    assert not latch.stop("a", "page")
+    assert not latch.stopped
+
+
 @pytest.mark.parametrize("content", ["", "{", "[]", WITHOUT_NUMBER, '{"stopped": false}'])
 def test_a_damaged_file_counts_as_stopped(tmp_path, content):
     path = tmp_path / "stop"

@@ -23,6 +23,7 @@ class SoundTest(unittest.TestCase):
         cls.logs = Newest("/rosout", Log)
         cls.sounds = rospy.Publisher("/virtual_borders/sound", Sound, queue_size=20)
         cls.folder = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(cls.folder.cleanup)
         folder = Path(cls.folder.name)
         hears = write_program(folder / "hears", f"cat >> {folder}/pcm")
         deaf = write_program(folder / "deaf", f'echo tried >> {folder}/tried; exec aplay "$@"')
@@ -35,10 +36,6 @@ class SoundTest(unittest.TestCase):
     def written(self, name):
         path = Path(self.folder.name) / name
         return path.read_bytes() if path.exists() else b""
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.folder.cleanup()
 
     def test_sounds_are_played_whole_and_in_order(self):
         names = ["border", "tick", "error"]

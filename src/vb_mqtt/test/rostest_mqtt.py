@@ -73,12 +73,9 @@ class MqttTest(unittest.TestCase):
         cls.drawn = rospy.Service(names.GET_DRAWN_BORDER, GetDrawnBorder, cls.on_drawn)
         cls.server = Mosquitto(tempfile.mkdtemp(prefix="vb_mqtt_"))
         cls.hub = Hub(cls.server.port)
+        cls.addClassCleanup(cls.hub.close)
         cls.node = start(cls.server.port, "home")
         rospy.wait_for_service(names.COMMAND, 60)
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.hub.close()
 
     @staticmethod
     def on_drawn(_request):

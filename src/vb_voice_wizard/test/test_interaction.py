@@ -179,6 +179,12 @@ def test_a_save_under_way_does_not_end_by_silence(saving):
     assert saving.pending == SAVE
 
 
+def test_a_stop_is_obeyed_during_a_save_and_holds_after_it(saving):
+    assert saving.command(STOP, "page", 8.5).success
+    assert saving.finish_pending(Answer(True, "saved"), 9.0, "b1").success
+    assert saving.latch.stopped
+
+
 def test_a_refused_save_is_reported_to_its_source_and_keeps_the_drawing(saving):
     kept = drawing_of(saving)
     answer = saving.finish_pending(NO_INTEGRATOR, 7.0)

@@ -89,14 +89,6 @@ def test_a_question_contains_the_words_that_confirm_it(before, command):
 
 
 @for_all_doubtful_commands
-def test_a_question_changes_nothing(before, command):
-    interaction = asked_about(before, command)
-    assert interaction.pending == ""
-    assert interaction.latch.stopped == (before == "stop")
-    assert drawing_of(interaction)[1:] == drawing_of(interaction_after(before))[1:]
-
-
-@for_all_doubtful_commands
 @pytest.mark.parametrize(
     "meanwhile, source, waited, is_done",
     [

@@ -48,11 +48,7 @@ class PageTest(unittest.TestCase):
         cls.page = None
         cls.start_page()
         cls.browser = Browser(f"http://127.0.0.1:{cls.port}/")
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.browser.close()
-        cls.page.stop()
+        cls.addClassCleanup(cls.browser.close)
 
     @classmethod
     def start_page(cls, *arguments):
