@@ -38,8 +38,8 @@ def wait_until(condition, what, timeout=TIMEOUT, clock=time.monotonic, sleep=tim
 
 
 def assert_fields(thing, **expected):
-    """Checks several attributes of a message or another record at once; a failure shows what they are."""
-    fields = {name: getattr(thing, name) for name in expected}
+    """Checks several attributes of a message, or entries of a dictionary, at once; a failure shows what they are."""
+    fields = {name: thing[name] if isinstance(thing, dict) else getattr(thing, name) for name in expected}
     assert fields == expected, f"{fields} instead of {expected}"
 
 

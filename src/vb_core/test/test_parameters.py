@@ -106,8 +106,7 @@ def test_the_description_follows_from_the_fields():
     description = reconfigure.reconfigure_description(Example(speed=0.5), fixed=("fixed",))
     entries = {entry["name"]: entry for entry in description.config_description["parameters"]}
     assert list(entries) == ["speed", "size", "count", "on"]
-    expected = {"type": "double", "description": "of the robot [m/s]", "min": 0.0, "max": 1.0, "default": 0.5}
-    assert expected.items() <= entries["speed"].items()
+    assert_fields(entries["speed"], type="double", description="of the robot [m/s]", min=0.0, max=1.0, default=0.5)
     assert (entries["count"]["min"], entries["count"]["max"]) == (1, 2**31 - 1)
     # as clients decode it
     decoded = decode_description(encode_description(description))

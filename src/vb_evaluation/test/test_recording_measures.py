@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from refusals import refused
+from vb_testing import assert_fields
 from study_recordings import BLUE, EXACT, RED, ROOM, TRUTH, YELLOW, RecordedLab
 from study_recordings import make_study, measure_study, painted_room, picture_of_room, write_protocol
 from vb_core.errors import CodedError
@@ -230,8 +231,7 @@ def mishaps(tmp_path_factory):
 
 @pytest.mark.parametrize("name, mishap", MISHAPS.items(), ids=MISHAPS)
 def test_each_mishap_has_its_outcome(mishaps, name, mishap):
-    assert mishaps.rows[name]["outcome"] == mishap.outcome
-    assert mishaps.rows[name]["completed"] == mishap.completed
+    assert_fields(mishaps.rows[name], outcome=mishap.outcome, completed=mishap.completed)
 
 
 def test_the_judge_sees_each_saved_border_under_a_number_alone(mishaps):
@@ -241,8 +241,7 @@ def test_the_judge_sees_each_saved_border_under_a_number_alone(mishaps):
 
 @pytest.mark.parametrize("name, helped, problems", [("cancelled with help", "2", "1"), ("good", "0", "0")])
 def test_help_and_problems_are_counted(mishaps, name, helped, problems):
-    assert mishaps.rows[name]["helped"] == helped
-    assert mishaps.rows[name]["problems"] == problems
+    assert_fields(mishaps.rows[name], helped=helped, problems=problems)
 
 
 def test_a_wrong_seed_has_its_index_and_a_run_that_was_never_begun_no_time(mishaps):

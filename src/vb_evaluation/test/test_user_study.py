@@ -7,6 +7,7 @@ from itertools import product
 import pytest
 
 from refusals import refused
+from vb_testing import assert_fields
 from study_recordings import EXACT, RecordedLab, make_study, measure_study, write_protocol
 from vb_core.errors import CodedError
 from vb_evaluation.report.study_files import read_sheet
@@ -110,7 +111,7 @@ def test_events_are_noted_in_their_order_with_their_text(conducted, planned):
 def test_a_recording_says_what_was_planned_and_how_it_ended(conducted, planned):
     entry = conducted[0][0]
     recorded = Recording(planned.parent / entry.recording).run
-    assert {"order": 1, "method": entry.method, "completed": True}.items() <= recorded.items()
+    assert_fields(recorded, order=1, method=entry.method, completed=True)
     assert recorded["revision"]
 
 
@@ -261,8 +262,7 @@ def test_an_export_overwrites_nothing(study):
 def test_a_participants_recordings_answers_and_pictures_are_deleted_on_request(study):
     code = read_sheet(study / "judging_key.csv", ()).set_index("recording").code["a"]
     assert main(["delete", "p1", "--protocol", str(study / "protocol.csv")]) == 0
-    assert not (study / "a").exists()
-    assert (study / "b").exists()
+    assert [(study / name).exists() for name in ("a", "b")] == [False, True]
     assert list(read_sheet(study / "demographics.csv", ()).participant) == ["p2"]
     assert not (study / "judging" / f"{code}.png").exists()
     assert code not in (study / "judging_key.csv").read_text()

@@ -17,7 +17,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
 
-from vb_testing import Newest, assert_ends_with_one_line, wait_until
+from vb_testing import Newest, assert_ends_with_one_line, assert_fields, wait_until
 from vb_core import geometry, names
 from vb_core.ros import node
 from vb_core.ros.messages import NumpyOccupancyGrid, grid_from_message, message_from_grid, message_from_pose2d
@@ -166,10 +166,8 @@ class LabSimulatorTest(unittest.TestCase):
 
         wait_until(shown, "the laser in the state")
         state = self.state.message
-        self.assertEqual(state.laser.x, 1.0)
-        self.assertEqual(state.laser_color, "green")
-        self.assertEqual(state.person.x, 3.0)
-        self.assertEqual(state.participant_doing, "draws")
+        assert_fields(state, laser_color="green", participant_doing="draws")
+        self.assertEqual((state.laser.x, state.person.x), (1.0, 3.0))
         self.state.wait(lambda state: not state.laser_on, "the laser to be off")
         self.assertTrue(self.state.message.person_present)
 
