@@ -12,7 +12,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Joy
 from std_srvs.srv import Trigger
 
-from vb_testing import Newest, wait_until
+from vb_testing import Newest, assert_fields, wait_until
 from speech import pieces, say
 from terminal import Terminal
 from vb_core import names
@@ -123,9 +123,9 @@ class InputMethods(unittest.TestCase):
         self.borders.wait(lambda message: not message.borders, f"{way}: the undone border")
         self.maps.wait(lambda message: (message.data == room().data.ravel()).all(), f"{way}: the map as it was")
         record = wait_until(lambda: self.record_of(identity), f"{way}: the record")
-        self.assertEqual(record["outcome"], "saved")
-        self.assertEqual((record["border_id"], record["sources"]), (stored.id, [way]))
-        self.assertEqual((record["cameras"], record["guide_s"]), (["red", "green"], 0.0))
+        assert_fields(
+            record, outcome="saved", border_id=stored.id, sources=[way], cameras=["red", "green"], guide_s=0.0
+        )
         self.assertAlmostEqual(record["border_s"], 1.0 + len(stroke) * FRAME_S, places=3)
         self.assertAlmostEqual(record["seed_s"], 1.0 + 30 * FRAME_S, places=3)
 
@@ -148,7 +148,8 @@ class InputMethods(unittest.TestCase):
             self.interact("voice", self.speak)
         kind, points, cells = self.results["service"]
         for way, (other_kind, other_points, other_cells) in self.results.items():
-            self.assertEqual((kind, points.shape), (other_kind, other_points.shape), way)
+            self.assertEqual(kind, other_kind, way)
+            self.assertEqual(points.shape, other_points.shape, way)
             # the stamps of the interactions differ, and so does their rounding
             self.assertLess(np.abs(points - other_points).max(), 1e-6, way)
             self.assertTrue((cells == other_cells).all(), way)

@@ -52,11 +52,6 @@ class StopSequences(unittest.TestCase):
         assert cls.driver.message
 
     @classmethod
-    def tearDownClass(cls):
-        for process in (cls.manager, cls.robot):
-            process.stop()
-
-    @classmethod
     def on_answer(cls, request, context, answer, error):
         with cls.lock:
             cls.answers.append((request.command, context, (answer or error).code))

@@ -48,7 +48,8 @@ def test_a_node_has_at_most_eight_cameras(count):
     config = load(f"cameras:={' '.join(names)}")
     nodes = [param.value for name, param in config.params.items() if name.startswith("/spot_detectors")]
     assert sorted(sum(nodes, [])) == sorted(f"spot_detector_{name}" for name in names)
-    assert len(nodes) == -(-count // 8) and max(map(len, nodes)) <= 8
+    assert len(nodes) == -(-count // 8)
+    assert max(map(len, nodes)) <= 8
 
 
 def test_poses_are_published_from_calibrations():

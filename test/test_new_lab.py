@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from refusals import refused
-from vb_testing import TOP
+from vb_testing import TOP, assert_fields
 from vb_bringup.new_lab import parse_cameras, write_lab
 from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map, write_map
@@ -32,12 +32,13 @@ def test_a_new_labs_files_can_be_read_and_are_complete(tmp_path):
     (of_container,) = re.findall(r"roslaunch /lab/lab.launch (.*)", (TOP / "scripts" / "container").read_text())
     kit = {name for arguments in yaml.safe_load(conduct_run.TEMPLATE)["methods"].values() for name in arguments}
     assert {"record", *kit, *re.findall(r"(\w+):=", of_container)} <= set(given)
-    assert {"cameras": "north south", "map": "$(dirname)/map.yaml", "robot": "true"}.items() <= given.items()
+    assert_fields(given, cameras="north south", map="$(dirname)/map.yaml", robot="true")
     assert len(given["configs"].split()) == 2
     # the lab's folder is complete without the original map file
     (tmp_path / "room.pgm").unlink()
     copy = read_map(lab / "map.yaml")
-    assert (copy.origin, copy.data.tolist()) == (grid.origin, grid.data.tolist())
+    assert copy.origin == grid.origin
+    assert copy.data.tolist() == grid.data.tolist()
     ElementTree.parse(str(lab / "cameras.launch"))
     settings = {name: yaml.safe_load((lab / "detectors" / f"{name}.yaml").read_text()) for name in ("north", "south")}
     assert settings == {"north": {"source": "/dev/video0"}, "south": {}}

@@ -37,6 +37,12 @@ def wait_until(condition, what, timeout=TIMEOUT, clock=time.monotonic, sleep=tim
         sleep(0.02)
 
 
+def assert_fields(thing, **expected):
+    """Checks several attributes of a message, or entries of a dictionary, at once; a failure shows what they are."""
+    fields = {name: thing[name] if isinstance(thing, dict) else getattr(thing, name) for name in expected}
+    assert fields == expected, f"{fields} instead of {expected}"
+
+
 def run_command(*words, **options):
     """Runs a command to its end, as subprocess.run does; output and errors are both in `stdout` of the result."""
     return subprocess.run([str(word) for word in words], **{**_HEARD, **options})

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from vb_testing import assert_fields
 from vb_core import sentences
 from vb_core.capabilities import NO_ROBOT, READY, UNREADY, ConnectedRobot, Connections
 from vb_core.capabilities import derive_capabilities, effective_commands, describe_ignored_zone
@@ -64,7 +65,7 @@ def test_only_robots_that_plan_round_borders_are_sent(case):
 def test_stop_is_offered_only_if_it_stops_a_robot(case):
     for localized in (True, False):
         commands = offered_to(robot(case.connected, is_localized=localized)).commands
-        assert ("stop" in commands, "resume" in commands) == (case.stops, case.stops)
+        assert [name for name in ("stop", "resume") if name in commands] == ["stop", "resume"] * case.stops
 
 
 @for_each_robot
@@ -75,7 +76,7 @@ def test_people_hear_what_a_robot_obeys(case):
 @for_each_robot
 def test_a_lost_robot_keeps_no_zone_and_is_sent_nowhere(case):
     offered = offered_to(robot(case.connected, is_localized=False))
-    assert (offered.zones, offered.sendable_robots, offered.state) == ((), (), UNREADY)
+    assert_fields(offered, zones=(), sendable_robots=(), state=UNREADY)
     assert [line.code for line in offered.robot_notices] == [case.plans, "robot_not_localized", case.obeys]
 
 
@@ -110,7 +111,8 @@ def test_each_line_has_its_sentence():
 
 def test_a_lab_without_a_robot_has_no_warnings():
     offered = offered_to(ConnectedRobot(""), cameras=True)
-    assert (offered.state, offered.problems()) == (NO_ROBOT, [])
+    assert offered.state == NO_ROBOT
+    assert offered.problems() == []
     assert [line.code for line in offered.robot_notices] == ["robot_not_connected"]
 
 
@@ -148,7 +150,7 @@ def test_a_border_in_a_lab_without_a_robot_says_so():
 )
 def test_each_fault_is_a_notice_that_names_its_robot(changes, code, severity):
     (notice,) = offered_to(replace(robot(PLANS), **changes)).problems()
-    assert (notice.code, notice.severity, notice.robot) == (code, severity, "ada")
+    assert_fields(notice, code=code, severity=severity, robot="ada")
     assert "ada" in notice.sentence()
 
 

@@ -52,7 +52,8 @@ def test_each_mode_is_read_as_map_server_reads_it(tmp_path, extra, expected):
     (tmp_path / "map.pgm").write_bytes(b"P5\n3 2\n255\n" + image.tobytes())
     (tmp_path / "map.yaml").write_text(DESCRIPTION.replace("negate: 0\n", "") + extra)
     grid = read_map(tmp_path / "map.yaml")
-    assert (grid.data.tolist(), grid.origin) == (expected, (1.0, 2.0, 0.0))
+    assert grid.data.tolist() == expected
+    assert grid.origin == (1.0, 2.0, 0.0)
 
 
 def test_transparent_pixels_are_unknown_in_scale_mode(tmp_path):
@@ -91,7 +92,7 @@ def test_a_refused_map_file_names_its_key(tmp_path, old, new, key):
 def test_files_are_written_together_or_none_is(tmp_path):
     first, second = tmp_path / "a", tmp_path / "folder/b"
     write_together({first: b"1", second: b"2"})
-    assert (first.read_bytes(), second.read_bytes()) == (b"1", b"2")
+    assert [path.read_bytes() for path in (first, second)] == [b"1", b"2"]
     (tmp_path / "file").write_text("")
     for beyond in (tmp_path / "file" / "c", tmp_path / "folder"):  # where no file can be created or replaced
         with refused("cannot_write"):

@@ -61,7 +61,8 @@ def test_borders_act_in_both_costmaps_below_inflation(name):
     # an obstacle layer above the static layers keeps their obstacles, as it takes the larger value
     assert kinds == ["StaticLayer", "StaticLayer", "ObstacleLayer", "InflationLayer"]
     static, keep_out = settings["static_layer"], settings["keep_out_layer"]
-    assert (static["map_topic"], keep_out["map_topic"]) == ("/virtual_borders/map", "robot_driver/keep_out")
+    assert static["map_topic"] == "/virtual_borders/map"
+    assert keep_out["map_topic"] == "robot_driver/keep_out"
     assert keep_out["use_maximum"] is True, "it adds to the layer below"
     for layer in (static, keep_out):
         assert layer["trinary_costmap"] is layer["subscribe_to_updates"] is False

@@ -8,6 +8,7 @@ import pytest
 import rospy
 from dynamic_reconfigure.encoding import decode_description, encode_description
 
+from vb_testing import assert_fields
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import reconfigure
@@ -55,8 +56,8 @@ def test_groups_and_list_entries_are_checked():
 
 def test_values_given_replace_the_defaults():
     params = Example.from_mapping({"speed": 1, "limits": [0.0, 1.0]})
-    assert (params.speed, type(params.speed)) == (1.0, float)
-    assert (params.limits, params.count) == ((0.0, 1.0), 3)
+    assert repr(params.speed) == "1.0", "a whole number is read as a real one"
+    assert_fields(params, limits=(0.0, 1.0), count=3)
     assert params.describe() == "speed=1.0 m/s, limits=(0.0, 1.0)"
     assert Example.from_mapping(None) == Example()
     assert Example().describe() == ""
@@ -96,7 +97,8 @@ def test_each_mistake_names_its_key(key, value, word):
 def test_a_mistake_can_be_raised_in_another_process():
     mistake = ParameterError("/node/speed", "must be finite")
     copied = pickle.loads(pickle.dumps(mistake))
-    assert (copied.key, str(copied)) == (mistake.key, str(mistake))
+    assert copied.key == mistake.key
+    assert str(copied) == str(mistake)
 
 
 # ------------------------------------------------------------------ changed while a node runs
@@ -104,8 +106,7 @@ def test_the_description_follows_from_the_fields():
     description = reconfigure.reconfigure_description(Example(speed=0.5), fixed=("fixed",))
     entries = {entry["name"]: entry for entry in description.config_description["parameters"]}
     assert list(entries) == ["speed", "size", "count", "on"]
-    expected = {"type": "double", "description": "of the robot [m/s]", "min": 0.0, "max": 1.0, "default": 0.5}
-    assert expected.items() <= entries["speed"].items()
+    assert_fields(entries["speed"], type="double", description="of the robot [m/s]", min=0.0, max=1.0, default=0.5)
     assert (entries["count"]["min"], entries["count"]["max"]) == (1, 2**31 - 1)
     # as clients decode it
     decoded = decode_description(encode_description(description))
@@ -139,7 +140,8 @@ def test_a_change_is_applied_once(tuned):
     assert change(speed=0.3)["speed"] == 0.3
     assert applied == [Example(speed=0.3)]
     change(speed=0.3)
-    assert (len(applied), warned) == (1, [])
+    assert len(applied) == 1
+    assert warned == []
 
 
 @pytest.mark.parametrize("key, new, why", [("size", 0.1, "at most size"), ("size", 0, "above 0"), ("count", 13, "no")])

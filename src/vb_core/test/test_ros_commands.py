@@ -2,6 +2,7 @@
 
 import re
 import threading
+from collections import namedtuple
 from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import Mock
@@ -10,7 +11,7 @@ import pytest
 import rospy
 
 from refusals import refused
-from vb_testing import wait_until
+from vb_testing import assert_fields, wait_until
 from vb_core.errors import CodedError
 from vb_core.ros import commands, services
 from vb_msgs.msg import DriverState, InteractionState, RobotStatus, RobotStatusArray
@@ -27,6 +28,9 @@ def test_no_message_constant_contains_a_comment():
         if re.match(r"string +[A-Z_]+ *=.*#", line)
     ]
     assert not faulty_lines
+
+
+Outcome = namedtuple("Outcome", "request context answer error")  # of a command, as its sender hears of it
 
 
 class Manager:
@@ -66,7 +70,7 @@ def sender(monkeypatch):
         monkeypatch.setattr(commands.services, "call", manager.call)
         monkeypatch.setattr(commands, "rospy", Mock(get_rostime=lambda: rospy.Time(100), Duration=rospy.Duration))
         monkeypatch.setattr(commands.time, "monotonic", lambda: clock[0])
-        return commands.CommandSender("test", lambda *answer: manager.done.append(answer)), manager, clock
+        return commands.CommandSender("test", lambda *outcome: manager.done.append(Outcome(*outcome))), manager, clock
 
     return make
 
@@ -79,10 +83,11 @@ def no_answer(cause):
 
 def test_every_command_has_a_unique_id_and_expires(sender, monkeypatch):
     sender()
-    first, second = [commands.make_request("save", "test", 5.0, uncertain) for uncertain in (False, True)]
-    assert len({first.id, second.id, ""}) == 3
-    assert (first.uncertain, second.uncertain) == (False, True)
-    assert first.expires == rospy.Time(105)
+    certain = commands.make_request("save", "test", 5.0)
+    uncertain = commands.make_request("save", "test", 5.0, uncertain=True)
+    assert len({certain.id, uncertain.id, ""}) == 3
+    assert [request.uncertain for request in (certain, uncertain)] == [False, True]
+    assert certain.expires == rospy.Time(105)
     # nothing expires before simulated time has begun
     monkeypatch.setattr(commands.rospy, "get_rostime", lambda: rospy.Time(0))
     assert commands.make_request("save", "test", 5.0).expires.is_zero()
@@ -115,7 +120,7 @@ def test_a_command_names_the_newest_stop_its_sender_knew(sender):
     for given_at in (11.5, 13.0, 9.0):
         orders.submit("resume", given_at=given_at)
     orders.submit("resume", seen_stop="shown")
-    assert sorted(request.seen_stop for request, *_ in manager.wait_for(4)) == ["", "a", "b", "shown"]
+    assert sorted(outcome.request.seen_stop for outcome in manager.wait_for(4)) == ["", "a", "b", "shown"]
     for number in range(100):
         orders._on_state(InteractionState(stop_number=str(number)))
     assert orders.stop_number(11.5) == ""  # no longer remembered: fail closed
@@ -126,11 +131,11 @@ def test_a_commands_age_counts_from_when_it_was_given(sender):
     clock[0] = 100.0
     orders.submit("save", given_at=98.0)
     orders.submit("define_border", given_at=94.0, source="other")
-    outcomes = {request.command: (request.expires, answer, error) for request, _, answer, error in manager.wait_for(2)}
-    expires, answer, _ = outcomes["save"]
-    assert (expires, answer.success) == (rospy.Time(103), True)
-    _, answer, error = outcomes["define_border"]
-    assert (answer, error.code) == (None, "expired")
+    outcomes = {outcome.request.command: outcome for outcome in manager.wait_for(2)}
+    assert outcomes["save"].request.expires == rospy.Time(103)
+    assert outcomes["save"].answer.success
+    assert outcomes["define_border"].answer is None
+    assert outcomes["define_border"].error.code == "expired"
     assert [request.command for request in manager.requests] == ["save"]
 
 
@@ -140,11 +145,11 @@ def test_stop_waits_for_nothing_and_nothing_overtakes_it(sender):
         assert orders.submit(command, number)
     orders.submit("cancel", source="somebody else")
     # neither the hanging save nor the hanging stop holds up other people's commands
-    assert [request.command for request, *_ in manager.wait_for(1)] == ["cancel"]
+    assert [outcome.request.command for outcome in manager.wait_for(1)] == ["cancel"]
     manager.let("stop")
-    assert manager.wait_for(2)[1][:2] == (manager.asked_for("stop"), 1)
+    assert_fields(manager.wait_for(2)[1], request=manager.asked_for("stop"), context=1)
     manager.let("save")
-    assert {request.command for request, *_ in manager.wait_for(4)[2:]} == {"save", "resume"}
+    assert {outcome.request.command for outcome in manager.wait_for(4)[2:]} == {"save", "resume"}
     assert manager.requests[-1].command == "resume"
 
 
@@ -162,12 +167,14 @@ def test_robots_answer_a_stop_without_a_manager(sender, monkeypatch):
     manager.answers += [absent, absent]
     monkeypatch.setattr(commands.time, "sleep", report)
     orders.submit("stop")
-    ((_, _, answer, error),) = manager.wait_for(1)
-    assert (answer.success, answer.code, error) == (True, "stop_held", None)
-    assert [value.value for value in answer.values] == ["ada, cleo"]
+    (held,) = manager.wait_for(1)
+    assert_fields(held.answer, success=True, code="stop_held")
+    assert held.error is None
+    assert [value.value for value in held.answer.values] == ["ada, cleo"]
     orders.submit("stop")
-    _, _, answer, error = manager.wait_for(2)[1]
-    assert (answer, error.code) == (None, "stop_unconfirmed")
+    unconfirmed = manager.wait_for(2)[1]
+    assert unconfirmed.answer is None
+    assert unconfirmed.error.code == "stop_unconfirmed"
 
 
 def test_commands_to_other_nodes_wait_their_turn_too(sender):
@@ -176,7 +183,7 @@ def test_commands_to_other_nodes_wait_their_turn_too(sender):
     orders.submit("switch_border", carry_out=lambda request: [*manager.requests, request.command])
     orders.submit("resume")
     manager.let("stop")
-    answers = {request.command: answer for request, _, answer, _ in manager.wait_for(3)}
+    answers = {outcome.request.command: outcome.answer for outcome in manager.wait_for(3)}
     assert answers["switch_border"] == [manager.asked_for("stop"), "switch_border"]
     assert [request.command for request in manager.requests] == ["stop", "resume"]
 
@@ -185,7 +192,7 @@ def test_a_full_queue_of_one_person_holds_up_nobody_else(sender):
     orders, manager, _ = sender("save")
     assert [orders.submit("save") for _ in range(11)] == [True] * 10 + [False]
     assert [orders.submit("undo", source="somebody else"), orders.submit("stop")] == [True, True]
-    assert {request.command for request, *_ in manager.wait_for(2)} == {"undo", "stop"}
+    assert {outcome.request.command for outcome in manager.wait_for(2)} == {"undo", "stop"}
     manager.let("save")
     assert len(manager.wait_for(12)) == 12
     assert orders._unanswered == {}

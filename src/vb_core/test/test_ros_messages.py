@@ -14,6 +14,7 @@ from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import CompressedImage, Image, RegionOfInterest
 
 from refusals import refused
+from vb_testing import assert_fields
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.grid_map import GridMap
@@ -39,7 +40,7 @@ def test_maps_round_trip_byte_for_byte():
         decoded = messages.grid_from_message(message)
         assert decoded.same_geometry(grid)
         assert (decoded.data == cells).all()
-        assert (message.header.frame_id, message.header.stamp) == ("map", rospy.Time(7))
+        assert_fields(message.header, frame_id="map", stamp=rospy.Time(7))
 
 
 def test_previews_round_trip_byte_for_byte():

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 import rospy
 
+from vb_testing import assert_fields
 from vb_core.errors import CodedError
 from vb_core.ros import node
 from vb_core.ros.node import Mailbox, Queue, WakeTimer
@@ -21,7 +22,7 @@ def test_the_newest_items_win_and_the_others_are_counted(size):
         mailbox.put(number)
     assert len(added) == size
     assert [mailbox.get() for _ in added] == [3, 4][-size:]
-    assert (mailbox.received, mailbox.dropped) == (5, 5 - size)
+    assert_fields(mailbox, received=5, dropped=5 - size)
 
 
 def test_closing_a_mailbox_wakes_its_reader():

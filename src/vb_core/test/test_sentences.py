@@ -4,6 +4,7 @@ import string
 
 import pytest
 
+from vb_testing import assert_fields
 from vb_core import sentences
 from vb_core.errors import CodedError
 from vb_core.capabilities import ConnectedRobot
@@ -64,7 +65,7 @@ def test_an_unknown_code_shows_the_messages_own_sentence():
 
 def test_an_error_carries_its_values():
     error = CodedError("no_response", who="map_integrator")
-    assert (error.code, error.values) == ("no_response", {"who": "map_integrator"})
+    assert_fields(error, code="no_response", values={"who": "map_integrator"})
     assert str(error) == "map_integrator is not responding. [no_response]"
     assert CodedError("no_response", "in words of its own").message == "in words of its own"
 
@@ -74,7 +75,7 @@ def test_nothing_is_done_in_an_unknown_state():
     assert all(state_by_name(name) is state for name, state in STATES.items())
     unknown = state_by_name("of_a_newer_version")
     assert unknown not in STATES.values()
-    assert (unknown.robots_act, unknown.collects) == (False, "")
+    assert_fields(unknown, robots_act=False, collects="")
 
 
 def test_rows_can_be_told_apart():
@@ -105,7 +106,7 @@ def test_robots_keep_out_of_an_unknown_zone():
 
 def test_a_zone_changes_the_map_or_limits_the_speed():
     for zone in ZONES.values():
-        assert (zone.value(0.6), zone.value(0.0)) == (60 * zone.restricts, 0)
+        assert [zone.value(occupancy) for occupancy in (0.6, 0.0)] == [60 * zone.restricts, 0]
         assert zone.restricts or zone.limits_speed
         # a zone that may be crossed must not look like a wall in the map, every other one must
         assert (zone.occupancy < 1.0) == zone.soft

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from vb_testing import assert_fields
 from vb_core import stop_latch
 from vb_core.errors import CodedError
 from vb_core.stop_latch import HeldStops, StopLatch, new_id
@@ -21,7 +22,7 @@ def test_a_resume_releases_only_the_stop_that_its_sender_saw():
     first = latch.number
     latch.stop("b", "voice")
     assert [latch.resume(first), latch.resume("b")] == [False, False]
-    assert (latch.stopped, latch.stopped_by) == (True, "page")
+    assert_fields(latch, stopped=True, stopped_by="page")
     assert latch.resume(latch.number)
     assert not latch.stopped
 
@@ -39,10 +40,10 @@ def test_a_damaged_file_counts_as_stopped(tmp_path, content):
     path = tmp_path / "stop"
     path.write_text(content)
     latch = StopLatch(path)
-    assert (latch.stopped, latch.lost) == (True, True)
+    assert_fields(latch, stopped=True, lost=True)
     assert latch.stopped_by
     again = StopLatch(path)
-    assert (again.stopped, again.number) == (True, latch.number)
+    assert_fields(again, stopped=True, number=latch.number)
     assert latch.resume(latch.number)
     assert not latch.lost
 
@@ -57,7 +58,7 @@ def test_a_robot_with_a_damaged_file_counts_as_stopped(tmp_path, content):
 def test_a_latch_that_cannot_store_counts_as_stopped(tmp_path):
     (tmp_path / "file").write_text("")
     latch = StopLatch(tmp_path / "file" / "stop")  # its folder is missing and cannot be created
-    assert (latch.stopped, latch.lost, latch.stored) == (True, True, False)
+    assert_fields(latch, stopped=True, lost=True, stored=False)
     assert latch.resume(latch.number)
     assert not latch.stopped
     assert not latch.store()
@@ -80,7 +81,7 @@ def test_a_stop_survives_a_full_disk(tmp_path, monkeypatch):
 def test_a_robot_reports_a_stop_once_it_outlives_the_driver(tmp_path, monkeypatch):
     held_stops = HeldStops(tmp_path / "stops")
     held_stops.add("a")
-    assert (held_stops.stopped, held_stops.persisted_ids) == (True, ())
+    assert_fields(held_stops, stopped=True, persisted_ids=())
     assert held_stops.store()
     assert held_stops.persisted_ids == HeldStops(tmp_path / "stops").ids == ("a",)
     monkeypatch.setattr(stop_latch, "write_atomically", full_disk)  # a notice says that these may be lost

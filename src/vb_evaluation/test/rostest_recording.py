@@ -20,7 +20,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 
 from study_recordings import measure_study, write_protocol
-from vb_testing import TIMEOUT, wait_until
+from vb_testing import TIMEOUT, assert_fields, wait_until
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.geometry import resample_chain
@@ -147,7 +147,7 @@ class RecordingTest(unittest.TestCase):
         self.assertEqual(json.dumps(live), json.dumps(alone))
         recording = wait_until(self.recorded, "a record of the map with the border")
         (interaction,) = recording.interactions
-        self.assertEqual((interaction.outcome, interaction.method), ("saved", "nrs"))
+        assert_fields(interaction, outcome="saved", method="nrs")
         self.assertEqual(recording.cameras, set())
         counts: Counter = Counter()
         for path in (self.folder / "bags").glob("*.bag"):

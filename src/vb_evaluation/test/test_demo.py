@@ -40,7 +40,8 @@ def test_a_wrong_argument_or_world_is_one_line_and_status_2(arguments, word, tmp
     assert demo.main(arguments) == 2
     text = capfd.readouterr().err
     assert word in text
-    assert text.count("\n") == 1 and "Traceback" not in text
+    assert text.count("\n") == 1
+    assert "Traceback" not in text
 
 
 OUT, IN, GOAL = (6.0, 0.5), (4.12, 1.425), (1.6, 1.6)  # beside the carpet, on it, beyond

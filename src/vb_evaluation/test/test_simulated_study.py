@@ -29,9 +29,10 @@ def moments(seconds, **changes):
 
 def test_without_cameras_the_robot_is_led_there():
     result = LiveRun(moments(10.0), Job(1, "carpet", "robot_only")).run()
-    assert result.spots and all(spot.mobile for spot in result.spots)
+    assert {spot.mobile for spot in result.spots} == {True}
     # the time limit came while the robot was being led
-    assert result.records[0]["guide_s"] > 3.0 and result.records[0]["border_s"] == 0.0
+    assert result.records[0]["guide_s"] > 3.0
+    assert result.records[0]["border_s"] == 0.0
     assert np.hypot(*np.subtract(result.lab.robots[0].pose, STUDY.world.robots[0].start_pose())[:2]) > 0.5
 
 
@@ -49,7 +50,8 @@ def test_a_run_is_the_same_whatever_was_run_before():
     # the last bits of OpenCV's results depend on where its arrays lie in memory
     places = [[(spot.position.x, spot.position.y) for spot in result.spots] for result in (first, again)]
     assert np.allclose(*places, atol=1e-6)
-    assert len(first.spots) > 10 and np.allclose(first.lab.robots[0].pose, again.lab.robots[0].pose, atol=1e-6)
+    assert len(first.spots) > 10
+    assert np.allclose(first.lab.robots[0].pose, again.lab.robots[0].pose, atol=1e-6)
 
 
 def make_row(document, sources, job):
@@ -86,8 +88,9 @@ def test_an_interruption_ends_the_study_and_the_same_command_goes_on(tmp_path, p
     cut = run_command(sys.executable, "-c", INTERRUPTED, *arguments, cwd=Path(__file__).parent, **deaf)
     assert cut.returncode == 130, cut.stdout
     done = (tmp_path / "cut" / "runs.csv").read_text().count("\n") - 1
-    assert f"interrupted: {done} of 6 runs are done and kept in {tmp_path}" in cut.stdout and done < 6
-    assert "Traceback" not in cut.stdout and "failed" not in cut.stdout
+    assert f"interrupted: {done} of 6 runs are done and kept in {tmp_path}" in cut.stdout
+    assert done < 6
+    assert [word for word in ("Traceback", "failed") if word in cut.stdout] == []
 
     for folder in ("cut", "whole"):
         assert campaign.run_jobs(STUDY, run_plan.main_jobs(STUDY, 2), tmp_path / folder, QUIET) == 0
@@ -107,7 +110,8 @@ def test_indices_are_recomputed_from_the_areas_alone(tmp_path, monkeypatch):
     monkeypatch.setattr(campaign, "_work", work)
     assert campaign.run_jobs(moments(1.0), [job], tmp_path, QUIET) == 0
     areas = np.load(tmp_path / "areas.npz")
-    assert areas["floor"].dtype == bool and np.array_equal(areas["truth_carpet"], truth & areas["floor"])
+    assert areas["floor"].dtype == bool
+    assert np.array_equal(areas["truth_carpet"], truth & areas["floor"])
     area, true_area = areas["p01_carpet"], areas["truth_carpet"]
     expected = (shifted & truth).sum() / (shifted | truth).sum()
     assert (area & true_area).sum() / (area | true_area).sum() == pytest.approx(expected, abs=1e-12)
@@ -124,8 +128,8 @@ def test_a_row_of_each_file_is_made_again_alone(name, tmp_path, monkeypatch):
     selection = [part for key, value in job.columns(1).items() if key != "seed" for part in (f"--{key}", str(value))]
     arguments = ["--config", str(path), *selection, "--processes", "1", "--out", str(tmp_path / "again")]
     assert main(arguments) == 0
-    header, *rows = (tmp_path / "again" / name).read_text().splitlines()
-    assert len(rows) == 1 and {header, *rows} <= set((tmp_path / "all" / name).read_text().splitlines())
+    header, row = (tmp_path / "again" / name).read_text().splitlines()
+    assert {header, row} <= set((tmp_path / "all" / name).read_text().splitlines())
     assert main([*arguments, "--participant", "3"]) == 2, "the study has no such run"
 
 

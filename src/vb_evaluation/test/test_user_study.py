@@ -7,6 +7,7 @@ from itertools import product
 import pytest
 
 from refusals import refused
+from vb_testing import assert_fields
 from study_recordings import EXACT, RecordedLab, make_study, measure_study, write_protocol
 from vb_core.errors import CodedError
 from vb_evaluation.report.study_files import read_sheet
@@ -110,7 +111,7 @@ def test_events_are_noted_in_their_order_with_their_text(conducted, planned):
 def test_a_recording_says_what_was_planned_and_how_it_ended(conducted, planned):
     entry = conducted[0][0]
     recorded = Recording(planned.parent / entry.recording).run
-    assert (recorded["order"], recorded["method"], recorded["completed"]) == (1, entry.method, True)
+    assert_fields(recorded, order=1, method=entry.method, completed=True)
     assert recorded["revision"]
 
 
@@ -136,7 +137,8 @@ def test_a_system_that_came_up_otherwise_is_reported_at_once(planned):
 
     conduct_run.conduct_run(run, start, iter("bc"), said.append)
     output = " ".join(said)
-    assert f"method:={other}" in output and "cameras blue instead of" in output
+    assert f"method:={other}" in output
+    assert "cameras blue instead of" in output
 
 
 def test_a_system_that_recorded_nothing_is_reported_at_once(planned):
@@ -152,7 +154,8 @@ def test_a_run_that_broke_off_is_kept_and_has_to_be_done_again(planned):
         conduct_run.find_next_run(planned, "p02")
     again = conduct_run.find_next_run(planned, "p02", again=True)
     do_run(again, ["b", "f"])
-    assert again.entry == first.entry and events_of(first.folder)
+    assert again.entry == first.entry
+    assert events_of(first.folder)
     assert again.folder == last_attempt(first.folder) != first.folder
 
 
@@ -175,7 +178,8 @@ def test_the_newest_of_a_runs_recordings_counts(tmp_path):
 def test_power_lists_the_people_that_an_effect_needs(capsys):
     assert main(["power"]) == main(["power", "--tests", "1"]) == 0
     listed = re.findall(r"^  (.*): (\d+)$", capsys.readouterr().out, re.M)
-    assert listed[2::7] == [("0.6", "34"), ("0.6", "25")] and listed[4] == ("1.0", "15")
+    assert listed[2::7] == [("0.6", "34"), ("0.6", "25")]
+    assert listed[4] == ("1.0", "15")
 
 
 # ------------------------------------------------------------------ forms
@@ -230,13 +234,14 @@ def study(tmp_path):
 def test_the_judge_gets_the_pictures_in_the_study_that_was_named(study):
     assert main(["judge", str(study / "out"), "--study", str(study / "a")]) == 0
     codes = read_sheet(study / "a" / "judging_key.csv", ("recording",)).code
-    assert len(codes) == 2 and all((study / "a" / "judging" / f"{code}.png").exists() for code in codes)
+    assert [(study / "a" / "judging" / f"{code}.png").exists() for code in codes] == [True, True]
 
 
 def test_an_export_has_no_words_folders_or_numbers_of_participants(study):
     assert main(["export", str(study / "out"), "--out", str(study / "shared")]) == 0
     shared = read_sheet(study / "shared" / "runs.csv", ())
-    assert len(shared) == 2 and not {"note", "recording", "map"} & set(shared)
+    assert len(shared) == 2
+    assert not {"note", "recording", "map"} & set(shared)
     text = "".join(path.read_text() for path in (study / "shared").iterdir())
     assert not [word for word in ("Ann", "p1", "p2") if word in text]
 
@@ -244,7 +249,8 @@ def test_an_export_has_no_words_folders_or_numbers_of_participants(study):
 def test_an_export_has_age_bands_under_the_same_new_numbers(study):
     privacy.export(study / "out", study / "shared")
     people, runs = (read_sheet(study / "shared" / name, ()) for name in ("demographics.csv", "runs.csv"))
-    assert set(people.age) == {"20 to 29", "50 to 59"} and set(people.participant) == set(runs.participant)
+    assert set(people.age) == {"20 to 29", "50 to 59"}
+    assert set(people.participant) == set(runs.participant)
 
 
 def test_an_export_overwrites_nothing(study):
@@ -256,9 +262,10 @@ def test_an_export_overwrites_nothing(study):
 def test_a_participants_recordings_answers_and_pictures_are_deleted_on_request(study):
     code = read_sheet(study / "judging_key.csv", ()).set_index("recording").code["a"]
     assert main(["delete", "p1", "--protocol", str(study / "protocol.csv")]) == 0
-    assert not (study / "a").exists() and (study / "b").exists()
+    assert [(study / name).exists() for name in ("a", "b")] == [False, True]
     assert list(read_sheet(study / "demographics.csv", ()).participant) == ["p2"]
-    assert not (study / "judging" / f"{code}.png").exists() and code not in (study / "judging_key.csv").read_text()
+    assert not (study / "judging" / f"{code}.png").exists()
+    assert code not in (study / "judging_key.csv").read_text()
 
 
 def test_a_participants_results_are_gone_once_measured_again(study):

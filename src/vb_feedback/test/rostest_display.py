@@ -83,14 +83,11 @@ class DisplayTest(unittest.TestCase):
         cls.pictures = Newest("/virtual_borders/projector", Image)
         cls.screen = Screen()
         cls.folder = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(cls.folder.cleanup)
         cells = np.zeros((100, 160), np.int8)
         cells[0] = 100
         cls.grid = GridMap(cells, 0.05, (-2.0, 1.0, 0.0))
         cls.map.publish(message_from_grid(cls.grid, rospy.Time.now()))
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.folder.cleanup()
 
     def map_of(self, cells, rows, columns):
         """Returns a map of these cells with a rectangle of occupied ones: slices of rows and columns."""
@@ -188,7 +185,8 @@ class DisplayTest(unittest.TestCase):
             return self.screen.has("spots/red")
 
         discs = wait_until(point, "the spot")
-        self.assertEqual((discs[0].pose.position.x, discs[0].type), (1.0, Marker.CYLINDER))
+        self.assertEqual(discs[0].pose.position.x, 1.0)
+        self.assertEqual(discs[0].type, Marker.CYLINDER)
         self.assertGreater(discs[0].lifetime.to_sec(), 0.0)
         wait_until(lambda: not self.screen.has("spots/red"), "its end")
         self.assertFalse(self.screen.has("spots/blue"))
@@ -230,7 +228,8 @@ class DisplayTest(unittest.TestCase):
         newcomer = type(self).screen = Screen()
         wait_until(lambda: newcomer.text_of("words/state") == "Guide" and newcomer.has("robot/body"), "everything")
         robot = newcomer.has("robot/body")[0]
-        self.assertEqual((robot.header.frame_id, robot.frame_locked), ("base_link", True))
+        self.assertEqual(robot.header.frame_id, "base_link")
+        self.assertTrue(robot.frame_locked)
         self.assertEqual(newcomer.text_of("words/say/0"), "cancel")
 
     # ------------------------------------------------------------- the projector

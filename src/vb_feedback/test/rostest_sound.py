@@ -25,6 +25,7 @@ class SoundTest(unittest.TestCase):
         cls.logs = Newest("/rosout", Log)
         cls.sounds = rospy.Publisher("/virtual_borders/sound", Sound, queue_size=20)
         cls.folder = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(cls.folder.cleanup)
         folder = Path(cls.folder.name)
         aplay = {"hears": f"cat >> {folder}/pcm", "deaf": f'echo tried >> {folder}/tried; exec {which("aplay")} "$@"'}
         options = {"hears": ["_volume:=1.0", "_max_age:=10.0"], "deaf": ["_device:=no_such_device"]}
@@ -39,12 +40,6 @@ class SoundTest(unittest.TestCase):
     def written(self, name):
         path = Path(self.folder.name) / name
         return path.read_bytes() if path.exists() else b""
-
-    @classmethod
-    def tearDownClass(cls):
-        for node in cls.nodes:
-            node.stop()
-        cls.folder.cleanup()
 
     def test_sounds_are_played_whole_and_in_order(self):
         names = ["border", "tick", "error"]

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from refusals import refused
-from vb_testing import run_command, wait_until
+from vb_testing import assert_fields, run_command, wait_until
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.ros import node
@@ -120,7 +120,7 @@ def light_at(picture, x, y):
 
 def test_things_lie_where_the_calibration_says():
     hard = rendered(DisplayedBorder("b", SQUARE, True, (4, 2.1)))
-    assert (hard.shape, hard.dtype) == ((400, 640, 3), np.uint8)
+    assert_fields(hard, shape=(400, 640, 3), dtype=np.uint8)
     assert all(light_at(hard, x, y) > 150 for x, y in SQUARE + ((4.0, 1.9), (3.7, 2.1)))
     assert light_at(hard, 4.0, 2.1) == light_at(hard, 4.5, 2.1) == 0
     soft = rendered(DisplayedBorder("b", SQUARE, True, (4, 2.1), occupancy=0.2))

@@ -19,7 +19,7 @@ import rostest
 from geometry_msgs.msg import Point
 
 from mosquitto import Hub, Mosquitto
-from vb_testing import TIMEOUT, Process, listen, wait_until
+from vb_testing import TIMEOUT, Process, assert_fields, listen, wait_until
 from vb_core import names
 from vb_core.notices import Notice, Severity
 from vb_core.ros.notices import NoticePublisher
@@ -73,14 +73,9 @@ class MqttTest(unittest.TestCase):
         cls.drawn = rospy.Service(names.GET_DRAWN_BORDER, GetDrawnBorder, cls.on_drawn)
         cls.server = Mosquitto(tempfile.mkdtemp(prefix="vb_mqtt_"))
         cls.hub = Hub(cls.server.port)
+        cls.addClassCleanup(cls.hub.close)
         cls.node = start(cls.server.port, "home")
         rospy.wait_for_service(names.COMMAND, 60)
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.node.stop()
-        cls.hub.close()
-        cls.server.kill()
 
     @staticmethod
     def on_drawn(_request):
@@ -133,7 +128,7 @@ class MqttTest(unittest.TestCase):
         config = self.hub.wait(f"homeassistant/switch/home/{key}/config", lambda _: True, "the switch")
         self.assertEqual(config["name"], "Nursery")
         border = self.wait(key, lambda value: value["in_force"], "the border's state")
-        self.assertEqual((border["enabled"], border["border"]), (True, "Nursery"))
+        assert_fields(border, enabled=True, border="Nursery")
         self.assertAlmostEqual(border["area_m2"], 2.5, delta=0.2)
         self.assertEqual(self.hub.messages["home/availability"], b"online")
         self.assertTrue(self.shown("camera_red")["problem"])  # no detector is running
@@ -154,7 +149,7 @@ class MqttTest(unittest.TestCase):
         self.wait(key, lambda value: value["enabled"], "the border")
         for enabled, text in ((False, "Nursery was switched off."), (True, "Nursery was switched on.")):
             answer = self.send(border=key, enabled=enabled)
-            self.assertEqual((answer["event_type"], answer["text"]), ("done", text))
+            assert_fields(answer, event_type="done", text=text)
             self.wait(key, lambda value: value["enabled"] is enabled, f"enabled: {enabled}")
         self.assertEqual(self.send(border="border_none", enabled=True)["code"], "mqtt_no_border")
         self.remove_border(identity)

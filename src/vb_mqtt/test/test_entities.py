@@ -11,6 +11,7 @@ import rospy
 from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Point
 
+from vb_testing import assert_fields
 from vb_core import sentences
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
@@ -46,8 +47,8 @@ def test_all_entities_are_one_device_with_unique_ids():
 
 @pytest.mark.parametrize("topic, config", describe_entities(LAB).items(), ids=describe_entities(LAB))
 def test_an_entitys_topics_follow_from_its_key(topic, config):
-    prefix, platform, device, key, last = topic.split("/")
-    assert (prefix, device, last) == ("homeassistant", "lab1", "config")
+    _, platform, _, key, _ = topic.split("/")
+    assert topic == f"homeassistant/{platform}/lab1/{key}/config"
     assert re.fullmatch("[A-Za-z0-9_-]+", key)
     # the entity id of a border is better derived from its name
     assert config.get("default_entity_id") == (None if platform == "switch" else f"{platform}.lab1_{key}")
@@ -63,8 +64,7 @@ def test_every_part_of_the_lab_has_its_entity():
     assert {key for key, kind in kinds.items() if kind == "button"} == {*COMMANDS, "confirm"}
     assert [key for key, kind in kinds.items() if kind == "switch"] == ["border_b1", entity_key("border", "ü/#+")]
     assert [kinds[key] for key in ("camera_red", "camera_green", "robot", "robot_ada")] == ["binary_sensor"] * 4
-    single_entities = {"state": "sensor", "question": "sensor", "stopped": "binary_sensor", "map": "image"}
-    assert single_entities.items() <= kinds.items()
+    assert_fields(kinds, state="sensor", question="sensor", stopped="binary_sensor", map="image")
 
 
 @pytest.mark.parametrize("language", sentences.languages())
@@ -78,7 +78,7 @@ def test_names_are_in_the_households_language(language):
 def test_resume_names_the_stop_that_its_button_shows():
     config = config_of("resume")
     request = pressed(config, {"stop_number": "12ab", "stopped": True})
-    assert (request.command, request.seen_stop, request.age) == ("resume", "12ab", 1.0)
+    assert_fields(request, command="resume", seen_stop="12ab", age=1.0)
     # before any stop was shown: the manager then refuses, as for everybody
     assert pressed(config, {}).seen_stop == pressed(config, {"stop_number": None}).seen_stop == ""
     assert config["json_attributes_topic"] == "lab1/stopped"
@@ -96,7 +96,7 @@ def test_yes_answers_the_question_that_is_shown():
 
 def test_presses_name_their_border_and_have_new_ids():
     request = pressed(config_of(entity_key("border", "ü/#+")), {}, value="false")
-    assert (request.border, request.enabled) == (entity_key("border", "ü/#+"), False)
+    assert_fields(request, border=entity_key("border", "ü/#+"), enabled=False)
     assert pressed(config_of("border_b1"), {}, value="true").enabled
     assert len({pressed(config_of("save"), {}).id for _ in range(20)}) > 15
 
@@ -130,8 +130,7 @@ def asked(seconds_ago, code="confirm_save"):
 
 def test_a_question_is_open_until_it_is_too_old():
     question = entities.question_payload(asked(5), "en")
-    assert (question["command"], question["answer"], question["asked"]) == ("save", "yes_save", "home_assistant")
-    assert question["stop_number"] == "1a"
+    assert_fields(question, command="save", answer="yes_save", asked="home_assistant", stop_number="1a")
     assert "yes save" in question["question"]
     assert entities.question_payload(asked(31), "en")["question"] == entities.NO_QUESTION
     for code in ("saved", "confirm_map_first"):
@@ -141,8 +140,7 @@ def test_a_question_is_open_until_it_is_too_old():
 def test_a_borders_state_has_its_name_area_and_zone():
     border = VirtualBorder(name="Rug", enabled=True, area_m2=2.345, zone=VirtualBorder.SLOW, reason="disabled")
     state = entities.border_payload(border)
-    assert (state["border"], state["enabled"], state["in_force"], state["area_m2"]) == ("Rug", True, False, 2.35)
-    assert (state["zone"], state["reason"]) == ("slow", "disabled")
+    assert_fields(state, border="Rug", enabled=True, in_force=False, area_m2=2.35, zone="slow", reason="disabled")
     assert entities.border_payload(VirtualBorder(area_m2=float("nan")))["area_m2"] is None
 
 

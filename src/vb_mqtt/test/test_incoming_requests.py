@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from examples import ANYTHING
+from vb_testing import assert_fields
 from vb_core import sentences
 from vb_core.errors import CodedError
 from vb_mqtt.incoming_requests import BURST, ACCEPTED_COMMANDS, MAX_AGE, MAX_BYTES, RATE, Inbox, MqttRequest
@@ -32,7 +33,7 @@ def test_a_request_has_id_age_and_seen_stop(inbox):
     request = inbox.accept_request(packed(command="resume", at=NOW - 1.5, id="a1", seen_stop="12ab"), False, NOW)
     assert request == MqttRequest("mqtt:a1", "a1", "resume", "12ab", age=1.5)
     request = inbox.accept_request(packed(border="border_b7", enabled=False, at=NOW), False, NOW)
-    assert (request.command, request.border, request.enabled) == ("", "border_b7", False)
+    assert_fields(request, command="", border="border_b7", enabled=False)
 
 
 def test_a_message_delivered_twice_is_taken_once(inbox):

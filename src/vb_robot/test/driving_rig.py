@@ -21,10 +21,10 @@ DT, PROFILE = 0.05, RobotProfile()
 class Rig:
     """An arbiter on a unicycle in an empty room; inputs named in `silent` do not arrive."""
 
-    def __init__(self, pose=(2.0, 2.5, 0.0), grid=None, camera="robot", cameras=("robot",), stops=None):
+    def __init__(self, pose=(2.0, 2.5, 0.0), grid=None, camera="robot", cameras=("robot",)):
         self.now, self.pose = 100.0, pose
         self.silent = set()
-        self.arbiter = Arbiter(PROFILE, camera, cameras, stops)
+        self.arbiter = Arbiter(PROFILE, camera, cameras)
         self.set_grid(grid or empty())
         self.camera, self.latch = camera, StopLatch()
         self.state = (DEFAULT, "", 0.0)
@@ -74,7 +74,7 @@ class Rig:
         # its clock stops while the world goes on
         self._stood = self.arbiter.gate.clock_age = self._stood + DT if "clock" in self.silent else 0.0
         if "goal" not in self.silent and self.goal:
-            self.arbiter.set_goal(True, self.now)
+            self.arbiter.set_goal_active(True, self.now)
         command = self.arbiter.step(self.now)
         self.cancelled += command.cancel
         self.commands.append(command)
@@ -91,5 +91,6 @@ class Rig:
         self.set_state(GUIDE)
         self.spot = (self.pose[0] + distance, self.pose[1])
         self.step(0.8)
-        assert self.commands[-1].source == "follow" and self.commands[-1].v > 0.1
+        assert self.commands[-1].source == "follow"
+        assert self.commands[-1].v > 0.1
         return self

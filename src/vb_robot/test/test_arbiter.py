@@ -9,8 +9,8 @@ from hypothesis import given, settings, strategies as st
 
 from driving_rig import DT, PROFILE, Rig
 from plain_rooms import VIEW, empty, with_border
+from vb_testing import assert_fields
 from vb_core.geometry import map_to_base
-from vb_core.stop_latch import HeldStops
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED, state_by_name
 from vb_robot.driving.arbiter import Arbiter
 from vb_robot.driving.escape import END_CLEARANCE, PINCHED_AFTER
@@ -25,17 +25,17 @@ from vb_robot.spot_sightings import Sighting, SpotSightings
 def test_the_source_of_highest_priority_drives():
     rig = Rig()
     command = rig.step(4.0)
-    assert (command.source, command.publish) == ("none", False)
+    assert_fields(command, source="none", publish=False)
     rig.navigation = (0.3, 0.1)
     command = rig.step()
-    assert (command.source, command.v, command.w) == ("navigation", 0.3, 0.1)
+    assert_fields(command, source="navigation", v=0.3, w=0.1)
     rig.follows()
     rig.teleop = (-0.1, 0.0)
     command = rig.step()
-    assert (command.source, command.v) == ("teleop", -0.1)
+    assert_fields(command, source="teleop", v=-0.1)
     rig.latch.stop("a", "test")
     command = rig.step(0.6)
-    assert (command.source, command.v, command.publish) == ("stop", 0.0, True)
+    assert_fields(command, source="stop", v=0.0, publish=True)
 
 
 def test_navigation_goals_are_cancelled_while_the_robot_follows():
@@ -78,19 +78,6 @@ def test_stop_is_latched_until_released_and_keeps_the_goal(channel):
     assert rig.step(1.0).v == 0.3
 
 
-def test_a_restarted_driver_stays_stopped(tmp_path):
-    HeldStops(tmp_path / "stops")  # an earlier run without a stop
-    earlier_stops = HeldStops(tmp_path / "stops")
-    earlier_stops.add("a")
-    assert earlier_stops.store()
-    rig = Rig(stops=HeldStops(tmp_path / "stops"))
-    rig.silent.add("state")
-    rig.navigation = rig.teleop = (0.3, 0.0)
-    assert rig.step(1.0).source == "stop"
-    rig.silent.clear()  # the manager is back, and has not heard of the stop either
-    assert rig.step(5.0).source == "stop"
-
-
 LISTENERS = {  # (time [s], number of listeners, whether a zero is published)
     "a new one": [(9.0, 0, False), (10.0, 1, True), (12.9, 1, True), (13.1, 1, False)],
     "one that leaves": [(14.0, 2, True), (14.5, 1, True), (16.9, 1, True), (17.1, 1, False)],
@@ -124,15 +111,15 @@ def test_a_command_expires_after_half_a_second(source, age, drives):
 @pytest.mark.parametrize("age, cancels", [(-0.1, False), (0.0, True), (0.9, True), (1.1, False)])
 def test_following_cancels_a_goal_reported_within_a_second(age, cancels):
     rig = Rig().follows()
-    rig.arbiter.set_goal(True, rig.now)
+    rig.arbiter.set_goal_active(True, rig.now)
     assert rig.arbiter.step(rig.now + age).cancel is cancels
-    rig.arbiter.set_goal(False, rig.now)
+    rig.arbiter.set_goal_active(False, rig.now)
     assert not rig.arbiter.step(rig.now + age + 2.0).cancel
 
 
 def test_halting_stops_the_robot_with_the_faults_code():
     halted = Rig().drives().arbiter.halt("fault")
-    assert (halted.v, halted.w, halted.source, halted.code, halted.publish) == (0.0, 0.0, "navigation", "fault", True)
+    assert_fields(halted, v=0.0, w=0.0, source="navigation", code="fault", publish=True)
 
 
 # ------------------------------------------------------------ the gate
@@ -152,7 +139,8 @@ def test_a_robot_does_not_cross_a_border_drawn_just_ahead_of_it(source, pose_err
                 rig.spot = (rig.pose[0] + 1.8, 2.5)
             rig.step()
             nose.append(rig.pose[0] + PROFILE.radius)
-        assert max(nose) <= edge + 0.04 and rig.commands[-1].code == "border"
+        assert max(nose) <= edge + 0.04
+        assert rig.commands[-1].code == "border"
 
 
 # ------------------------------------------------------------ one policy for spots
@@ -176,7 +164,8 @@ def test_either_the_driver_or_the_dispatcher_acts_on_a_spot(state, spots):
     acting = driver.should_follow("robot", now), dispatcher.should_dispatch()
     # a guided robot acts only if it sees the spot itself; in an unknown state no robot moves
     assert sum(acting) == {GUIDE: "robot" in certain, NEWER: False}.get(state, bool(certain))
-    assert acting[0] <= ("robot" in certain) and acting[1] == (state in (BORDER, SEED) and "red" in certain)
+    assert acting[0] <= ("robot" in certain)
+    assert acting[1] == (state in (BORDER, SEED) and "red" in certain)
     assert state != NEWER or driver.newest() is None
 
 
@@ -190,7 +179,8 @@ def test_drivers_agree_on_who_follows_in_any_order_of_sightings(times_a, times_b
             driver.add(sighting)
     now = 0.1 * max(times_a[-1], times_b[-1])
     follows = [[driver.should_follow(name, now) for name in ("a", "b")] for driver in drivers]
-    assert follows[0] == follows[1] and sum(follows[0]) == 1
+    assert follows[0] == follows[1]
+    assert sum(follows[0]) == 1
 
 
 def test_a_guided_robot_follows_also_while_a_quicker_camera_sees_the_spot():
@@ -200,7 +190,8 @@ def test_a_guided_robot_follows_also_while_a_quicker_camera_sees_the_spot():
         for camera, latency in (("red", 0.05), ("robot", 0.15)):
             rig.arbiter.add(Sighting(rig.now - latency, (3.8, 2.5), camera, camera == "robot"))
         rig.step()
-    assert {command.code for command in rig.commands[20:40]} == {"driving"} and rig.pose[0] > 2.3
+    assert {command.code for command in rig.commands[20:40]} == {"driving"}
+    assert rig.pose[0] > 2.3
 
 
 def test_guide_leaves_alone_a_robot_that_does_not_see_the_spot():
@@ -212,7 +203,8 @@ def test_guide_leaves_alone_a_robot_that_does_not_see_the_spot():
         far.see((2.0, 2.5), "robot1")
         far.step()
     far.step(3.0)  # the laser is off
-    assert far.cancelled == 0 and all(command.source == "navigation" for command in far.commands)
+    assert far.cancelled == 0
+    assert all(command.source == "navigation" for command in far.commands)
 
 
 def test_a_robot_follows_until_another_one_sees_the_lost_spot():
@@ -271,7 +263,7 @@ def test_the_spot_stays_in_view(path, speed):
     assert np.abs(run.w).max() <= MAX_TURN + 1e-9
     assert run.visible.all()
     assert run.distance.min() > 0.4
-    assert abs(run.v[-1]) < 0.01 and abs(run.w[-1]) < 0.05, "it comes to rest with the spot"
+    assert (run.v[-1], run.w[-1]) == pytest.approx((0.0, 0.0), abs=0.01), "it comes to rest with the spot"
     assert NEAR_DISTANCE <= run.distance[-1] <= FAR_DISTANCE
 
 
@@ -292,9 +284,11 @@ def beside(gap, yaw=0.3):
 def test_a_pinched_robot_is_helped_away_and_keeps_its_goal(gap, yaw):
     rig = beside(gap, yaw)
     rig.step(10.0)
-    assert {command.source for command in rig.commands} == {"none", "escape"} and rig.cancelled == 0
+    assert {command.source for command in rig.commands} == {"none", "escape"}
+    assert rig.cancelled == 0
     assert rig.pose[0] < EDGE - RADIUS - END_CLEARANCE + 0.03, "to a cell"
-    assert max(abs(command.v) for command in rig.commands) <= 0.2 and rig.commands[-1].source == "none"
+    assert max(abs(command.v) for command in rig.commands) <= 0.2
+    assert rig.commands[-1].source == "none"
     rig.navigation = (0.1, 0.0)
     assert rig.step().source == "navigation"
 
@@ -310,7 +304,8 @@ def test_a_robot_that_the_gate_holds_is_helped_away_too(wish, yaw):
         rig.navigation = wish
         rig.step()
         farthest = max(farthest, rig.pose[0])
-    assert "escape" in {command.source for command in rig.commands} and farthest < EDGE - RADIUS + 0.03
+    assert "escape" in {command.source for command in rig.commands}
+    assert farthest < EDGE - RADIUS + 0.03
 
 
 def test_escape_does_not_drive_into_the_unknown():
@@ -337,7 +332,8 @@ def test_escape_forgets_its_place_once_a_person_intervenes(stops):
     rig.step(1.0)
     assert "escape" not in {command.source for command in rig.commands}, "first it waits for navigation, as ever"
     rig.step(10.0)
-    assert rig.pose[0] < EDGE - RADIUS - END_CLEARANCE + 0.03 and rig.pose[1] == pytest.approx(1.0, abs=0.1)
+    assert rig.pose[0] < EDGE - RADIUS - END_CLEARANCE + 0.03
+    assert rig.pose[1] == pytest.approx(1.0, abs=0.1)
 
 
 def test_escape_waits_while_somebody_draws():

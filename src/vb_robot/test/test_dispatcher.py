@@ -87,7 +87,8 @@ def test_a_restarted_dispatcher_sends_a_robot_to_a_blind_corner():
     lab.dispatcher.set_progress("a", DrawingState(points[-1]), ["red"])
     assert lab.dispatcher.sightings.should_dispatch()
     lab.wait(8, robot_sees=False)
-    assert lab.sent and lab.robot_views((EDGE + 0.2, 2.5)), "it comes to where the line was seen last"
+    assert lab.sent
+    assert lab.robot_views((EDGE + 0.2, 2.5)), "it comes to where the line was seen last"
 
 
 def test_a_notice_says_that_a_robot_looks_for_the_spot():
@@ -99,7 +100,8 @@ def test_a_notice_says_that_a_robot_looks_for_the_spot():
     assert lab.dispatcher.notice.code == "spot_not_seen_robot_looks"
     place = lab.robot
     lab.wait(16, robot_sees=False)
-    assert math.dist(lab.robot[:2], place[:2]) >= 0.5 and lab.robot_views(lab.spot), "it looks from elsewhere, too"
+    assert math.dist(lab.robot[:2], place[:2]) >= 0.5
+    assert lab.robot_views(lab.spot), "it looks from elsewhere, too"
     lab.goal = SentGoalState.NONE
     for _ in range(40):
         lab.see("red", lab.spot)
@@ -118,7 +120,8 @@ def test_a_notice_says_after_a_while_that_no_robot_comes():
     while lab.dispatcher.notice is None and lab.now < lost_at + 10.0:
         lab.step(robot_sees=False)
     assert 2.0 <= lab.now - lost_at <= 3.5
-    assert lab.dispatcher.notice.code == "spot_not_seen_no_robot" and not lab.sent
+    assert lab.dispatcher.notice.code == "spot_not_seen_no_robot"
+    assert not lab.sent
 
 
 @pytest.mark.parametrize("start", [(6.0, 2.3, 0.0), (5.4, 2.0, 2.0), (6.5, 3.0, -1.0)])
@@ -144,7 +147,7 @@ def test_a_bright_spot_after_the_seed_does_not_replace_it():
         for _ in range(20):
             lab.see("red" if bright is seed else "robot", bright, mobile=bright is not seed)
             lab.step()
-    assert lab.robot[0] >= 6.2 and lab.robot[1] >= 3.6, "off the seed's side"
+    assert (np.array(lab.robot[:2]) >= (6.2, 3.6)).all(), "off the seed's side"
 
 
 def planner_of(cells, drawing, robot):
@@ -172,7 +175,8 @@ def test_a_robot_from_far_away_comes_in_over_the_windows_edge():
     assert not grid.contains_cells(grid.world_to_cell(np.array([robot[:2]])))[0]
     best = planner.best_viewpoint(robot)
     length = planner.clearance_map.path_lengths(robot[:2], np.array([best.pose[:2]]))[0]
-    assert best.pose[0] < 0.5 and length == pytest.approx(math.dist(robot[:2], best.pose[:2]), rel=0.1)
+    assert best.pose[0] < 0.5
+    assert length == pytest.approx(math.dist(robot[:2], best.pose[:2]), rel=0.1)
 
 
 def test_the_small_robot_goes_where_the_large_one_does_not_fit():
@@ -187,4 +191,4 @@ def test_the_small_robot_goes_where_the_large_one_does_not_fit():
         dispatcher.sightings.add(Sighting(100.0 + 0.1 * i, (2.0, 2.5), "red", False, 0.9))
     robots = {"large": DispatchStatus((5.0, 1.0, 1.5)), "small": DispatchStatus((7.0, 1.0, 3.1))}
     decisions = dispatcher.decide(101.0, robots)
-    assert decisions["small"] is not None and decisions["large"] is None
+    assert [name for name, goal in decisions.items() if goal is not None] == ["small"]

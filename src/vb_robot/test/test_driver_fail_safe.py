@@ -11,6 +11,7 @@ import roslib.packages
 
 from driving_rig import DT, PROFILE, Rig
 from plain_rooms import empty, scan_of
+from vb_testing import assert_fields
 from vb_core.errors import ParameterError
 from vb_core.robot_profile import BASE_KINDS, RobotProfile
 from vb_core.node_graph import NodeGraph
@@ -28,7 +29,7 @@ def test_another_publisher_is_reported_in_every_state(situation):
     rig.step(0.5)
     rig.arbiter.gate.other_commanders = ("/move_base",)  # it sends nothing, but could
     command = rig.step(0.5)
-    assert (command.code, command.v, command.w, command.publish) == ("other_cmd_vel_publisher", 0.0, 0.0, True)
+    assert_fields(command, code="other_cmd_vel_publisher", v=0.0, w=0.0, publish=True)
     rig.arbiter.gate.other_commanders = ()
     assert rig.step(0.5).code == situation
 

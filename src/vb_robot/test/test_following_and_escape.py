@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from driving_rig import PROFILE
+from vb_testing import assert_fields
 from vb_core.navigation_parameters import PATH_MARGIN
 from vb_robot.driving.escape import Escape
 from vb_robot.driving.spot_follower import SpotFollower
@@ -40,9 +41,8 @@ def follow(follower, distance, degrees):
 def test_a_robot_drives_nearer_from_130_to_100_cm_and_back_from_75_to_90_cm(degrees, distances, speeds, turn):
     follower = SpotFollower()
     for distance, speed in zip(distances, speeds):
-        v, w, code = follow(follower, distance, degrees)
-        assert (v, w) == (pytest.approx(speed), pytest.approx(turn))
-        assert code == ("driving" if v or w else "spot_in_view")
+        code = "driving" if speed or turn else "spot_in_view"
+        assert follow(follower, distance, degrees) == (pytest.approx(speed), pytest.approx(turn), code)
 
 
 def test_a_robot_turns_from_14_to_4_degrees_off():
@@ -136,4 +136,4 @@ def test_escape_drives_to_the_place_and_slows_down_before_it(distance, v, bearin
     robot = Pinched(0.0, place)
     for now in (100.0, 101.5):
         request = robot.escape.compute_request(now, (1.0, 2.0, yaw), robot, has_goal=True, moves=False)
-    assert (request.v, request.w) == (pytest.approx(share * v), pytest.approx(w, abs=1e-3))
+    assert_fields(request, v=pytest.approx(share * v), w=pytest.approx(w, abs=1e-3))

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from plain_rooms import room, with_border
 from refusals import refused
-from vb_testing import wait_until
+from vb_testing import assert_fields, wait_until
 from vb_core.node_graph import NodeGraph
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, find_border_name, is_inside
@@ -76,7 +76,7 @@ def test_a_robot_is_said_to_plan_round_borders_only_where_it_does(robot, maps, p
 def test_a_move_base_that_waits_for_a_map_is_found():
     """Without a driver nobody publishes keep_out; then move_base has no action server, and only logs it at INFO."""
     wiring = find_wiring(graph([MARGIN, ALL], missing=[MARGIN, "/move_base/status"], heard=False), "", {})
-    assert (wiring.move_base, wiring.missing_maps, wiring.unheard) == ("/move_base", (MARGIN,), ("/cmd_vel",))
+    assert_fields(wiring, move_base="/move_base", missing_maps=(MARGIN,), unheard=("/cmd_vel",))
 
 
 @pytest.mark.parametrize(
@@ -178,7 +178,8 @@ def test_a_robot_inside_is_reported_in_any_order_of_the_maps(order):
         assert [notice.code for notice in robot.notices(0.0)] == ["robot_caught_in_border"] * is_complete
     old_checker = robot.goal_checker()
     robot.wiring = replace(robot.wiring, radius=0.3)
-    assert robot.goal_checker() is not old_checker and robot.goal_checker() is robot.goal_checker()
+    assert robot.goal_checker() is not old_checker
+    assert robot.goal_checker() is robot.goal_checker()
 
 
 def test_only_what_forbids_a_place_lends_its_name():
@@ -266,12 +267,12 @@ def test_the_usual_speed_returns_after_a_slow_zone(planner, restarted):
     speed.apply(math.inf)
     for _ in range(3):
         speed.apply(0.2)
-    assert planner.values == {"max_vel_trans": 0.2, "max_vel_x": 0.2, "min_vel_trans": 0.1} and planner.asked == 3
+    assert_fields(planner, values={"max_vel_trans": 0.2, "max_vel_x": 0.2, "min_vel_trans": 0.1}, asked=3)
     speed = planner.speed() if restarted else speed
     speed.apply(0.1)
     assert planner.values["min_vel_trans"] == 0.05, "the lowest speed lies below the highest"
     speed.apply(math.inf)
-    assert planner.values == planner.usual and planner.kept == {}
+    assert_fields(planner, values=planner.usual, kept={})
 
 
 def test_a_speed_set_between_zones_is_the_usual_one_from_then_on(planner):
@@ -316,6 +317,7 @@ def test_a_planner_that_hangs_blocks_nobody_and_does_not_obey(planner):
     speed.request_limit(0.2)
     wait_until(lambda: planner.asked == 1, "the planner to be asked")
     speed.request_limit(0.1)  # returns while the planner hangs
-    assert not speed.obeys and planner.values["max_vel_x"] == 0.5
+    assert not speed.obeys
+    assert planner.values["max_vel_x"] == 0.5
     planner.answers.set()
     wait_until(lambda: planner.values["max_vel_x"] == 0.1 and speed.obeys, "the newest limit")

@@ -79,7 +79,8 @@ def test_sides_of_polygon_and_curve():
     assert inside.sum() * 0.025**2 == pytest.approx(1.0, abs=0.1)
     door = np.array([[4.0, 3.7], [4.0, 4.3]])
     left_side = CLEARANCE_MAP.predict_restricted_side((1.0, 1.0), door, False)
-    assert left_side[40, 40] and not left_side[40, 280]
+    assert left_side[40, 40]
+    assert not left_side[40, 280]
     # without a line there are no sides
     assert not CLEARANCE_MAP.predict_restricted_side((5.5, 1.5), np.zeros((0, 2)), False).any()
 
@@ -107,7 +108,8 @@ def test_the_target_is_ahead_of_a_moving_spot_and_not_in_a_wall(x, velocity, mar
     drawing = DrawingState(np.array([x, 2.5]), velocity=velocity, marks_side=marks_side)
     ahead = drawing.extrapolate_line(clearance_map)
     assert drawing.target_point(ahead) == pytest.approx((expected, 2.5), abs=0.06)
-    assert ahead[0] == pytest.approx((x, 2.5)) and ahead[:, 0].max() <= 7.95
+    assert ahead[0] == pytest.approx((x, 2.5))
+    assert ahead[:, 0].max() <= 7.95
 
 
 # ------------------------------------------------------------------ viewpoints
@@ -194,7 +196,8 @@ def test_seed_side_is_left():
     # the seed and the robot are in the right room: the robot must leave it
     drawing = DrawingState(np.array([7.0, 1.0]), door, None, closed=False, marks_side=True)
     viewpoints = best_viewpoints(CLEARANCE_MAP, (6.0, 1.0, 0.0), drawing)
-    assert viewpoints[0].pose[0] < 4.0 and not viewpoints[0].sees_spot
+    assert viewpoints[0].pose[0] < 4.0
+    assert not viewpoints[0].sees_spot
     assert not ViewpointPlanner(CLEARANCE_MAP, VIEW, drawing).shows_target((6.0, 1.0, 0.0))
     # the seed cannot be seen from the left room, and the robot need not go anywhere
     assert best_viewpoints(CLEARANCE_MAP, (1.0, 3.0, 0.0), drawing) == []
@@ -261,4 +264,4 @@ def test_seed_outside_sends_the_robot_into_the_allowed_corner():
     line = np.array([[6.0, 4.95], [6.0, 3.4], [7.95, 3.4]])
     drawing = DrawingState(np.array([5.3, 3.0]), line, None, closed=False, marks_side=True, seen_by_stationary=True)
     best = best_viewpoints(CLEARANCE_MAP, (7.0, 1.0, 1.5), drawing)[0]
-    assert best.pose[0] > 6.1 and best.pose[1] > 3.5
+    assert (np.array(best.pose[:2]) > (6.1, 3.5)).all()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from refusals import refused
+from vb_testing import assert_fields
 from vb_core import geometry
 from vb_core.camera_model import CameraModel, project_to_floor, project_to_pixels
 from vb_core.image_format import PixelReader
@@ -246,9 +247,9 @@ def test_history_interpolates_and_forgets():
     assert scene.robots["robot"][0] == pytest.approx(5.05)
     assert (scene.laser[0], scene.laser_velocity[0]) == pytest.approx((10.10, 2.0))
     assert history.at(5.19).laser[0] == pytest.approx(10.38)
-    assert (history.at(6.5).laser, history.at(6.5).robots) == (None, {})
+    assert_fields(history.at(6.5), laser=None, robots={})
     history.add(Snapshot(5.20, laser=(12.0, 1.0)))  # a spot that jumps is not smeared over the floor
-    assert (history.at(5.192).laser, history.at(5.192).laser_velocity) == ((12.0, 1.0), (0.0, 0.0))
+    assert_fields(history.at(5.192), laser=(12.0, 1.0), laser_velocity=(0.0, 0.0))
 
 
 def test_frames_are_spread_evenly_and_on_time():

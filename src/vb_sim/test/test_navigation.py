@@ -11,6 +11,7 @@ from scipy.sparse import lil_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from refusals import refused
+from vb_testing import assert_fields
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap
@@ -195,7 +196,7 @@ def test_it_stops_before_an_obstacle_and_says_so():
 
     poses, motions = follow(STRAIGHT, (3.0, 0.0, 0.0), (0.0, 0.0, 0.0), person, limit=20.0)
     last = motions[-1]
-    assert (last.arrived, last.blocked, last.speed) == (False, True, 0.0)
+    assert_fields(last, arrived=False, blocked=True, speed=0.0)
     assert 1.6 < poses[-1, 0] < 2.0 - 0.18
 
 

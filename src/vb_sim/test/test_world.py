@@ -27,7 +27,8 @@ def test_like_replaces_whole_keys_and_its_mistakes_are_named(tmp_path):
     (tmp_path / "base.yaml").write_text("name: base\nroom: {size: [4.0, 3.0]}\nrobots: [{name: a}, {name: b}]\n")
     (tmp_path / "other.yaml").write_text("like: base.yaml\nrobots: [{name: c}]\n")
     world = load_world(str(tmp_path / "other.yaml"))
-    assert (world.name, world.room.size) == ("base", (4.0, 3.0))
+    assert world.name == "base"
+    assert world.room.size == (4.0, 3.0)
     assert [robot.name for robot in world.robots] == ["c"]
     (tmp_path / "round.yaml").write_text("like: round.yaml\n")
     with pytest.raises(ParameterError, match="like"):

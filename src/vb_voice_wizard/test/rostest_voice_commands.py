@@ -7,7 +7,7 @@ import unittest
 import rospy
 import rostest
 
-from vb_testing import Newest, Process, wait_until
+from vb_testing import Newest, Process, assert_fields, wait_until
 from speech import RATE, pieces, say
 from vb_msgs.msg import Audio, SpeechCommand, NoticeArray, Sound
 from vb_msgs.srv import Command, CommandResponse
@@ -31,10 +31,6 @@ class VoiceCommandsTest(unittest.TestCase):
         wait_until(cls.heard.subscriber.get_num_connections, "the node's report")
         # the subscribers are this process, which counts sounds, and the node
         wait_until(lambda: cls.sound.get_num_connections() > 1, "the node to hear its own sounds")
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.node.stop()
 
     @classmethod
     def on_command(cls, request):
@@ -68,7 +64,7 @@ class VoiceCommandsTest(unittest.TestCase):
         heard = self.heard.wait(lambda message: message.accepted, "the command")
         wait_until(lambda: "recognized" in [sound.name for sound in self.sounds.all], "the sound of a command")
         self.assertEqual([(request.command, request.source) for request in self.requests], [("define_border", "voice")])
-        self.assertEqual((heard.command, heard.reason, heard.success, heard.code), ("define_border", "ok", True, "ok"))
+        assert_fields(heard, command="define_border", reason="ok", success=True, code="ok")
         self.assertGreater(heard.confidence, 0.0)
         self.assertTrue(self.requests[0].id and self.requests[0].expires > rospy.Time.now())
 

@@ -1,8 +1,7 @@
 """Buttons to commands."""
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from vb_core.errors import ParameterError
 from vb_voice_wizard.buttons import ButtonMap

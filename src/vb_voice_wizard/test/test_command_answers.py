@@ -42,7 +42,7 @@ def test_a_repetition_waits_for_the_first_one_for_a_time(patience, code):
         if patience == 0.0:
             assert second.result(60).code == code
         go_on.set()
-    assert (first.result().code, second.result().code) == ("saved", code)
+    assert [future.result().code for future in (first, second)] == ["saved", code]
 
 
 def test_a_fault_is_not_an_answer():
@@ -92,4 +92,5 @@ IDLE = VirtualBorder(
 def test_what_was_undone_is_named(command, before, after, code, name):
     by_id = [{border.id: border for border in borders} for borders in (before, after)]
     answer = _describe_change(command, *by_id)
-    assert (answer.code, answer.values.get("borders")) == (code, name)
+    assert answer.code == code
+    assert answer.values.get("borders") == name

@@ -3,16 +3,15 @@
 import itertools
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from interaction_situations import ALL_SITUATIONS, BEGUN, COMPLETE, SITUATIONS, in_all_situations
 from interaction_situations import command_knowing_stops, drawing_of, interaction_after
+from vb_testing import assert_fields
 from vb_core import sentences
 from vb_core.sentences import words_of_name
-from vb_core.vocabulary import BORDER, COMMANDS, DEFAULT, GUIDE, PAUSED, SEED, STATES
-from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, REDO, RESUME, SAVE
-from vb_core.vocabulary import STOP, UNDO
+from vb_core.vocabulary import BORDER, CANCEL, COMMANDS, CONTINUE, DEFAULT, DEFINE_BORDER, DEFINE_SEED, GUIDE
+from vb_core.vocabulary import GUIDE_ROBOT, PAUSE, PAUSED, REDO, RESUME, SAVE, SEED, STATES, STOP, UNDO
 from vb_voice_wizard.command_answers import Answer
 from vb_voice_wizard.interaction import MISSING_SPOT_DELAY, Interaction, InteractionParams
 
@@ -62,15 +61,17 @@ def test_a_refusal_changes_nothing(before, command):
     answer = interaction.command(command, "test", 10.0)
     assert answer.success == (answer.code not in REFUSALS)
     if answer.code in REFUSALS:
-        assert (drawing_of(interaction), interaction.pending) == (kept, "")
+        assert drawing_of(interaction) == kept
+        assert interaction.pending == ""
 
 
 @for_all_commands_in_all_situations
 def test_an_answer_is_a_sentence_and_is_kept_as_the_newest(before, command):
     interaction = interaction_after(before)
     answer = interaction.command(command, "test", 10.0)
-    assert (interaction.last_command, interaction.last_answer) == (command, answer)
-    assert answer.code in sentences.catalog() and answer.message.endswith(".")
+    assert_fields(interaction, last_command=command, last_answer=answer)
+    assert answer.code in sentences.catalog()
+    assert answer.message.endswith(".")
     assert answer.message == sentences.translate(answer.code, answer.values)
 
 
@@ -90,10 +91,11 @@ def test_only_cancel_ends_an_interaction(before, command):
     interaction.command(command, "test", 10.0)
     record = interaction.take_record()
     if command == CANCEL:
-        assert (record.outcome, record.border_id, record.interaction_id) == ("cancelled", "", identity)
+        assert_fields(record, outcome="cancelled", border_id="", interaction_id=identity)
         assert interaction.interaction_id == ""
     else:
-        assert record is None and interaction.interaction_id == identity
+        assert record is None
+        assert interaction.interaction_id == identity
         assert interaction.missing() == [part for part in missing if command != f"define_{part}"]
 
 
@@ -109,7 +111,8 @@ def test_what_has_no_effect_is_not_asked_about(before, command):
 def test_an_unknown_command_is_answered_with_all_that_are_known(before, state, command):
     interaction = interaction_after(before)
     answer = interaction.command(command, "voice", 5.0)
-    assert (answer.code, answer.success, interaction.state) == ("unknown_command", False, state)
+    assert_fields(answer, code="unknown_command", success=False)
+    assert interaction.state == state
     assert all(words_of_name(known) in answer.message for known in COMMANDS)
 
 
@@ -125,7 +128,8 @@ def test_each_suggestion_succeeds_and_the_last_is_stop(before):
 @pytest.mark.parametrize("before, _state, _border, _seed, to_save", SITUATIONS, ids=ALL_SITUATIONS)
 def test_cancel_and_save_are_suggested_where_they_have_an_effect(before, _state, _border, _seed, to_save):
     suggested = interaction_after(before).suggested_commands()
-    assert (CANCEL in suggested, SAVE in suggested) == (before != "", to_save == "saving")
+    assert (CANCEL in suggested) == (before != "")
+    assert (SAVE in suggested) == (to_save == "saving")
 
 
 @pytest.mark.parametrize("available", [[], [UNDO], [REDO], [UNDO, REDO]])
@@ -150,7 +154,7 @@ def test_without_a_robot_nobody_is_offered_to_guide_one(before):
 
 def test_without_a_robot_guiding_one_is_refused():
     answer = interaction_after("", robot=False).command("guide_robot", "test", 1.0)
-    assert (answer.success, answer.code) == (False, "no_robot_to_guide")
+    assert_fields(answer, success=False, code="no_robot_to_guide")
 
 
 # ------------------------------------------------------------------ saving
@@ -171,7 +175,8 @@ def test_a_save_under_way_blocks_other_commands(saving, command):
 
 
 def test_a_save_under_way_does_not_end_by_silence(saving):
-    assert (saving.end_if_idle(1000.0), saving.pending) == (False, SAVE)
+    assert not saving.end_if_idle(1000.0)
+    assert saving.pending == SAVE
 
 
 def test_a_stop_is_obeyed_during_a_save_and_holds_after_it(saving):
@@ -184,7 +189,8 @@ def test_a_refused_save_is_reported_to_its_source_and_keeps_the_drawing(saving):
     kept = drawing_of(saving)
     answer = saving.finish_pending(NO_INTEGRATOR, 7.0)
     assert answer.message == "The map integrator is not running."
-    assert (saving.last_source, saving.last_answer, drawing_of(saving)) == ("voice", answer, kept)
+    assert_fields(saving, last_source="voice", last_answer=answer)
+    assert drawing_of(saving) == kept
     assert saving.command(SAVE, "wizard", 8.0).success
     assert saving.take_record() is None
 
@@ -192,9 +198,9 @@ def test_a_refused_save_is_reported_to_its_source_and_keeps_the_drawing(saving):
 def test_a_save_ends_the_interaction_and_is_recorded_once(saving):
     identity = saving.interaction_id
     saving.finish_pending(Answer(True, "saved"), 9.0, "b1")
-    assert (saving.state, saving.last_outcome, saving.last_border_id) == (DEFAULT, "saved", "b1")
+    assert_fields(saving, state=DEFAULT, last_outcome="saved", last_border_id="b1")
     record = saving.take_record()
-    assert (record.border_id, record.outcome, record.ended, record.interaction_id) == ("b1", "saved", 9.0, identity)
+    assert_fields(record, border_id="b1", outcome="saved", ended=9.0, interaction_id=identity)
     assert saving.take_record() is None
 
 
@@ -214,15 +220,16 @@ def test_a_save_ends_the_interaction_and_is_recorded_once(saving):
 def test_a_failed_save_says_if_it_may_have_arrived(saving, sent, unanswered_before, code, unanswered, answer_code):
     saving.unanswered_save = unanswered_before
     answer = saving.finish_pending(Answer(False, code, {"who_code": "map_integrator"}), 6.0, is_sent=sent)
-    assert (answer.code, answer.success, saving.unanswered_save) == (answer_code, False, unanswered)
-    assert (saving.state, saving.pending) == (SEED, "")
+    assert_fields(answer, code=answer_code, success=False)
+    assert_fields(saving, state=SEED, pending="", unanswered_save=unanswered)
 
 
 def test_cancel_after_an_unanswered_save_promises_no_unchanged_map(saving):
     saving.unanswered_save = True
     saving.finish_pending(Answer(False, "save_unanswered", {"who_code": "map_integrator"}), 6.0)
     answer = saving.command(CANCEL, "a", 7.0)
-    assert answer.code == "cancelled_unanswered" and "stays" not in answer.message
+    assert answer.code == "cancelled_unanswered"
+    assert "stays" not in answer.message
     assert saving.take_record().outcome == saving.last_outcome == "unanswered"
     saving.command(DEFINE_BORDER, "a", 8.0)
     assert saving.command(CANCEL, "a", 9.0).code == "cancelled", "in the next interaction nothing is unanswered"
@@ -255,7 +262,7 @@ def test_durations_add_up_to_the_time_passed_in_each_state(steps):
         if record:
             assert [record.guide_s, record.border_s, record.seed_s] == list(wanted.values())
             assert record.total_s == pytest.approx(record.guide_s + record.border_s + record.seed_s)
-            assert (record.started, record.ended) == (began, now)
+            assert_fields(record, started=began, ended=now)
         if interaction.state != DEFAULT:
             assert interaction.started_at == began
             assert began <= interaction.state_entered_at <= now
@@ -276,7 +283,8 @@ def test_time_that_jumps_back_takes_nothing_off():
     interaction.advance(5.0)
     interaction.command(DEFINE_SEED, "a", 8.0)
     assert interaction.durations(9.0) == {GUIDE: 0.0, BORDER: 13.0, SEED: 1.0}
-    assert interaction.started_at <= 5.0 and interaction.state_entered_at == 8.0
+    assert interaction.started_at <= 5.0
+    assert interaction.state_entered_at == 8.0
     interaction.advance(2.0)
     assert interaction.last_answered == 2.0
     assert [interaction.end_if_idle(now) for now in (301.0, 303.0)] == [False, True]
@@ -285,7 +293,8 @@ def test_time_that_jumps_back_takes_nothing_off():
 # ------------------------------------------------------------------ pause
 def pause(interaction) -> Interaction:
     """Pauses an interaction at 10 s and lets a night pass."""
-    assert (interaction.command(PAUSE, "test", 10.0).code, interaction.state) == ("paused", PAUSED)
+    assert interaction.command(PAUSE, "test", 10.0).code == "paused"
+    assert interaction.state == PAUSED
     interaction.advance(40000.0)
     return interaction
 
@@ -299,13 +308,15 @@ def test_continue_brings_back_all_that_was_before_the_pauses(before):
     kept = drawing_of(interaction)
     spent = interaction.durations(10.0)
     assert pause(pause(interaction)).command(CONTINUE, "test", 40002.0).success
-    assert (drawing_of(interaction), interaction.durations(40002.0)) == (kept, spent)
+    assert drawing_of(interaction) == kept
+    assert interaction.durations(40002.0) == spent
 
 
 @in_all_pauses
 def test_silence_ends_no_paused_interaction_but_one_that_goes_on(before):
     paused = pause(interaction_after(before))
-    assert (paused.ends_at, paused.end_if_idle(40000.0)) == (0.0, False)
+    assert paused.ends_at == 0.0
+    assert not paused.end_if_idle(40000.0)
     paused.command(CONTINUE, "test", 40002.0)
     assert [paused.end_if_idle(40002.0 + silence) for silence in (299.0, 301.0)] == [False, True]
 
@@ -313,13 +324,15 @@ def test_silence_ends_no_paused_interaction_but_one_that_goes_on(before):
 @in_all_pauses
 def test_no_robot_acts_and_no_spot_is_awaited_in_a_pause(before):
     paused = pause(interaction_after(before))
-    assert (paused.state.robots_act, paused.is_spot_missing) == (False, False)
+    assert not paused.state.robots_act
+    assert not paused.is_spot_missing
 
 
 @in_all_pauses
 def test_each_suggestion_in_a_pause_succeeds_and_the_first_is_continue(before):
     suggested = pause(interaction_after(before)).suggested_commands()
-    assert suggested[0] == CONTINUE and PAUSE not in suggested
+    assert suggested[0] == CONTINUE
+    assert PAUSE not in suggested
     for command in suggested:
         paused = pause(interaction_after(before))
         assert paused.command(command, "test", 40001.0).success
@@ -340,18 +353,21 @@ def border_begun_at(now, **params) -> Interaction:
 def test_people_are_warned_before_silence_ends_an_interaction(newest_spot, now, ends_at):
     interaction = border_begun_at(1000.0, idle_timeout=100.0)
     interaction.set_spot_counts(1, 0, 0, newest_spot)
-    assert (interaction.end_if_idle(now), interaction.ends_at) == (False, ends_at)
+    assert not interaction.end_if_idle(now)
+    assert interaction.ends_at == ends_at
 
 
 def test_an_abandoned_interaction_ends_and_is_recorded():
     interaction = border_begun_at(1000.0, idle_timeout=100.0)
     assert interaction.end_if_idle(1100.0)
-    assert (interaction.state, interaction.last_answer.code) == (DEFAULT, "abandoned")
+    assert interaction.state == DEFAULT
+    assert interaction.last_answer.code == "abandoned"
     assert interaction.take_record().outcome == interaction.last_outcome == "abandoned"
 
 
 def test_silence_ends_nothing_that_was_not_begun():
-    assert (Interaction().end_if_idle(1e6), Interaction().ends_at) == (False, 0.0)
+    assert not Interaction().end_if_idle(1e6)
+    assert Interaction().ends_at == 0.0
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from refusals import refused
+from vb_testing import assert_fields
 from speech import RATE, command_in, examine, room_noise, say, tone, utterances
 from vb_core.sentences import words_of_name
 from vb_core.sounds import SOUNDS, Note, Melody
@@ -39,8 +40,9 @@ def test_commands_are_recognised_most_of_the_time(recognizer):
 
 def test_a_result_contains_the_best_guess_and_why_it_is_no_command(recognizer):
     (result,) = examine(recognizer, say("has anyone seen my glasses"))
-    assert (result.command, result.reason) == (None, "unlike_a_command")
-    assert result.best and result.confidence < THRESHOLD
+    assert_fields(result, command=None, reason="unlike_a_command")
+    assert result.best
+    assert result.confidence < THRESHOLD
     long = say("this sentence goes on and on and on for much longer than any command could ever take")
     assert [result.reason for result in examine(recognizer, long)] == ["too_long"]
 
@@ -54,7 +56,7 @@ def test_noise_beeps_and_nothing_are_no_commands(recognizer):
     quiet = np.zeros(RATE, dtype=np.int16)
     assert examine(recognizer, quiet) == []
     assert command_in(recognizer, np.zeros(0, dtype=np.int16)) is None
-    assert command_in(recognizer, room_noise(3 * RATE, 1000).astype(np.int16)) is None
+    assert utterances(room_noise(4 * RATE, 2000.0).astype(np.int16)) == []
     for hertz in (440, 880, 1760):
         assert command_in(recognizer, np.concatenate([quiet, tone(hertz, 0.3), quiet])) is None
 
@@ -65,7 +67,8 @@ def test_the_speech_model_gives_what_was_said_not_how_loud():
     pcm = say("define seed", snr_db=25.0)
     every = np.arange(len(texts))
     ratios = model.log_likelihood_ratios(pcm, every)
-    assert (ratios.shape, texts[int(ratios.argmax())]) == ((5,), "define seed")
+    assert ratios.shape == (5,)
+    assert texts[int(ratios.argmax())] == "define seed"
     np.testing.assert_allclose(model.log_likelihood_ratios((pcm // 4).astype(np.int16), every), ratios, atol=1.5)
     # the other texts do not matter
     assert SpeechModel(["save"]).log_likelihood_ratios(pcm, every[:1])[0] == pytest.approx(ratios[2], abs=1.0)
@@ -92,7 +95,7 @@ def test_a_stop_at_the_end_of_talk_counts(recognizer, before):
     """One voice in one noise each: bench/voice/command_recognition.py measures how often it does."""
     voices = ("en-us", "en-gb", "en-us+f2")
     commands = [command_in(recognizer, say(f"{before} stop", voice, snr_db=25.0)) for voice in voices]
-    assert set(commands) <= {"stop", None} and "stop" in commands
+    assert {"stop"} <= set(commands) <= {"stop", None}
 
 
 # ------------------------------------------------------------------ a stream
@@ -145,8 +148,7 @@ def test_another_command_counts_unless_it_lies_within_a_sound_of_ours(recognizer
     ):
         (utterance,) = listen(CommandListener(recognizer), pcm, [(sound, sound_start)])
         assert utterance.reason == reason, sound_start
-        assert utterance.command == (None if reason == "muted" else "cancel")
-        assert utterance.best == "cancel"
+        assert_fields(utterance, command=None if reason == "muted" else "cancel", best="cancel")
 
 
 @pytest.mark.parametrize("certain, end, uncertain", [(True, 1e3, False), (False, 1e3, True), (True, -1e3, True)])
@@ -220,13 +222,6 @@ def test_a_click_is_no_utterance_and_a_short_pause_ends_none(spans, faint, total
     np.testing.assert_allclose(np.reshape(utterances, (-1, 2)), np.reshape(expected, (-1, 2)), atol=STEP)
 
 
-def test_a_voice_is_found_and_noise_is_not():
-    voice = np.concatenate([np.zeros(RATE), say("define border"), np.zeros(RATE)]).astype(np.int16)
-    spoken = utterances(voice)
-    assert len(spoken) == 1 and 1.4 < spoken[0].start < 1.8
-    assert utterances(room_noise(4 * RATE, 2000.0).astype(np.int16)) == []
-
-
 def test_what_was_heard_long_ago_does_not_decide_what_is_speech():
     """The network's own memory makes it deaf after a minute of talk; the detector's memory is two seconds."""
     talk = say("this sentence goes on and on and on for much longer than any command could ever take", pause=0.1)
@@ -248,8 +243,8 @@ def test_what_was_heard_long_ago_does_not_decide_what_is_speech():
 # ------------------------------------------------------------------ sound
 def test_a_microphone_that_is_on_is_known_by_its_noise_however_loud():
     loudest = np.array([-32768, 32767] * 400, np.int16)  # their difference overflows int16
-    assert (has_sound(loudest), has_sound(np.array([5, 8, 6], np.int16))) == (True, True)
-    assert (has_sound(np.full(800, 300, np.int16)), has_sound(np.zeros(0, np.int16))) == (False, False)
+    assert [has_sound(pcm) for pcm in (loudest, np.array([5, 8, 6], np.int16))] == [True, True]
+    assert [has_sound(pcm) for pcm in (np.full(800, 300, np.int16), np.zeros(0, np.int16))] == [False, False]
 
 
 def test_a_recording_program_is_read_and_started_again():
@@ -270,4 +265,5 @@ def test_a_missing_recording_program_is_reported():
     troubles = []
     microphone = Microphone(["no_such_program"], lambda text: (troubles.append(text), microphone.close()))
     assert microphone.get() is None
-    assert len(troubles) == 1 and "cannot start no_such_program" in troubles[0]
+    (trouble,) = troubles
+    assert "cannot start no_such_program" in trouble

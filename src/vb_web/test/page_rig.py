@@ -48,11 +48,7 @@ class PageTest(unittest.TestCase):
         cls.page = None
         cls.start_page()
         cls.browser = Browser(f"http://127.0.0.1:{cls.port}/")
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.browser.close()
-        cls.page.stop()
+        cls.addClassCleanup(cls.browser.close)
 
     @classmethod
     def start_page(cls, *arguments):
@@ -68,6 +64,9 @@ class PageTest(unittest.TestCase):
         self.browser.faults()  # discards those of other tests
         # a banner that disappears moves the map
         self.browser.wait("!document.getElementById('banners').textContent", what="a page with nothing to say")
+
+    def tearDown(self):
+        self.assertEqual(self.browser.faults(), [])
 
     def borders(self):
         message = self.heard.get(names.BORDERS)
@@ -105,6 +104,7 @@ class PageTest(unittest.TestCase):
         with closing(Browser(self.browser.url, (360, 640), *options, **more)) as small:
             small.wait_ready()
             yield small
+            self.assertEqual(small.faults(), [])
 
     def restart_page(self, *arguments):
         """Kills the page node, which forgets all that it has heard, and starts it again."""

@@ -8,7 +8,7 @@ from shapely.geometry import Point, Polygon
 
 from page_rig import CARPET, PageTest, draw_carpet, overlap, run_script
 from phone import PHONE
-from vb_testing import wait_until
+from vb_testing import assert_fields, wait_until
 from vb_core import names, sentences
 from vb_core.ros.messages import array_from_points
 from vb_msgs.msg import VirtualBorder
@@ -28,13 +28,12 @@ class BordersTest(PageTest):
         self.browser.click("#review button", "Save")
         self.wait_mode("look")
         (border,) = self.wait_borders(1)
-        self.assertEqual((border.name, border.kind), ("Küche 厨房", VirtualBorder.POLYGON))
+        assert_fields(border, name="Küche 厨房", kind=VirtualBorder.POLYGON)
         area = Polygon(array_from_points(border.points))
         np.testing.assert_allclose(area.bounds, (*CARPET[0], *CARPET[2]), atol=0.1)
         self.assertTrue(area.contains(Point(border.seed.x, border.seed.y)))
         self.browser.wait("document.getElementById('restricted').classList.contains('there')", what="the restriction")
         self.browser.wait_text("#borders", "Küche 厨房")
-        self.assertEqual(self.browser.faults(), [])
 
     def test_a_border_is_undone_and_redone(self):
         self.store_carpet()
@@ -50,14 +49,6 @@ class BordersTest(PageTest):
         available = "document.getElementById('redo').disabled && !document.getElementById('undo').disabled"
         self.browser.wait(available, what="what can be undone")
 
-    def test_a_border_is_switched_off_and_on(self):
-        self.store_carpet()
-        self.browser.click("#borders .switch")
-        wait_until(lambda: not self.borders()[0].enabled, "the border to be off")
-        self.browser.wait_text("#borders", "Switched off")
-        self.browser.click("#borders .switch")
-        wait_until(lambda: self.borders()[0].enabled, "the border to be on")
-
     def test_a_change_of_nothing_is_not_an_undo_step(self):
         self.store_carpet()
         revision = self.browser.run("return window.virtualBorders.view.borders.revision")
@@ -67,7 +58,6 @@ class BordersTest(PageTest):
         self.browser.click("#review button", "Save")
         self.wait_mode("look")
         self.assertEqual(self.browser.run("return window.virtualBorders.view.borders.revision"), revision)
-        self.assertEqual(self.browser.faults(), [])
 
     def test_zooming_and_turning_the_phone_keep_a_drawing(self):
         self.browser.click("#draw")
@@ -101,16 +91,6 @@ class BordersTest(PageTest):
         self.browser.click("#settings-button")
         self.browser.driver.back()
         self.browser.wait("!document.getElementById('dialog').open", what="the dialog to close")
-        self.assertEqual(self.browser.faults(), [])
-
-    def test_two_taps_on_save_make_one_border(self):
-        draw_carpet(self.browser)
-        save = "const save = [...document.querySelectorAll('#review button')].pop();"
-        self.browser.run(f"{save} save.click(); save.click()")
-        self.wait_borders(1)
-        self.wait_mode("look")
-        self.browser.click("#undo")
-        self.wait_borders(0)
 
     def test_a_covered_button_cannot_be_pressed_at_once(self):
         self.browser.click("#settings-button")
@@ -262,6 +242,7 @@ class BordersTest(PageTest):
         for name in ("On", "Off"):
             self.store_carpet(name, name)  # both in one place, with room for one name at most
         self.browser.click("#borders li:last-child .switch")
+        wait_until(lambda: [border.enabled for border in self.borders()] == [True, False], "the border to be off")
         self.browser.wait_text("#borders", "Switched off")
         self.browser.wait("document.body.classList.contains('marks')", what="marks")
         for selector, properties in (
@@ -270,7 +251,9 @@ class BordersTest(PageTest):
             ("#borders .mark", "textDecorationLine borderTopStyle"),
         ):
             states = run_script(self.browser, "stylesOf", selector, properties.split())
-            self.assertEqual((len(states), len(set(states))), (2, 2), f"{selector}: {states}")
+            self.assertEqual([len(states), len(set(states))], [2, 2], f"{selector}: {states}")
+        self.browser.click("#borders li:last-child .switch")
+        wait_until(lambda: self.borders()[1].enabled, "the border to be on again")
 
 
 if __name__ == "__main__":

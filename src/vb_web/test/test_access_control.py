@@ -47,7 +47,8 @@ def test_a_session_has_the_role_of_its_code_until_it_ends(tmp_path, role):
     cookie = Sessions(CODES, path).open(CODES[role.name.lower()])
     sessions = Sessions(CODES, path)  # like a restart
     role_found, name = sessions.find(cookie)
-    assert (role_found, bool(name)) == (role, True)
+    assert role_found == role
+    assert name
     assert cookie not in path.read_text()
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     sessions.end(name)
@@ -77,7 +78,8 @@ def test_a_disk_that_cannot_be_written_keeps_nobody_out(tmp_path):
     sessions = Sessions(CODES, tmp_path / "file" / "sessions.json", lambda error: errors.append(error.code))
     role, name = sessions.find(sessions.open(CODES["operator"]))
     sessions.end(name)
-    assert (role, errors) == (Role.OPERATOR, ["cannot_write"] * 2)
+    assert role == Role.OPERATOR
+    assert errors == ["cannot_write"] * 2
 
 
 def test_many_viewers_log_no_operator_out():

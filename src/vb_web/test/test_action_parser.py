@@ -9,6 +9,7 @@ from hypothesis import given, settings
 
 from hostile import GOOD, GOOD_DRAFT, hostile_messages
 from refusals import refused
+from vb_testing import assert_fields
 from vb_core.errors import CodedError
 from vb_web import action_parser
 from vb_web.action_parser import ACTIONS
@@ -27,7 +28,7 @@ def parse(**fields):
 @pytest.mark.parametrize("action", sorted(ACTIONS))
 def test_good_requests_get_through(action):
     request = parse(do=action, id="a1", **GOOD[action])
-    assert (request.action, request.id) == (action, "a1")
+    assert_fields(request, action=action, id="a1")
     assert set(request.values) == set(GOOD[action])
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from geometry_msgs.msg import Point
 
+from vb_testing import assert_fields
 from vb_core import sentences
 from vb_msgs.msg import VirtualBorder
 from vb_web import page_messages
@@ -76,4 +77,4 @@ def test_the_page_loads_nothing_from_elsewhere():
 def test_an_unconfirmed_border_is_sent_before_and_after():
     points = [Point(0.0, 0.0, 0.0), Point(1.0, 0.0, 0.0), Point(1.0, 2.0, 0.0)]
     section = page_messages.border_section(VirtualBorder(before=points[:2], after=points))
-    assert (section["before"], section["after"]) == ([0, 0, 100, 0], [0, 0, 100, 0, 100, 200])
+    assert_fields(section, before=[0, 0, 100, 0], after=[0, 0, 100, 0, 100, 200])

@@ -227,7 +227,7 @@ class RobotDriverNode:
 
     def _on_status(self, message: GoalStatusArray) -> None:
         has_goal = any(entry.status in RUNNING_GOAL_STATUSES for entry in message.status_list)
-        self._arbiter.set_goal(has_goal, rospy.get_time())
+        self._arbiter.set_goal_active(has_goal, rospy.get_time())
 
     def _on_plan(self, message: Path) -> None:
         if message.header.frame_id.lstrip("/") == names.MAP_FRAME:

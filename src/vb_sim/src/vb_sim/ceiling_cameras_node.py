@@ -19,7 +19,7 @@ from vb_core import names
 from vb_core.parameters import Parameters, param
 from vb_core.ros.messages import message_from_transform
 from vb_sim.cameras.camera_calibration import calibrated_pose
-from vb_sim.cameras.camera_node import CameraNode, ImageStream, SimulatedCamera, read_parameters
+from vb_sim.cameras.camera_node import CameraNode, ImageStream, SimulatedCamera, configure_and_read
 from vb_sim.rendering.ceiling_view import CeilingView
 from vb_sim.model_params import Optics, load_models
 from vb_sim.rendering.floor_texture import render_floor
@@ -46,7 +46,7 @@ def make_ceiling_camera(camera: CeilingCamera, view: CeilingView, optics: Optics
 
 def build() -> CameraNode:
     """Reads the parameters and constructs the node."""
-    params = read_parameters(CeilingCamerasParams)
+    params = configure_and_read(CeilingCamerasParams)
     world = load_world(params.world)
     models = load_models()
     cameras = [world.camera(str(name)) for name in params.cameras] if params.cameras else list(world.cameras)

@@ -19,7 +19,7 @@ import rospy
 
 from vb_core.parameters import Parameters, param
 from vb_core.ros.messages import message_from_transform
-from vb_sim.cameras.camera_node import CameraNode, ImageStream, SimulatedCamera, read_parameters
+from vb_sim.cameras.camera_node import CameraNode, ImageStream, SimulatedCamera, configure_and_read
 from vb_sim.rendering.robot_view import RobotView
 from vb_sim.model_params import load_models
 from vb_sim.rendering.floor_texture import render_floor
@@ -40,7 +40,7 @@ class RobotCameraParams(Parameters):
     tf_prefix: str = param("")
 
 
-def robot_camera(robot: Robot, view: RobotView, tf_prefix: str) -> SimulatedCamera:
+def make_robot_camera(robot: Robot, view: RobotView, tf_prefix: str) -> SimulatedCamera:
     """Creates a robot's camera with its topics, in the node's namespace.
 
     Args:
@@ -56,12 +56,12 @@ def robot_camera(robot: Robot, view: RobotView, tf_prefix: str) -> SimulatedCame
 
 def build() -> CameraNode:
     """Reads the parameters and constructs the node."""
-    params = read_parameters(RobotCameraParams)
+    params = configure_and_read(RobotCameraParams)
     world = load_world(params.world)
     models = load_models()
     robot = world.robot(params.robot) if params.robot else world.robots[0]
     # the seed is that of the ceiling cameras, so that all cameras see the same floor
     floor = render_floor(world, params.seed)
     view = RobotView(robot, world.robot_radii(), floor, world_mesh(world), models, params.seed)
-    camera = robot_camera(robot, view, params.tf_prefix)
+    camera = make_robot_camera(robot, view, params.tf_prefix)
     return CameraNode([camera], models.optics.latency_ms)

@@ -84,8 +84,8 @@ class CameraImages:
             info = rospy.wait_for_message(f"/{camera}/camera_info", CameraInfo, timeout=_IMAGE_TIMEOUT)
             image = to_bgr(rospy.wait_for_message(f"/{camera}/{self._topic}", self._kind, timeout=_IMAGE_TIMEOUT))
             model = camera_from_info(info)
-            pose = self._transforms.lookup(f"{camera}_optical_frame", names.MAP_FRAME, rospy.Time(0))
+            T_camera_map = self._transforms.lookup(f"{camera}_optical_frame", names.MAP_FRAME, rospy.Time(0))
         except (rospy.ROSException, CodedError) as error:
             rospy.logwarn_throttle(60.0, f"{rospy.get_name()}: the floor's image is without camera {camera}: {error}")
             return None
-        return page_images.CeilingImage(image, model.scaled_to(image.shape[1], image.shape[0]), pose)
+        return page_images.CeilingImage(image, model.scaled_to(image.shape[1], image.shape[0]), T_camera_map)

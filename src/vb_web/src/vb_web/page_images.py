@@ -136,12 +136,12 @@ class CeilingImage:
 
     Attributes:
         pixels: (H, W, 3) bgr uint8.
-        pose: (4, 4) T_camera_map, from the map frame to the camera's optical frame.
+        T_camera_map: (4, 4) from the map frame to the camera's optical frame.
     """
 
     pixels: np.ndarray
     camera: CameraModel
-    pose: np.ndarray
+    T_camera_map: np.ndarray
 
 
 def floor_cells_per_pixel(grid: GridMap) -> float:
@@ -162,7 +162,7 @@ def draw_floor(grid: GridMap, images: Sequence[CeilingImage]) -> EncodedImage:
     total = np.zeros((rows, columns, 3), np.float32)
     weights = np.zeros((rows, columns), np.float32)
     for image in images:
-        points = transform_points(image.pose, floor_points)
+        points = transform_points(image.T_camera_map, floor_points)
         in_front = points[:, 2] > 0.05
         points[~in_front] = (0.0, 0.0, 1.0)
         pixels = image.camera.project(points).astype(np.float32)

@@ -16,7 +16,7 @@ from vb_sim.rendering.robot_view import RobotView
 from vb_sim.ceiling_cameras_node import make_ceiling_camera
 from vb_sim.lab_history import Snapshot
 from vb_sim.model_params import Models
-from vb_sim.robot_camera_node import robot_camera
+from vb_sim.robot_camera_node import make_robot_camera
 from vb_sim.rendering.floor_texture import FloorTexture, render_floor
 from vb_sim.rendering.mesh import Mesh, world_mesh
 from vb_sim.world import CeilingCamera, Robot, World
@@ -132,7 +132,7 @@ class StudyRobotCamera(StudyCameras):
 
     def __init__(self, cache: RenderCache, robot: Robot, seed: int, tf_prefix: str, idle_every: int) -> None:
         models = cache.models
-        simulated = robot_camera(robot, cache.view(RobotView, robot), tf_prefix)
+        simulated = make_robot_camera(robot, cache.view(RobotView, robot), tf_prefix)
         super().__init__([simulated], models.optics.latency_ms, seed, idle_every)
 
     def _is_relevant(self, camera: SimulatedCamera, snapshot: Snapshot) -> bool:

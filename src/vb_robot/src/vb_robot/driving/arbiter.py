@@ -106,7 +106,7 @@ class Arbiter:
         with self._lock:
             self._spots.add_contributors(interaction, cameras)
 
-    def set_goal(self, active: bool, now: float) -> None:
+    def set_goal_active(self, active: bool, now: float) -> None:
         """Stores whether navigation has a goal, according to its status at time `now` [s]."""
         self._goal_at = now if active else -math.inf
 

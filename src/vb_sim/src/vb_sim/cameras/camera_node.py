@@ -120,10 +120,10 @@ class CameraNode:
                 # the topics close during shutdown
                 return
             # checks again after at most 20 ms, as simulated time may run faster or slower than wall time
-            time.sleep(min(max(self._schedule.wait(self._clock.now()), 0.001), 0.02))
+            time.sleep(min(max(self._schedule.time_to_next(self._clock.now()), 0.001), 0.02))
 
 
-def read_parameters(params_class: Any) -> Any:
+def configure_and_read(params_class: Any) -> Any:
     """Configures a camera node's process, and reads its parameters."""
     cv2.setNumThreads(1)
     node.disable_heap_trimming()

@@ -66,7 +66,7 @@ class FrameSchedule:
             self._next[index] = max(first, newest + 1)
         return sorted(images, key=lambda image: image[1])
 
-    def wait(self, now: float) -> float:
+    def time_to_next(self, now: float) -> float:
         """Returns the time [s] until the next image is due."""
         stamps = [self._next.get(index, 0) * period + phase for index, (period, phase) in enumerate(self._timings)]
         return max(0.0, min(stamps, default=now + 1.0) + self._latency_s - now)

@@ -100,7 +100,7 @@ class RobotOnlyScript(ParticipantScript):
         person.doing = "draws"
         yield from person.move_spot(stroke.at(arc), person.model.robot_drawing_speed)
         while arc < stroke.length:
-            unseen = person.time_since_seen(by_robot=True)
+            unseen = person.spot_lost_time(by_robot=True)
             yield from person.slip_at_random(stroke, arc, person.model.robot_drawing_speed)
             if unseen < FEEDBACK_GAP:
                 last_seen = arc
@@ -170,7 +170,7 @@ class RobotOnlyScript(ParticipantScript):
         for waypoint in waypoints:
             lost = 0
             while np.linalg.norm(waypoint - person.spot) > 1e-6:
-                unseen = person.time_since_seen(by_robot=True)
+                unseen = person.spot_lost_time(by_robot=True)
                 if unseen < FEEDBACK_GAP + person.model.notice_time:
                     person.step_spot(waypoint, self._choose_pace() * person.model.leading_speed * person.dt)
                 elif unseen > LOST:
@@ -266,7 +266,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         person = self.person
         person.doing = "draws"
         stroke = yield from self._find_seen_start()
-        if person.time_since_seen() > person.model.patience / 2.0:
+        if person.spot_lost_time() > person.model.patience / 2.0:
             self._without_cameras = RobotOnlyScript(person)
             yield from self._without_cameras.prepare()
             yield from self._without_cameras.draw()
@@ -287,11 +287,11 @@ class NetworkRobotSystemScript(ParticipantScript):
         missed = 0
         person.spot = stroke.at(arc)
         # like any other point, the end must be seen
-        while (end - arc) * sign > 0.0 or (missed <= person.model.retries and person.time_since_seen() >= FEEDBACK_GAP):
-            if person.time_since_seen() < FEEDBACK_GAP:
+        while (end - arc) * sign > 0.0 or (missed <= person.model.retries and person.spot_lost_time() >= FEEDBACK_GAP):
+            if person.spot_lost_time() < FEEDBACK_GAP:
                 last_seen = arc
                 first_seen = arc if first_seen is None else first_seen
-            elif missed <= person.model.retries and person.time_since_seen() > FEEDBACK_GAP + person.model.notice_time:
+            elif missed <= person.model.retries and person.spot_lost_time() > FEEDBACK_GAP + person.model.notice_time:
                 missed += 1
                 yield from self._wait_until_seen(stroke)
                 arc = max((last_seen - GO_BACK * sign) * sign, start * sign) * sign
@@ -317,7 +317,7 @@ class NetworkRobotSystemScript(ParticipantScript):
             person.spot = stroke.at(stroke.start)
             person.walk_within_reach(person.spot, stroke.points)
             yield from person.hold_until_seen(0.1, person.model.patience / 2.0)
-            if person.time_since_seen() < FEEDBACK_GAP:
+            if person.spot_lost_time() < FEEDBACK_GAP:
                 break
             person.step_aside(person.spot, stroke.points)
         return stroke
@@ -328,7 +328,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         person.doing = "waits for the robot"
         start = person.perception.now
         moved_aside = False
-        while person.time_since_seen() > FEEDBACK_GAP and person.perception.now - start < person.model.patience:
+        while person.spot_lost_time() > FEEDBACK_GAP and person.perception.now - start < person.model.patience:
             asked_to_hold = person.perception.now - person.perception.hold_requested_at < person.model.patience
             waited = person.perception.now - start
             if not moved_aside and not asked_to_hold and waited > 2.0 and person.spot is not None:

@@ -206,8 +206,8 @@ class Person:
         """Returns (N,) bool: whether points (N, 2) [m] are on the floor, where cameras can see a spot."""
         return sample(self.grid, self.grid.data, points, UNKNOWN) == FREE
 
-    def time_since_seen(self, by_robot: bool = False) -> float:
-        """Returns the time [s] since the last feedback from any camera, or, if `by_robot`, from a robot's."""
+    def spot_lost_time(self, by_robot: bool = False) -> float:
+        """Returns the time [s] since the last feedback that any camera sees the spot, or, if `by_robot`, a robot's."""
         last_seen = self.perception.last_seen_by_robot if by_robot else self.perception.last_seen
         return self.perception.now - last_seen
 
@@ -328,7 +328,7 @@ class Person:
         seen_time = 0.0
         start = self.perception.now
         while seen_time < seconds and self.perception.now - start < patience + seconds:
-            if self.time_since_seen(by_robot) < FEEDBACK_GAP:
+            if self.spot_lost_time(by_robot) < FEEDBACK_GAP:
                 seen_time += self.dt
             yield
 

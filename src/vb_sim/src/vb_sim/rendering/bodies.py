@@ -50,16 +50,16 @@ class BodyParts:
         high = transform_points(T, self.high)
         return replace(self, low=low, high=high, yaws=np.full(len(self), yaw))
 
-    def scale_to(self, center: Point2, build: BodyProportions) -> "BodyParts":
+    def scale_to(self, center: Point2, proportions: BodyProportions) -> "BodyParts":
         """Returns a person's pieces scaled from the average build to another, about `center` (x, y) [m]."""
-        scale = np.array([build.breadth, build.breadth, build.height / AVERAGE.height])
+        scale = np.array([proportions.breadth, proportions.breadth, proportions.height / AVERAGE.height])
         origin = np.array([*center, 0.0])
         return replace(
             self,
             low=origin + (self.low - origin) * scale,
             high=origin + (self.high - origin) * scale,
-            low_radii=self.low_radii * build.breadth,
-            high_radii=self.high_radii * build.breadth,
+            low_radii=self.low_radii * proportions.breadth,
+            high_radii=self.high_radii * proportions.breadth,
         )
 
 
@@ -138,7 +138,7 @@ def hand_position(person: Pose, target: Optional[Point2], height: float) -> np.n
 
 
 def person_pieces(
-    person: Pose, target: Optional[Point2], hand_height: float, build: BodyProportions = AVERAGE
+    person: Pose, target: Optional[Point2], hand_height: float, proportions: BodyProportions = AVERAGE
 ) -> BodyParts:
     """Builds a standing person with the right arm raised towards a point on the floor, or hanging.
 
@@ -146,8 +146,8 @@ def person_pieces(
         hand_height: [m] at which the person holds the pointer.
     """
     x, y, yaw = person
-    tallness = build.height / AVERAGE.height
-    side = 0.21 * build.breadth
+    tallness = proportions.height / AVERAGE.height
+    side = 0.21 * proportions.breadth
     shoulder = np.array([x + side * math.sin(yaw), y - side * math.cos(yaw), 1.38 * tallness])
     if target is None:
         hand = np.array([shoulder[0] + 0.05 * math.cos(yaw), shoulder[1] + 0.05 * math.sin(yaw), 0.82 * tallness])
@@ -162,13 +162,13 @@ def person_pieces(
     arm = BodyParts(
         low=np.array(joints[:-1]),
         high=np.array(joints[1:]),
-        low_radii=build.breadth * _ARM_LOW_RADII[:count],
-        high_radii=build.breadth * _ARM_HIGH_RADII[:count],
+        low_radii=proportions.breadth * _ARM_LOW_RADII[:count],
+        high_radii=proportions.breadth * _ARM_HIGH_RADII[:count],
         yaws=np.full(count, yaw),
         colors=_ARM_COLORS[:count],
     )
     body = _PERSON.move_to(x, y, yaw)
-    return join_pieces([body if build == AVERAGE else body.scale_to((x, y), build), arm])
+    return join_pieces([body if proportions == AVERAGE else body.scale_to((x, y), proportions), arm])
 
 
 def person_key(person: Pose, target: Optional[Point2]) -> Tuple:

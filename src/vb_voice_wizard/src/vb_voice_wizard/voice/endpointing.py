@@ -93,7 +93,7 @@ class Endpointer:
         self._speech_end = -1  # newest chunk with speech
 
     @property
-    def length(self) -> float:
+    def stream_length(self) -> float:
         """Length [s] of the stream so far."""
         return (self._chunk_number * CHUNK + len(self._pending)) / SAMPLE_RATE
 

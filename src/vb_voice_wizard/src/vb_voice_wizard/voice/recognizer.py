@@ -192,7 +192,7 @@ class CommandListener:
             now: [s] when the last of these samples arrived.
         """
         utterances = self._endpointer.push(pcm)
-        stream_start = now - self._endpointer.length
+        stream_start = now - self._endpointer.stream_length
         return [self._classify(utterance, stream_start) for utterance in utterances]
 
     def _classify(self, utterance: Utterance, stream_start: float) -> RecognitionResult:
