@@ -115,7 +115,7 @@ def draw_sides_apart(rng: np.random.Generator) -> DrawnScene:
     return DrawnScene(np.vstack([drawn[number] for number in range(4)]), True, np.vstack(parts), np.concatenate(shown))
 
 
-def draw_figures(rng: np.random.Generator) -> DrawnScene:
+def draw_random_figure(rng: np.random.Generator) -> DrawnScene:
     """Draws a figure or line as people do; the ends of a line are at least half of the figure apart."""
     figures = [BOX, BOX[:3] * [0.6, 1.2], 0.7 * BOX @ [[0.8, 0.6], [-0.6, 0.8]]]
     kind = rng.integers(6)

@@ -25,7 +25,7 @@ from bench.extraction.hand_movements import (
     BOX,
     STEP,
     DrawnScene,
-    draw_figures,
+    draw_random_figure,
     draw_polygon,
     draw_ring,
     draw_sides_apart,
@@ -118,7 +118,7 @@ def judge_border(make: Callable, modules: List[Any], rng: np.random.Generator) -
 
 
 ROWS: Dict[str, Tuple[Callable, int]] = {
-    "figures and lines": (draw_figures, 120),
+    "figures and lines": (draw_random_figure, 120),
     "hidden piece of 0.5, 0.6, 0.8 m": (lambda rng: draw_with_hidden_piece(rng.choice([0.5, 0.6, 0.8]), rng), 120),
     "sides in the order 1-3-2-4": (draw_sides_apart, 30),
     "pointer lifted once": (draw_with_lifted_pointer, 60),

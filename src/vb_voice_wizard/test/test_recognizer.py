@@ -13,7 +13,7 @@ from vb_testing import assert_fields
 from speech import RATE, command_in, examine, room_noise, say, tone, utterances
 from vb_core.sentences import words_of_name
 from vb_core.sounds import SOUNDS, Note, Melody
-from vb_voice_wizard.voice.audio_sources import CHUNK_SAMPLES, Microphone, has_sound
+from vb_voice_wizard.voice.microphone import CHUNK_SAMPLES, Microphone, has_sound
 from vb_voice_wizard.voice.endpointing import CHUNK, MAX_UTTERANCE, Endpointer, SpeechDetector
 from vb_voice_wizard.voice.recognizer import THRESHOLD, CommandListener, CommandRecognizer, RecognitionResult
 from vb_voice_wizard.voice.speech_model import MODEL_FOLDER, SpeechModel

@@ -286,7 +286,7 @@ class RobotMonitorNode:
 
     def _check_robots(self) -> None:
         for robot in self._robots.values():
-            robot.locate()
+            robot.update_pose()
             speed = robot.speed
             limit = self._speed_limit_at(robot)
             # a planner keeps its limit while it is not known whether it may be lifted

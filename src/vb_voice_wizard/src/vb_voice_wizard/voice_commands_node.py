@@ -17,7 +17,7 @@ from vb_core.ros.notices import NoticePublisher
 from vb_msgs.msg import Audio, SpeechCommand, Sound
 from vb_msgs.srv import CommandRequest, CommandResponse
 
-from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE, Microphone, arecord_command, has_sound
+from vb_voice_wizard.voice.microphone import SAMPLE_RATE, Microphone, arecord_command, has_sound
 from vb_voice_wizard.voice.recognizer import CommandListener, CommandRecognizer, RecognitionResult
 
 AUDIO = "/virtual_borders/voice/audio"

@@ -32,9 +32,9 @@ def centimeters(points: Iterable[Point]) -> List[int]:
     return np.rint(coordinates * 100.0).astype(int).ravel().tolist()
 
 
-def copy_fields(message: Any, fields: str) -> Dict[str, Any]:
-    """Returns fields of a message, given as names with spaces between, unchanged and under the same names."""
-    return {field: getattr(message, field) for field in fields.split()}
+def copy_fields(source: Any, *fields: str) -> Dict[str, Any]:
+    """Returns fields of a message or dataclass, unchanged and under the same names."""
+    return {field: getattr(source, field) for field in fields}
 
 
 def coded_sentence(message: Any) -> Dict[str, Any]:
@@ -51,7 +51,7 @@ def state_section(message: InteractionState) -> Dict[str, Any]:
     """Converts the state of the interaction. Times become seconds."""
     ends = (message.ends_at - message.header.stamp).to_sec() if not message.ends_at.is_zero() else 0.0
     return {
-        **copy_fields(message, "name available_commands stopped stopped_by stop_number"),
+        **copy_fields(message, "name", "available_commands", "stopped", "stopped_by", "stop_number"),
         "ends_in_s": max(0, int(ends)),
         "confirm": message.confirm_save,
         "outcome": message.last_outcome,
@@ -75,7 +75,7 @@ def progress_section(message: BorderProgress) -> Dict[str, Any]:
         "chain": centimeters(message.chain),
         "left_out": centimeters(message.left_out),
         "seed": centimeters([message.seed]) if message.has_seed else [],
-        **copy_fields(message, "closed cameras_seeing_spot"),
+        **copy_fields(message, "closed", "cameras_seeing_spot"),
         **coded_sentence(message),
     }
 
@@ -113,7 +113,7 @@ def border_section(border: VirtualBorder, capabilities: Optional[Capabilities] =
     if capabilities is not None and border.in_force:
         unkept = describe_ignored_zone(capabilities, zone, border.robots)
     return {
-        **copy_fields(border, "id name enabled in_force reason robots"),
+        **copy_fields(border, "id", "name", "enabled", "in_force", "reason", "robots"),
         "points": centimeters(border.points),
         "kind": _KIND_NAMES.get(border.kind, "curve"),
         "seed": centimeters([border.seed]),
@@ -129,7 +129,7 @@ def border_section(border: VirtualBorder, capabilities: Optional[Capabilities] =
 def borders_section(message: VirtualBorderArray, capabilities: Optional[Capabilities] = None) -> Dict[str, Any]:
     """Converts all borders. `capabilities`: those of what is connected, if that is known."""
     return {
-        **copy_fields(message, "revision map_id map_name available_commands"),
+        **copy_fields(message, "revision", "map_id", "map_name", "available_commands"),
         "unconfirmed": message.needs_confirmation,
         "list": [border_section(border, capabilities) for border in message.borders],
         **coded_sentence(message),
@@ -141,7 +141,7 @@ def capabilities_section(
 ) -> Dict[str, Any]:
     """Converts what the lab can do, and what is said about its robots. `more_commands`: further commands to offer."""
     return {
-        **copy_fields(capabilities, "state zones sendable_robots"),
+        **copy_fields(capabilities, "state", "zones", "sendable_robots"),
         "interaction": message.interaction,
         "commands": [*capabilities.commands, *more_commands],
         "robots": [robot.robot for robot in message.robots],
@@ -188,7 +188,7 @@ def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:
     """Converts the notices that are now in effect."""
     return [
         {
-            **copy_fields(notice, "code message robot camera"),
+            **copy_fields(notice, "code", "message", "robot", "camera"),
             "severity": int(notice.severity),
             "values": dict(notice.values),
             "border": notice.border_id,

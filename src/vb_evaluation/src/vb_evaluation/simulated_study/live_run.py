@@ -1,4 +1,4 @@
-"""Carries out one run (participant, scenario, method) with the live system's own nodes (vb_evaluation/in_process_ros)."""
+"""Carries out one run (participant, scenario, method) with the live system's own nodes (vb_sim.in_process_ros)."""
 
 from __future__ import annotations
 

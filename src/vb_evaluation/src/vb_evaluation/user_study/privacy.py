@@ -56,8 +56,8 @@ def _age_band(text: str) -> str:
 def delete(path: Path, participant: str) -> List[str]:
     """Deletes a participant's recordings, answers and judged pictures for good. Returns what was deleted.
 
-    The protocol keeps the lines, without recording, completion and note, so that the others' plan stays. Results must
-    be measured again.
+    The participant's rows stay in the protocol, without recording, completion and note, so that the plan of the others is
+    unchanged. Results must be measured again.
 
     Raises:
         CodedError: "no_participant".

@@ -78,7 +78,7 @@ class Recording:
         """What was planned and noted, empty if the recording was not made by study_kit run."""
         return _read(self.folder / RUN, yaml.safe_load) or {}
 
-    def count(self, key: str) -> int:
+    def count_key_presses(self, key: str) -> int:
         """Counts how often the experimenter pressed a key."""
         return _rows(self.folder / EVENTS, lambda row: row.get("key")).count(key)
 

@@ -194,7 +194,11 @@ def _measured_row(
     interactions = recording.interactions
     run = _describe(entry)
     row = _empty_row(entry, "not_started")
-    row.update(revision=recording.run.get("revision", ""), helped=recording.count("h"), problems=recording.count("p"))
+    row.update(
+        revision=recording.run.get("revision", ""),
+        helped=recording.count_key_presses("h"),
+        problems=recording.count_key_presses("p"),
+    )
     if not interactions:
         note = "nothing was begun in this recording, so it counts for nothing: can the run be done again?"
         return row, [f"{run}: {note}"]

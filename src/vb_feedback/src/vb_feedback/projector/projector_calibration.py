@@ -113,7 +113,7 @@ def read_calibration(path: Path) -> ProjectorCalibration:
     try:
         values = yaml.safe_load(path.read_text(encoding="utf-8"))
         if set(values) != {"width", "height", "map_to_pixels"}:
-            raise ValueError("it has the keys width, height, map_to_pixels")
+            raise ValueError("it must have exactly the keys width, height and map_to_pixels")
         matrix = np.array(values["map_to_pixels"], dtype=float)
         return ProjectorCalibration(int(values["width"]), int(values["height"]), matrix)
     except OSError as error:

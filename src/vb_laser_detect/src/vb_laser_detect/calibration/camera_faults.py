@@ -182,13 +182,13 @@ def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, PoseFile]:
     return files
 
 
-def _calibration_fault(camera: str, file: PoseFile, report: DetectorReport, is_kept: bool) -> Optional[CodedError]:
+def _calibration_fault(camera: str, file: PoseFile, report: DetectorReport, has_old_pose: bool) -> Optional[CodedError]:
     """Returns the fault if a calibration cannot be used, or does not fit the camera's images, or None if it fits."""
     name = f"{camera}.yaml"
     if isinstance(file, CodedError):
         if file.code == "shared_frame":
             return file
-        if file.code == "no_calibration" and not is_kept:
+        if file.code == "no_calibration" and not has_old_pose:
             return CodedError("camera_not_calibrated", error=file.message)
         return CodedError("camera_file_broken", error=file.message, file=name)
     if report.frame not in ("", file.frame):

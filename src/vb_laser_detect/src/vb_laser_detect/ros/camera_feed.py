@@ -44,7 +44,10 @@ class ReceivedImage(NamedTuple):
 
 
 def lens_path(settings: str, camera: str) -> Path:
-    """Returns lenses/CAMERA.yaml beside the folder of detectors/CAMERA.yaml, which is `settings`, or else in SETTINGS_FOLDER."""
+    """Returns the path of a camera's lens file: LAB/lenses/CAMERA.yaml if its settings are LAB/detectors/CAMERA.yaml.
+
+    Without a settings file, LAB is SETTINGS_FOLDER.
+    """
     lab = Path(settings).expanduser().resolve().parent.parent if settings else Path(SETTINGS_FOLDER).expanduser()
     return lab / "lenses" / f"{camera}.yaml"
 

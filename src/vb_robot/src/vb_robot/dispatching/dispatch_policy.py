@@ -1,10 +1,12 @@
 """Decides where each robot should go: the policy, apart from maps, messages and actions.
 
-One robot serves, and stays where it is as long as it sees the target from there. If it has not seen the target for a
-while, or its position has failed, the robots bid. Each offers the cheapest position from which it would see the target.
-Its present position costs nothing. Bids rank by whether they see the spot, then by the robot's failures, whether it is
-busy, and cost. A position fails if navigation does not accept it, the robot makes no progress, or no camera sees the
-spot in time. It is not offered for a while. The serving robot bids SWITCH_GAIN less, so that two do not alternate.
+1. One robot serves. It stays where it is for as long as it sees the target from there.
+2. If it has not seen the target for a while, or its position has failed, all robots bid: each offers the cheapest position
+   from which it would see the target. Staying where it is costs a robot nothing.
+3. Bids that see the spot come first, then those of robots with fewer failures, then those of idle robots, then the cheaper.
+   The serving robot's bid counts as SWITCH_GAIN cheaper, so that two robots do not alternate.
+4. A position has failed if navigation does not accept it, if the robot makes no progress towards it, or if no camera sees
+   the spot from there in time. A failed position is not offered for a while.
 """
 
 from __future__ import annotations
@@ -122,7 +124,7 @@ class DispatchPolicy:
     def __init__(self, robots) -> None:
         self._names = tuple(robots)
         self._previous_time = -math.inf  # [s]
-        self._previous_key: Hashable = None
+        self._previous_task: Hashable = None
         self._forget_goal()
         self._forget_failures()
 
@@ -139,7 +141,7 @@ class DispatchPolicy:
         self._unfit_since: Optional[float] = None  # [s]; None while the goal is fit
 
     def step(
-        self, now: float, key: Hashable, unseen: float, robots: Mapping[str, DispatchStatus], planners: Planners
+        self, now: float, task: Hashable, unseen_s: float, robots: Mapping[str, DispatchStatus], planners: Planners
     ) -> Dict[str, Optional[Viewpoint]]:
         """Decides the goal of each robot, which it may have reached already, or None for a robot without a goal.
 
@@ -147,31 +149,34 @@ class DispatchPolicy:
 
         Args:
             now: [s]
-            key: identifies interaction and state; None if no robot is wanted.
-            unseen: [s] since a camera saw the spot.
+            task: identifies interaction and state; None if no robot is wanted.
+            unseen_s: [s] since a camera saw the spot.
         """
-        is_over = key is None or now < self._previous_time - 1.0  # if time has jumped back, this is another run
-        if is_over or key != self._previous_key:
-            if is_over or self.goal is None or not robots[self.serving].goal.is_running:
+        must_restart = task is None or now < self._previous_time - 1.0  # if time has jumped back, this is another run
+        if must_restart or task != self._previous_task:
+            if must_restart or self.goal is None or not robots[self.serving].goal.is_running:
                 self._forget_goal()  # but a robot that is on its way goes on
             self._forget_failures()
-        self._previous_time, self._previous_key = now, key
+        self._previous_time = now
+        self._previous_task = task
         self._failures = [failure for failure in self._failures if now - failure.time < FAILED_MEMORY]
-        if unseen <= LOST_TIMEOUT:
+        if unseen_s <= LOST_TIMEOUT:
             self._hidden = []
-        wanted = robots if key is not None else {}
+        wanted = robots if task is not None else {}
         able = {name: status for name, status in wanted.items() if status.has_navigation and status.pose is not None}
         if self.serving not in able:
             self.serving = self.goal = None
+        must_choose = True
         if self.serving is not None:
-            assessment = self._assess(now, unseen, robots[self.serving], planners[self.serving])
+            assessment = self._assess(now, unseen_s, robots[self.serving], planners[self.serving])
             self._record(now, assessment, robots[self.serving])
-        if self.serving is None or self._must_choose(now, unseen, assessment):
+            must_choose = self._must_choose(now, unseen_s, assessment)
+        if must_choose:
             self._choose(now, able, planners)
         return {name: self.goal if name == self.serving else None for name in self._names}
 
     def _assess(
-        self, now: float, unseen: float, status: DispatchStatus, planner: Optional[ViewpointPlanner]
+        self, now: float, unseen_s: float, status: DispatchStatus, planner: Optional[ViewpointPlanner]
     ) -> PositionAssessment:
         """Assesses the position of the serving robot, and changes nothing."""
         goal = self.goal
@@ -194,7 +199,7 @@ class DispatchPolicy:
         if not fits:
             return PositionAssessment.UNFIT
         waited = now - self._wait.continued("seen", now, status.pose).since
-        is_hidden = min(unseen, waited) >= HIDDEN_TIMEOUT and len(self._hidden) < HIDDEN_TRIES
+        is_hidden = min(unseen_s, waited) >= HIDDEN_TIMEOUT and len(self._hidden) < HIDDEN_TRIES
         return PositionAssessment.HIDDEN if is_hidden else PositionAssessment.FIT
 
     def _record(self, now: float, assessment: PositionAssessment, status: DispatchStatus) -> None:
@@ -219,13 +224,13 @@ class DispatchPolicy:
         elif assessment is PositionAssessment.UNFIT and self.goal is not None and self._unfit_since is None:
             self._unfit_since = now
 
-    def _must_choose(self, now: float, unseen: float, assessment: PositionAssessment) -> bool:
+    def _must_choose(self, now: float, unseen_s: float, assessment: PositionAssessment) -> bool:
         """Returns whether to choose another position, or robot: with patience while the present goal may fit again."""
         if assessment in (PositionAssessment.FIT, PositionAssessment.UNKNOWN):
             return False
         if self.goal is None:
             return True
-        if unseen > LOST_TIMEOUT:
+        if unseen_s > LOST_TIMEOUT:
             return now >= self._sent_at + LOST_INTERVAL
         return now >= self._sent_at + MIN_INTERVAL and now >= self._unfit_since + UNFIT_TIMEOUT
 

@@ -8,6 +8,7 @@ robot moves; the gate checks its age, and whether the localisation has jumped.
 
 from __future__ import annotations
 
+import enum
 import math
 from typing import Optional, Tuple
 
@@ -22,6 +23,15 @@ NEAR_DISTANCE, BACK_TO_DISTANCE = 0.75, 0.9  # below NEAR, it backs off, to BACK
 INNER_ZONE = math.radians(14.0)  # if the spot's bearing is larger, the robot turns: half of a usual camera's view
 SETTLED_ZONE = math.radians(4.0)  # if it is smaller again, the turn ends
 DISTANCE_GAIN = 0.8  # [1/s]
+OVERSHOOT = 0.05  # [m] a motion aims this far beyond the distance at which it ends, or it would slow down and never end
+
+
+class DriveMotion(enum.Enum):
+    """What the robot does to keep the spot at a good distance."""
+
+    NONE = "none"
+    NEARER = "nearer"
+    BACK = "back"
 
 
 class SpotFollower:
@@ -33,12 +43,16 @@ class SpotFollower:
 
     def __init__(self) -> None:
         self.spot: Optional[Tuple[float, float]] = None
-        self._turning, self._driving = False, 0  # driving: 1 forward, -1 back
+        self._stop()
+
+    def _stop(self) -> None:
+        self._turning = False
+        self._motion = DriveMotion.NONE
 
     def compute_request(self, pose: Optional[Pose]) -> VelocityRequest:
         """Computes the motion that keeps the spot in the robot's view; `pose` is None if it is not known."""
         if pose is None or self.spot is None:
-            self._turning, self._driving = False, 0
+            self._stop()
             return VelocityRequest(code="spot_lost")
         v, w = self._servo(map_to_base(np.array(self.spot), pose).ravel())
         return VelocityRequest(min(max(v, -MAX_SPEED), MAX_SPEED), w, "driving" if v or w else "spot_in_view")
@@ -51,17 +65,24 @@ class SpotFollower:
             self._turning = True
         elif abs(bearing) < SETTLED_ZONE:
             self._turning = False
-        if distance > FAR_DISTANCE:
-            self._driving = 1
-        elif distance < NEAR_DISTANCE:
-            self._driving = -1
-        # the distance is good again
-        elif distance <= GOOD_DISTANCE if self._driving == 1 else distance >= BACK_TO_DISTANCE:
-            self._driving = 0
+        self._motion = self._choose_motion(distance)
         # the robot also steers while it drives, so that the spot stays ahead
-        v, w = steer(bearing, DISTANCE_GAIN * (distance - GOOD_DISTANCE + 0.05))
-        if self._driving == 1:
-            return v, w
-        v = DISTANCE_GAIN * (distance - BACK_TO_DISTANCE - 0.05) if self._driving == -1 else 0.0
+        if self._motion is DriveMotion.NEARER:
+            return steer(bearing, DISTANCE_GAIN * (distance - GOOD_DISTANCE + OVERSHOOT))
+        _, w = steer(bearing, 0.0)
         w = w if self._turning else 0.0
-        return v, w
+        if self._motion is DriveMotion.BACK:
+            return DISTANCE_GAIN * (distance - BACK_TO_DISTANCE - OVERSHOOT), w
+        return 0.0, w
+
+    def _choose_motion(self, distance: float) -> DriveMotion:
+        """Chooses the motion for a distance [m]; one that has begun goes on until the distance is good again."""
+        if distance > FAR_DISTANCE:
+            return DriveMotion.NEARER
+        if distance < NEAR_DISTANCE:
+            return DriveMotion.BACK
+        if self._motion is DriveMotion.NEARER and distance > GOOD_DISTANCE:
+            return DriveMotion.NEARER
+        if self._motion is DriveMotion.BACK and distance < BACK_TO_DISTANCE:
+            return DriveMotion.BACK
+        return DriveMotion.NONE

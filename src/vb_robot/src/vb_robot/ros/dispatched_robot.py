@@ -94,5 +94,5 @@ class DispatchedRobot:
                 # again and again, because a message may be lost while publishers are being connected
                 self._robot.cancel_goals(goal)
                 rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: cancels a goal from before a restart: {goal}")
-        pose = self._robot.locate() if wanted else None
+        pose = self._robot.update_pose() if wanted else None
         return DispatchStatus(pose, self._robot.is_navigating(), self._state, bool(others))

@@ -120,7 +120,7 @@ class WatchedRobot:
             self._path_subscriber = rospy.Subscriber(wiring.path, Path, self._on_path) if wiring.path else None
         self.wiring = wiring
 
-    def locate(self) -> Optional[Pose]:
+    def update_pose(self) -> Optional[Pose]:
         """Looks up the robot's pose, stores it and returns it."""
         self.pose = self._transforms.pose_on_map(self.frame, POSE_SILENCE)
         return self.pose

