@@ -41,7 +41,7 @@ class StopSequences(unittest.TestCase):
         cls.driver = Newest(names.DRIVERS, DriverState)
         cls.topic = rospy.Publisher(names.STOP, Stop, queue_size=10)
         files = f"_stop_file:={FOLDER}/manager.json", f"_log_file:={FOLDER}/l"
-        cls.manager = Process("vb_voice_wizard", "interaction_manager", "__name:=interaction_manager", *files)
+        cls.manager = Process("vb_interaction", "interaction_manager", "__name:=interaction_manager", *files)
         cls.robot = Process("vb_robot", "robot_driver", "__name:=robot_driver", f"_stop_file:={FOLDER}/robot.json")
         cls.answers = []
         cls.lock = threading.Lock()

@@ -14,7 +14,7 @@ import pytest
 from vb_testing import TOP, run_command
 from vb_core import names, sentences
 
-FEATURES = "vb_laser_detect vb_fusion vb_map_integration vb_voice_wizard vb_robot vb_feedback vb_web vb_mqtt".split()
+FEATURES = "vb_laser_detect vb_fusion vb_map_integration vb_interaction vb_voice_wizard vb_robot vb_feedback vb_web vb_mqtt".split()
 FILE_SUFFIXES = "crt csv html json jsonl key launch npz pgm py sh test xml yaml".split()
 PACKAGES = sorted(path.parent.name for path in TOP.glob("src/*/package.xml"))
 
@@ -84,7 +84,7 @@ vb_evaluation.demo vb_evaluation.simulated_study.live_run vb_evaluation.user_stu
 vb_evaluation.navigation_check.check_navigation vb_evaluation.navigation_check.move_base_goals
 vb_evaluation.system_observer vb_map_integration.border_messages vb_map_integration.import_borders
 vb_mqtt.entities vb_sim.in_process_ros.connections vb_sim.in_process_ros.launch_file vb_sim.in_process_ros.rospy_stand_in
-vb_voice_wizard.border_preview vb_voice_wizard.border_services vb_voice_wizard.wizard_console
+vb_interaction.border_preview vb_interaction.border_services vb_voice_wizard.wizard_console
 vb_web.action_executor vb_web.camera_images vb_web.page_messages
 """.split()
 EXAMPLES_AS_INSTALLED = """

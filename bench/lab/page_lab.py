@@ -24,7 +24,7 @@ LAUNCH = """<launch>
   <node pkg="vb_sim" type="map_server" name="map_server"><param name="world" value="{top}/src/vb_sim/worlds/lab.yaml"/></node>
   <node pkg="vb_map_integration" type="map_integrator" name="map_integrator" output="log">
     <param name="database_dir" value="{state}/borders"/><param name="map_dir" value="{state}/maps"/></node>
-  <node pkg="vb_voice_wizard" type="interaction_manager" name="interaction_manager" output="log">
+  <node pkg="vb_interaction" type="interaction_manager" name="interaction_manager" output="log">
     <param name="log_file" value="{state}/i.jsonl"/><param name="stop_file" value="{state}/robots.stop"/></node>
   <node pkg="vb_web" type="page" name="page" output="log">
     <param name="port" value="{port}"/>

@@ -19,8 +19,8 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_messages import message_from_border
 from vb_map_integration.border_region import compute_region
 from vb_msgs.msg import DetectorStatus, VirtualBorderArray
-from vb_voice_wizard.command_answers import Answer
-from vb_voice_wizard.interaction import Interaction
+from vb_interaction.command_answers import Answer
+from vb_interaction.interaction import Interaction
 
 YELLOW, RED, BLUE = (0, 215, 247), (0, 0, 255), (180, 90, 40)  # (b, g, r)
 EXACT = ((0.751, 0.251), (2.249, 1.249))  # the ground truth's corners [m], to the cell

@@ -1,1 +1,1 @@
-"""The interaction's states and commands, and three ways to give commands: voice, wizard console and buttons."""
+"""Three ways to give commands: voice, the hidden operator's console and buttons."""

@@ -8,8 +8,8 @@ import pytest
 from geometry_msgs.msg import Point
 
 from vb_msgs.msg import VirtualBorder
-from vb_voice_wizard.command_answers import Answer, AnswerCache
-from vb_voice_wizard.interaction_manager_node import _describe_change
+from vb_interaction.command_answers import Answer, AnswerCache
+from vb_interaction.interaction_manager_node import _describe_change
 
 
 def counted():

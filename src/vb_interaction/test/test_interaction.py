@@ -12,8 +12,8 @@ from vb_core import sentences
 from vb_core.sentences import words_of_name
 from vb_core.vocabulary import BORDER, CANCEL, COMMANDS, CONTINUE, DEFAULT, DEFINE_BORDER, DEFINE_SEED, GUIDE
 from vb_core.vocabulary import GUIDE_ROBOT, PAUSE, PAUSED, REDO, RESUME, SAVE, SEED, STATES, STOP, UNDO
-from vb_voice_wizard.command_answers import Answer
-from vb_voice_wizard.interaction import MISSING_SPOT_DELAY, Interaction, InteractionParams
+from vb_interaction.command_answers import Answer
+from vb_interaction.interaction import MISSING_SPOT_DELAY, Interaction, InteractionParams
 
 # the other commands, with answer and next state (None if the state stays) in Default and once something was begun
 OTHER_COMMANDS = [

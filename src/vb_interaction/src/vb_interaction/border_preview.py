@@ -17,7 +17,7 @@ from vb_core.ros.preview_service import PreviewBorderArrayResponse
 from vb_core.ros.messages import NumpyBorderPreview, array_from_points, mapping_from_values, values_from_mapping
 from vb_msgs.msg import BorderIssue, BorderProgress, VirtualBorder, VirtualBorderArray
 
-from vb_voice_wizard.border_services import BorderServices
+from vb_interaction.border_services import BorderServices
 
 PREVIEW_PERIOD = 0.5  # [s] between two previews: faster than people read
 RETRY_DELAY = 2.0  # [s] after which a service that did not answer is called again

@@ -28,7 +28,7 @@ ARGUMENTS = [f"_log_file:={LOG}", f"_stop_file:={FOLDER}/stop", "_method:=a_meth
 
 
 def manager(*arguments):
-    return Process("vb_voice_wizard", "interaction_manager", "__name:=interaction_manager", *ARGUMENTS, *arguments)
+    return Process("vb_interaction", "interaction_manager", "__name:=interaction_manager", *ARGUMENTS, *arguments)
 
 
 class InteractionManagerTest(unittest.TestCase):
@@ -370,4 +370,4 @@ class InteractionManagerTest(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rostest.rosrun("vb_voice_wizard", "interaction_manager", InteractionManagerTest)
+    rostest.rosrun("vb_interaction", "interaction_manager", InteractionManagerTest)

@@ -35,7 +35,7 @@ from vb_core.vocabulary import COMMANDS, STATES, State
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, PAUSED, SEED
 from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, RESUME, SAVE, STOP
 from vb_core.vocabulary import REDO, UNDO
-from vb_voice_wizard.command_answers import Answer
+from vb_interaction.command_answers import Answer
 
 MISSING_SPOT_DELAY = 10.0  # [s] in Border or Seed after which a missing spot is reported: by then people draw
 _WARNED_BEFORE = 60.0  # [s] how long before an idle interaction ends people are warned, at most half of the timeout

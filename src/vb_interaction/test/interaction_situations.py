@@ -3,8 +3,8 @@
 import pytest
 
 from vb_core.vocabulary import ANSWERS, BORDER, DEFAULT, GUIDE, SEED
-from vb_voice_wizard.command_answers import Answer
-from vb_voice_wizard.interaction import Interaction, InteractionParams
+from vb_interaction.command_answers import Answer
+from vb_interaction.interaction import Interaction, InteractionParams
 
 # commands given before, the state after them, and how define_border, define_seed and save are answered there
 SITUATIONS = [

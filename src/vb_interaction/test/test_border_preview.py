@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from vb_core.notices import Notice, Severity
-from vb_voice_wizard.border_preview import MAX_TIME_SHARE, PREVIEW_PERIOD, DrawingWarnings, PreviewInputs
-from vb_voice_wizard.border_preview import PreviewScheduler, comparison_key
+from vb_interaction.border_preview import MAX_TIME_SHARE, PREVIEW_PERIOD, DrawingWarnings, PreviewInputs
+from vb_interaction.border_preview import PreviewScheduler, comparison_key
 
 SILENT = Notice("camera_silent", Severity.ERROR, camera="south", values={"camera": "south"})
 

@@ -8,8 +8,8 @@ from vb_testing import assert_fields
 from vb_core.sentences import words_of_name
 from vb_core.vocabulary import ANSWERS, COMMANDS, DEFAULT, PAUSED
 from vb_core.vocabulary import CANCEL, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, REDO, RESUME, SAVE, STOP, UNDO
-from vb_voice_wizard.command_answers import Answer
-from vb_voice_wizard.interaction import CONFIRM_TIMEOUT, Interaction
+from vb_interaction.command_answers import Answer
+from vb_interaction.interaction import CONFIRM_TIMEOUT, Interaction
 
 
 # ------------------------------------------------------------------ stop

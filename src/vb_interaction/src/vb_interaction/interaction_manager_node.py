@@ -26,10 +26,10 @@ from vb_msgs.msg import BorderProgress, DriverState, InteractionState, LaserSpot
 from vb_msgs.msg import VirtualBorderArray
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
-from vb_voice_wizard.border_preview import PreviewPublisher
-from vb_voice_wizard.border_services import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, BorderServices
-from vb_voice_wizard.command_answers import Answer, AnswerCache
-from vb_voice_wizard.interaction import Interaction, InteractionParams
+from vb_interaction.border_preview import PreviewPublisher
+from vb_interaction.border_services import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, BorderServices
+from vb_interaction.command_answers import Answer, AnswerCache
+from vb_interaction.interaction import Interaction, InteractionParams
 
 _PUBLISH_PERIOD = 0.1  # [s] of wall time: robots stop half a second after the last state (vb_msgs/InteractionState)
 _STORE_PERIOD = 2.0  # [s] between attempts to store the stop: a full disk may have room again
