@@ -96,8 +96,6 @@ def status_of_first(keeper):
 
 def expected(keeper):
     """Returns the cells of the map with borders, computed border by border."""
-    cells = keeper.physical_map
-    for border in keeper.borders:
-        if border.enabled:
-            cells = cells.with_data(np.maximum(cells.data, compute_region(keeper.physical_map, border).posterior.data))
-    return cells.data
+    grid = keeper.physical_map
+    posteriors = [compute_region(grid, border).posterior.data for border in keeper.borders if border.enabled]
+    return np.max([grid.data, *posteriors], axis=0)

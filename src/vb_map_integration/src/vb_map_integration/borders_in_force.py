@@ -113,9 +113,9 @@ class BordersInForce:
         Raises:
             IntegrationError: as `compute_region`.
         """
-        other_borders = self.draw_map(excluded_ids=[border.id])
+        map_with_others = self.draw_map(excluded_ids=[border.id])
         region = compute_region(self.physical_map, border)
-        free_parts = count_free_parts(apply_regions(other_borders, [region]), self.robot_radius)
+        free_parts = count_free_parts(apply_regions(map_with_others, [region]), self.robot_radius)
         issues = list(region.issues)
         if region.contains_any(self.physical_map.world_to_cell(robot_positions)):
             issues.append(warning("robot_inside"))
