@@ -109,6 +109,7 @@ class OwnRobots(unittest.TestCase):
     def setUpClass(cls):
         rospy.init_node("own_robots")
         cls.launch = cls.browser = cls.running = None
+        cls.addClassCleanup(cls.stop)
         cls.logged = []
         cls.robots = Robots()
         goals = {name: f"/{name}/move_base_simple/goal" for name in START}
@@ -118,10 +119,6 @@ class OwnRobots(unittest.TestCase):
         cls.heard = listen(kinds)
         cls.listener = NoticeListener()
         rospy.Subscriber("/rosout", Log, lambda entry: cls.logged.append((entry.level, entry.msg)), queue_size=100)
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.stop()
 
     @classmethod
     def start(cls, lab):

@@ -43,6 +43,8 @@ class StopSequences(unittest.TestCase):
         files = f"_stop_file:={FOLDER}/manager.json", f"_log_file:={FOLDER}/l"
         cls.manager = Process("vb_voice_wizard", "interaction_manager", "__name:=interaction_manager", *files)
         cls.robot = Process("vb_robot", "robot_driver", "__name:=robot_driver", f"_stop_file:={FOLDER}/robot.json")
+        for process in (cls.manager, cls.robot):
+            cls.addClassCleanup(process.stop)
         cls.answers = []
         cls.lock = threading.Lock()
         cls.people = [commands.CommandSender(f"person {number}", cls.on_answer) for number in range(3)]
@@ -50,11 +52,6 @@ class StopSequences(unittest.TestCase):
         # a person reacts to what the page shows, so it needs a first state
         assert cls.state.message
         assert cls.driver.message
-
-    @classmethod
-    def tearDownClass(cls):
-        for process in (cls.manager, cls.robot):
-            process.stop()
 
     @classmethod
     def on_answer(cls, request, context, answer, error):

@@ -22,6 +22,7 @@ class NavigationCheckTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("test_navigation_check")
+        cls.addClassCleanup(shutil.rmtree, rospy.get_param("~folder"), ignore_errors=True)
         node.wait_for_clock()
         # the command assumes that they exist, and that each move_base has its map: people run it beside a running system
         for service in (names.ADD_BORDER, names.LIST_BORDERS):
@@ -31,10 +32,6 @@ class NavigationCheckTest(unittest.TestCase):
         for service in ("/move_base/make_plan", "/miswired/move_base/make_plan"):
             rospy.wait_for_service(service, 120.0)
             wait_until(lambda: len(observer.plan((*GOAL, 0.0), near, service)), f"a plan of {service}")
-
-    @classmethod
-    def tearDownClass(cls):
-        shutil.rmtree(rospy.get_param("~folder"), ignore_errors=True)
 
     def borders(self):
         rospy.wait_for_service(names.LIST_BORDERS, 60.0)

@@ -83,14 +83,11 @@ class DisplayTest(unittest.TestCase):
         cls.pictures = Newest("/virtual_borders/projector", Image)
         cls.screen = Screen()
         cls.folder = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(cls.folder.cleanup)
         cells = np.zeros((100, 160), np.int8)
         cells[0] = 100
         cls.grid = GridMap(cells, 0.05, (-2.0, 1.0, 0.0))
         cls.map.publish(message_from_grid(cls.grid, rospy.Time.now()))
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.folder.cleanup()
 
     def map_of(self, cells, rows, columns):
         """Returns a map of these cells with a rectangle of occupied ones: slices of rows and columns."""

@@ -25,26 +25,24 @@ class SoundTest(unittest.TestCase):
         cls.logs = Newest("/rosout", Log)
         cls.sounds = rospy.Publisher("/virtual_borders/sound", Sound, queue_size=20)
         cls.folder = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(cls.folder.cleanup)
         folder = Path(cls.folder.name)
-        aplay = {"hears": f"cat >> {folder}/pcm", "deaf": f'echo tried >> {folder}/tried; exec {which("aplay")} "$@"'}
-        options = {"hears": ["_volume:=1.0", "_max_age:=10.0"], "deaf": ["_device:=no_such_device"]}
+        deaf = f'echo tried >> {folder}/tried; exec {which("aplay")} "$@"'
         cls.nodes = []
-        for name, more in options.items():
+        for name, aplay, *options in (
+            ("hears", f"cat >> {folder}/pcm", "_volume:=1.0", "_max_age:=10.0"),
+            ("deaf", deaf, "_device:=no_such_device"),
+        ):
             (folder / name).mkdir()
-            write_program(folder / name / "aplay", aplay[name])
+            write_program(folder / name / "aplay", aplay)
             env = {**os.environ, "PATH": f"{folder / name}:{os.environ['PATH']}"}
-            cls.nodes.append(Process("vb_feedback", "sound_player", f"__name:={name}", *more, env=env))
+            cls.nodes.append(Process("vb_feedback", "sound_player", f"__name:={name}", *options, env=env))
+            cls.addClassCleanup(cls.nodes[-1].stop)
         wait_until(lambda: cls.sounds.get_num_connections() == 2, "both players")
 
     def written(self, name):
         path = Path(self.folder.name) / name
         return path.read_bytes() if path.exists() else b""
-
-    @classmethod
-    def tearDownClass(cls):
-        for node in cls.nodes:
-            node.stop()
-        cls.folder.cleanup()
 
     def test_sounds_are_played_whole_and_in_order(self):
         names = ["border", "tick", "error"]

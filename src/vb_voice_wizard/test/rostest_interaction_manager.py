@@ -45,11 +45,8 @@ class InteractionManagerTest(unittest.TestCase):
         cls.preview = Newest("/virtual_borders/preview", BorderPreview)
         cls.pool = ThreadPoolExecutor()
         cls.node = manager()
+        cls.addClassCleanup(lambda: cls.node.stop())
         rospy.wait_for_service("/virtual_borders/command", 60)
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.node.stop()
 
     def setUp(self):
         # a failed test may have left the stub or the node in any state

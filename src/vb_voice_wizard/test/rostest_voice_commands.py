@@ -25,16 +25,13 @@ class VoiceCommandsTest(unittest.TestCase):
         cls.audio = rospy.Publisher("/virtual_borders/voice/audio", Audio, queue_size=100)
         cls.sound = rospy.Publisher("/virtual_borders/sound", Sound, queue_size=10)
         cls.node = Process("vb_voice_wizard", "voice_commands", "_source:=topic")
+        cls.addClassCleanup(cls.node.stop)
         cls.heard = Newest("/virtual_borders/voice/heard", SpeechCommand)
         cls.sounds = Newest("/virtual_borders/sound", Sound)
         wait_until(cls.audio.get_num_connections, "the node's ear")
         wait_until(cls.heard.subscriber.get_num_connections, "the node's report")
         # the subscribers are this process, which counts sounds, and the node
         wait_until(lambda: cls.sound.get_num_connections() > 1, "the node to hear its own sounds")
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.node.stop()
 
     @classmethod
     def on_command(cls, request):

@@ -47,12 +47,9 @@ class PageTest(unittest.TestCase):
         cls.codes = Path(rospy.get_param("~state")) / "page_codes.yaml"
         cls.page = None
         cls.start_page()
+        cls.addClassCleanup(lambda: cls.page.stop())
         cls.browser = Browser(f"http://127.0.0.1:{cls.port}/")
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.browser.close()
-        cls.page.stop()
+        cls.addClassCleanup(lambda: cls.browser.close())
 
     @classmethod
     def start_page(cls, *arguments):
