@@ -107,9 +107,6 @@ def logged(monkeypatch):
     return lines
 
 
-CLOSED = rospy.ROSException("publish() to a closed topic")
-
-
 @pytest.mark.parametrize("is_ending, fault", [(True, ZeroDivisionError), (False, rospy.ROSException)])
 def test_a_fault_in_a_worker_ends_the_node(monkeypatch, logged, is_ending, fault):
     ended = threading.Event()
@@ -122,7 +119,7 @@ def test_a_fault_in_a_worker_ends_the_node(monkeypatch, logged, is_ending, fault
 
     waiting = Queue()
     node.Worker(waiting, handle)
-    for error in (CodedError("no_map"), CLOSED, ZeroDivisionError()):
+    for error in (CodedError("no_map"), rospy.ROSException("a closed topic"), ZeroDivisionError()):
         waiting.put(error)
     assert ended.wait(30)
     assert raised == [fault], "a CodedError is survived, and at the end a topic that has closed"
