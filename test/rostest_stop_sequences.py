@@ -43,6 +43,8 @@ class StopSequences(unittest.TestCase):
         files = f"_stop_file:={FOLDER}/manager.json", f"_log_file:={FOLDER}/l"
         cls.manager = Process("vb_interaction", "interaction_manager", "__name:=interaction_manager", *files)
         cls.robot = Process("vb_robot", "robot_driver", "__name:=robot_driver", f"_stop_file:={FOLDER}/robot.json")
+        for process in (cls.manager, cls.robot):
+            cls.addClassCleanup(process.stop)
         cls.answers = []
         cls.lock = threading.Lock()
         cls.people = [commands.CommandSender(f"person {number}", cls.on_answer) for number in range(3)]

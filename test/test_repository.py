@@ -13,6 +13,7 @@ import pytest
 
 from vb_testing import TOP, run_command
 from vb_core import names, sentences
+from vb_core.vocabulary import COMMANDS
 
 FEATURES = "vb_laser_detect vb_fusion vb_map_integration vb_interaction vb_voice_wizard vb_robot vb_feedback vb_web vb_mqtt".split()
 FILE_SUFFIXES = "crt csv html json jsonl key launch npz pgm py sh test xml yaml".split()
@@ -180,6 +181,11 @@ def own_sentences(source):
         or (name == "Notice" and given and isinstance(named.get("message"), (ast.Constant, ast.JoinedStr)))
     ]
     return [code.value for code in given_one if getattr(code, "value", None) in sentences.catalog()]
+
+
+def test_the_page_of_commands_has_each_of_them():
+    page = (TOP / "docs/reference/commands.md").read_text(encoding="utf-8")
+    assert [name for name in COMMANDS if f"`{name}`" not in page] == []
 
 
 def test_a_code_has_one_sentence():

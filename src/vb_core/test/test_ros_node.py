@@ -108,20 +108,22 @@ def logged(monkeypatch):
     return lines
 
 
-def test_a_fault_in_a_worker_ends_the_node(monkeypatch, logged):
+@pytest.mark.parametrize("is_ending, fault", [(True, ZeroDivisionError), (False, rospy.ROSException)])
+def test_a_fault_in_a_worker_ends_the_node(monkeypatch, logged, is_ending, fault):
     ended = threading.Event()
     raised = []
-    monkeypatch.setattr(threading, "excepthook", lambda fault: raised.append(fault.exc_type) or ended.set())
+    monkeypatch.setattr(threading, "excepthook", lambda caught: raised.append(caught.exc_type) or ended.set())
+    monkeypatch.setattr(rospy, "is_shutdown", lambda: is_ending)
 
     def handle(error):
         raise error
 
     waiting = Queue()
     node.Worker(waiting, handle)
-    waiting.put(CodedError("no_map"))
-    waiting.put(ZeroDivisionError())
+    for error in (CodedError("no_map"), rospy.ROSException("a closed topic"), ZeroDivisionError()):
+        waiting.put(error)
     assert ended.wait(30)
-    assert raised == [ZeroDivisionError], "a CodedError is survived"
+    assert raised == [fault], "a CodedError is survived, and at the end a topic that has closed"
     assert logged[-1] == "internal_error"
 
 

@@ -27,14 +27,17 @@ class SoundTest(unittest.TestCase):
         cls.folder = tempfile.TemporaryDirectory()
         cls.addClassCleanup(cls.folder.cleanup)
         folder = Path(cls.folder.name)
-        aplay = {"hears": f"cat >> {folder}/pcm", "deaf": f'echo tried >> {folder}/tried; exec {which("aplay")} "$@"'}
-        options = {"hears": ["_volume:=1.0", "_max_age:=10.0"], "deaf": ["_device:=no_such_device"]}
+        deaf = f'echo tried >> {folder}/tried; exec {which("aplay")} "$@"'
         cls.nodes = []
-        for name, more in options.items():
+        for name, aplay, *options in (
+            ("hears", f"cat >> {folder}/pcm", "_volume:=1.0", "_max_age:=10.0"),
+            ("deaf", deaf, "_device:=no_such_device"),
+        ):
             (folder / name).mkdir()
-            write_program(folder / name / "aplay", aplay[name])
+            write_program(folder / name / "aplay", aplay)
             env = {**os.environ, "PATH": f"{folder / name}:{os.environ['PATH']}"}
-            cls.nodes.append(Process("vb_feedback", "sound_player", f"__name:={name}", *more, env=env))
+            cls.nodes.append(Process("vb_feedback", "sound_player", f"__name:={name}", *options, env=env))
+            cls.addClassCleanup(cls.nodes[-1].stop)
         wait_until(lambda: cls.sounds.get_num_connections() == 2, "both players")
 
     def written(self, name):

@@ -36,13 +36,11 @@ class BorderFusionTest(unittest.TestCase):
         self.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=1000)
         self.progress, self.notices = Newest(names.PROGRESS, BorderProgress), Newest(names.NOTICES, NoticeArray)
         self.ends = (self.state, self.spots, self.progress.subscriber, self.notices.subscriber)
+        for end in self.ends:
+            self.addCleanup(end.unregister)
         self.connected()
         self.enter(DEFAULT, "")  # as every manager starts
         self.drawn_border = rospy.ServiceProxy(names.GET_DRAWN_BORDER, GetDrawnBorder)
-
-    def tearDown(self) -> None:
-        for end in self.ends:
-            end.unregister()
 
     def connected(self) -> None:
         wait_until(lambda: all(end.get_num_connections() for end in self.ends), "the connection")

@@ -43,6 +43,7 @@ class InteractionManagerTest(unittest.TestCase):
         cls.preview = Newest("/virtual_borders/preview", BorderPreview)
         cls.pool = ThreadPoolExecutor()
         cls.node = manager()
+        cls.addClassCleanup(lambda: cls.node.stop())
         rospy.wait_for_service("/virtual_borders/command", 60)
 
     def setUp(self):

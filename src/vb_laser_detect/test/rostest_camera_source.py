@@ -53,6 +53,7 @@ class TestCameraSource(unittest.TestCase):
     def setUpClass(cls):
         cls.empty, cls.spot = images()
         cls.server = MjpegServer(cls.empty)
+        cls.addClassCleanup(cls.server.close)
         cls.notices = NoticeListener()
         cls.spots, cls.status = [], []
         rospy.Subscriber(names.SPOTS, LaserSpot, lambda m: cls.spots.append((time.time(), m)), queue_size=50)
@@ -68,12 +69,8 @@ class TestCameraSource(unittest.TestCase):
         own = {"camera": "hall", "source": cls.server.address(), "settings": str(cls.settings)}
         rospy.set_param("/spot_detector_hall", {**yaml.safe_load(config.read_text()), **own})
         cls.node = Process("vb_laser_detect", "spot_detector", "__name:=spot_detector_hall")
+        cls.addClassCleanup(cls.node.stop)
         wait_until(lambda: cls.status and cls.status[-1].processed > 20, "the first images")
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.node.stop()
-        cls.server.close()
 
     def codes(self):
         return {notice.code for notice in self.notices.current() if notice.camera == "hall"}

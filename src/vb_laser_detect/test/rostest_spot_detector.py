@@ -83,15 +83,12 @@ class SpotDetectorTest(unittest.TestCase):
         cls.map.publish(messages.message_from_grid(GridMap(np.zeros((60, 100), np.int8), 0.05), rospy.Time.now()))
         cls.step = 0
         cls.player = rospy.Timer(rospy.Duration(1 / 12), cls.play)
+        cls.addClassCleanup(cls.player.join)
+        cls.addClassCleanup(cls.player.shutdown)  # first
 
     @classmethod
     def place(cls, T, frame):
         cls.static.sendTransform([messages.message_from_transform(T, "map", frame, rospy.Time.now())])
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.player.shutdown()
-        cls.player.join()
 
     @classmethod
     def play(cls, _event):

@@ -39,6 +39,7 @@ class MapIntegratorTest(unittest.TestCase):
     def setUpClass(cls):
         rospy.init_node("rostest_map_integrator")
         cls.folder = rospy.get_param("~folder")
+        cls.addClassCleanup(shutil.rmtree, cls.folder, ignore_errors=True)
         cls.maps = Newest("/virtual_borders/map", NumpyOccupancyGrid)
         cls.borders = Newest("/virtual_borders/borders", VirtualBorderArray)
         cls.notices = Newest("/virtual_borders/notices", NoticeArray)
@@ -56,10 +57,6 @@ class MapIntegratorTest(unittest.TestCase):
         cls.broadcaster.sendTransform(transform)
         assert cls.borders.message
         assert (cls.cells() == cls.grid.data).all()
-
-    @classmethod
-    def tearDownClass(cls):
-        shutil.rmtree(cls.folder, ignore_errors=True)
 
     @classmethod
     def serve(cls, grid):

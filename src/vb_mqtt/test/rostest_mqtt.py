@@ -72,9 +72,11 @@ class MqttTest(unittest.TestCase):
         cls.progress = rospy.Publisher(names.PROGRESS, BorderProgress, queue_size=1)
         cls.drawn = rospy.Service(names.GET_DRAWN_BORDER, GetDrawnBorder, cls.on_drawn)
         cls.server = Mosquitto(tempfile.mkdtemp(prefix="vb_mqtt_"))
+        cls.addClassCleanup(cls.server.kill)
         cls.hub = Hub(cls.server.port)
         cls.addClassCleanup(cls.hub.close)
         cls.node = start(cls.server.port, "home")
+        cls.addClassCleanup(lambda: cls.node.stop())
         rospy.wait_for_service(names.COMMAND, 60)
 
     @staticmethod

@@ -16,7 +16,7 @@ from vb_core import sentences
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_core.capabilities import ConnectedRobot, Connections, derive_capabilities
-from vb_core.vocabulary import COMMANDS
+from vb_core.vocabulary import COMMANDS, STATES
 from vb_mqtt import entities
 from vb_mqtt.entities import LabEntities, describe_entities, key_from_topic, entity_key, find_stale_topics
 from vb_mqtt.incoming_requests import Inbox
@@ -61,7 +61,9 @@ def test_an_entitys_topics_follow_from_its_key(topic, config):
 
 def test_every_part_of_the_lab_has_its_entity():
     kinds = {key_from_topic(topic): topic.split("/")[1] for topic in describe_entities(LAB)}
-    assert {key for key, kind in kinds.items() if kind == "button"} == {*COMMANDS, "confirm"}
+    buttons = [key for key, kind in kinds.items() if kind == "button"]
+    assert sorted(buttons) == sorted([*COMMANDS, "confirm"])
+    assert len({config_of(key)["icon"] for key in buttons}) == len(buttons)
     assert [key for key, kind in kinds.items() if kind == "switch"] == ["border_b1", entity_key("border", "ü/#+")]
     assert [kinds[key] for key in ("camera_red", "camera_green", "robot", "robot_ada")] == ["binary_sensor"] * 4
     assert_fields(kinds, state="sensor", question="sensor", stopped="binary_sensor", map="image")
@@ -73,6 +75,15 @@ def test_names_are_in_the_households_language(language):
     names = {key_from_topic(topic): config["name"] for topic, config in describe_entities(lab).items()}
     assert names["border_b1"] == sentences.border_name("border 2", language)
     assert names["robot"].lower() == sentences.translate("the_robot", {}, language).lower()
+
+
+@pytest.mark.parametrize("language", sentences.languages())
+def test_each_state_is_one_of_the_words_that_the_hub_expects(language):
+    description = describe_entities(LabEntities("lab1", language))["homeassistant/sensor/lab1/state/config"]
+    states = [entities.state_payload(InteractionState(name=name), language) for name in STATES]
+    shown = [jinja2.Template(description["value_template"]).render(value_json=state) for state in states]
+    assert shown == description["options"]
+    assert len(set(shown)) == len(STATES)
 
 
 def test_resume_names_the_stop_that_its_button_shows():

@@ -25,6 +25,7 @@ class VoiceCommandsTest(unittest.TestCase):
         cls.audio = rospy.Publisher("/virtual_borders/voice/audio", Audio, queue_size=100)
         cls.sound = rospy.Publisher("/virtual_borders/sound", Sound, queue_size=10)
         cls.node = Process("vb_voice_wizard", "voice_commands", "_source:=topic")
+        cls.addClassCleanup(cls.node.stop)
         cls.heard = Newest("/virtual_borders/voice/heard", SpeechCommand)
         cls.sounds = Newest("/virtual_borders/sound", Sound)
         wait_until(cls.audio.get_num_connections, "the node's ear")

@@ -47,6 +47,7 @@ class PageTest(unittest.TestCase):
         cls.codes = Path(rospy.get_param("~state")) / "page_codes.yaml"
         cls.page = None
         cls.start_page()
+        cls.addClassCleanup(lambda: cls.page.stop())
         cls.browser = Browser(f"http://127.0.0.1:{cls.port}/")
         cls.addClassCleanup(cls.browser.close)
 

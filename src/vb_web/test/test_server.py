@@ -8,112 +8,19 @@ import subprocess
 import threading
 
 import pytest
-from tornado.httpclient import AsyncHTTPClient, HTTPRequest
-from tornado.websocket import WebSocketClosedError, websocket_connect
+from tornado.websocket import WebSocketClosedError
 
 from hostile import GOOD_DRAFT
 from refusals import refused
+from running_server import CODES, Running, cookie, log_in, serving
+from vb_core.errors import ParameterError
 from vb_core.rate_limiter import RateLimiter
-from vb_core.errors import CodedError, ParameterError
-from vb_web import access_control
 from vb_web.access_control import ConnectionSlots, Role, Sessions
-from vb_web.page_images import ImageCache, EncodedImage
-from vb_web.server import PageParams, PageServer, page_urls
-from vb_web.page_view import PageView
+from vb_web.server import PageParams, page_urls
 
-CODES = {"viewer": "view-er22", "operator": "oper-at33"}
-BOUNDS = (0.0, 0.0), (8.0, 5.0)
 PREVIEW = {"do": "preview", "draft": GOOD_DRAFT, "border": ""}
 CERTIFICATE = "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 2 -subj /CN=lab"
 CERTIFICATE += " -addext subjectAltName=IP:127.0.0.1 -keyout page.key -out page.crt"
-
-
-class FakeBackend:
-    """Records the requests that it gets."""
-
-    def __init__(self):
-        self.done, self.previews = [], []
-        self.arrived = threading.Semaphore(0)
-        self.gate = threading.Event()
-        self.gate.set()
-
-    def carry_out(self, request, source):
-        if request.action == "preview":
-            self.previews.append(source)
-            self.arrived.release()
-            self.gate.wait(60.0)
-        if request.action == "remove":
-            raise CodedError("page_no_border")
-        self.done.append((request.action, dict(request.values)))
-        return {"ok": True, "code": "ok", "values": {}, "message": ""}
-
-    def command(self, request, source):
-        answered = asyncio.get_event_loop().create_future()
-        answered.set_result(self.carry_out(request, source))
-        return answered
-
-    def camera_jpeg(self, camera):
-        return b"jpeg" if camera == "red" else None
-
-    def floor_webp(self):
-        return b"webp"
-
-
-class Running:
-    """A server that listens on loopback."""
-
-    def __init__(self, sessions, params=PageParams(port=0)):
-        self.backend = FakeBackend()
-        self.view = PageView()
-        self.images = ImageCache()
-        self.faults = []
-        self.images.put("map", EncodedImage(b"png", "a" * 16, 1))
-        self.view.put("state", {"name": "default"})
-        parts = {"view": self.view, "images": self.images, "actions": self.backend, "cameras": self.backend}
-        self.server = PageServer(params, sessions, **parts, find_bounds=lambda: BOUNDS, on_fault=self.faults.append)
-        # all requests come from one address: limits are tested separately
-        self.server.request_limiter = self.server.connection_limiter = RateLimiter(rate=1e9, burst=1e9)
-        self.server.start()
-        self.host = f"127.0.0.1:{self.server.port}"
-
-    def ask(self, path, method="GET", body=None, scheme="http", options=None, **headers):
-        async def fetch():
-            extra = {"headers": {key.replace("_", "-"): value for key, value in headers.items()}, **(options or {})}
-            request = HTTPRequest(f"{scheme}://{self.host}{path}", method, body=body, follow_redirects=False, **extra)
-            request.allow_nonstandard_methods = True
-            return await AsyncHTTPClient(force_instance=True).fetch(request, raise_error=False)
-
-        return asyncio.run(fetch())
-
-    async def connect(self, **headers):
-        all_headers = {"Origin": f"http://{self.host}", **headers}
-        return await websocket_connect(HTTPRequest(f"ws://{self.host}/link", headers=all_headers))
-
-    def socket(self, **how):
-        """Opens a plain TCP connection to the server."""
-        return socket.create_connection(("127.0.0.1", self.server.port), **how)
-
-    def link(self, work, **headers):
-        """Runs work(connection) over a WebSocket; returns its result."""
-
-        async def run():
-            connection = await self.connect(**headers)
-            try:
-                return await work(connection)
-            finally:
-                connection.close()
-
-        return asyncio.run(run())
-
-
-@contextlib.contextmanager
-def serving(*given):
-    running = Running(*given)
-    try:
-        yield running
-    finally:
-        running.server.close()
-    assert not running.faults
 
 
 @pytest.fixture
@@ -147,10 +54,6 @@ def test_certificate_makes_the_network_https_only(tmp_path):
         assert "Strict-Transport-Security" in answer.headers
         with pytest.raises(OSError):  # plain http gets no answer
             running.ask("/session")
-
-
-def cookie(running, role):
-    return f"{access_control.COOKIE}={running.server.sessions.open(CODES[role.name.lower()])}"
 
 
 async def send(connection, **request):
@@ -215,11 +118,6 @@ def test_viewers_look_and_operators_command(network):
     assert network.backend.done == []
     assert network.link(stop, Cookie=cookie(network, Role.OPERATOR))["ok"]
     assert network.backend.done == [("command", {"command": "stop", "seen_stop": "", "age": 0.0})]
-
-
-def log_in(running, code, **headers):
-    all_headers = {"Origin": f"http://{running.host}", **headers}
-    return running.ask("/session", "POST", json.dumps({"code": code}), **all_headers)
 
 
 def test_a_code_gives_a_protected_cookie(network):

@@ -81,6 +81,7 @@ class Command:
 
     Attributes:
         key: the command's key on the wizard's console.
+        icon: the name of its Material Design icon, which Home Assistant shows.
         needs: what must be connected; "" for nothing.
         consequences: when the command has any: ALWAYS, NEVER or one of WHILE_...
         enters: name of the state that it leads to; "" if the state stays, or depends on the interaction.
@@ -93,6 +94,7 @@ class Command:
 
     name: str
     key: str
+    icon: str
     needs: str = ""
     consequences: str = WHILE_POINTING
     enters: str = ""
@@ -102,17 +104,17 @@ class Command:
 
 
 _COMMANDS = (
-    Command("define_border", "b", CAMERA, enters="border", button_place=1),
-    Command("define_seed", "d", CAMERA, enters="seed", button_place=2),
-    Command("guide_robot", "g", DRIVER, enters="guide", button_place=6),
-    Command("save", "s", CAMERA, ALWAYS, is_delegated=True, button_place=4),
-    Command("cancel", "c", CAMERA, WHILE_DRAWN, button_place=3),
-    Command("stop", " ", STOPPABLE, NEVER, phrases=("stop robot", "no, stop", "stop, stop")),
-    Command("resume", "p", STOPPABLE, WHILE_STOPPED),
-    Command("undo", "u", consequences=ALWAYS, is_delegated=True),
-    Command("redo", "r", consequences=ALWAYS, is_delegated=True),
-    Command("pause", "h", CAMERA, NEVER, enters="paused", button_place=5),
-    Command("continue", "k", CAMERA, button_place=5),
+    Command("define_border", "b", "laser-pointer", CAMERA, enters="border", button_place=1),
+    Command("define_seed", "d", "map-marker-off", CAMERA, enters="seed", button_place=2),
+    Command("guide_robot", "g", "robot", DRIVER, enters="guide", button_place=6),
+    Command("save", "s", "content-save", CAMERA, ALWAYS, is_delegated=True, button_place=4),
+    Command("cancel", "c", "cancel", CAMERA, WHILE_DRAWN, button_place=3),
+    Command("stop", " ", "stop-circle", STOPPABLE, NEVER, phrases=("stop robot", "no, stop", "stop, stop")),
+    Command("resume", "p", "play-circle", STOPPABLE, WHILE_STOPPED),
+    Command("undo", "u", "undo", consequences=ALWAYS, is_delegated=True),
+    Command("redo", "r", "redo", consequences=ALWAYS, is_delegated=True),
+    Command("pause", "h", "pause", CAMERA, NEVER, enters="paused", button_place=5),
+    Command("continue", "k", "play", CAMERA, button_place=5),
 )
 COMMANDS: Dict[str, Command] = {command.name: command for command in _COMMANDS}
 DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, SAVE, CANCEL, STOP, RESUME, UNDO, REDO, PAUSE, CONTINUE = COMMANDS

@@ -3,7 +3,7 @@
 Each entity has a retained message with its description (Home Assistant's MQTT discovery), and another one, with the
 same key, with its state. An empty message removes an entity that no longer exists, even one from an earlier process.
 A state holds only what people and automations use, and nothing that changes on its own, because each change is an entry
-in the hub's history.
+in the hub's history. Home Assistant does not translate the states of MQTT entities, so people read `state_text`.
 
 A button sends the time, and the number of the newest stop in its own attributes, so that `resume` releases only the
 stop that was on the screen.
@@ -90,16 +90,16 @@ def describe_entities(lab: LabEntities) -> Dict[str, Dict[str, Any]]:
         name = translate(code, values, lab.language)
         return name[:1].upper() + name[1:]
 
-    def button(needs: str, shows: str, command: str) -> Dict[str, Any]:
+    def button(needs: str, shows: str, command: str, icon: str) -> Dict[str, Any]:
         template = f'{{"command": "{command}", "seen_stop": "{_SEEN_STOP}", {_DATED}}}'
-        return {"needs": needs, "shows": shows, "command_template": template}
+        return {"needs": needs, "shows": shows, "command_template": template, "icon": f"mdi:{icon}"}
 
     entities: Dict[Tuple[str, str], Dict[str, Any]] = {
         ("sensor", "state"): {
             "needs": MANAGER,
-            "value_template": "{{ value_json.state }}",
+            "value_template": "{{ value_json.state_text }}",
             "device_class": "enum",
-            "options": list(STATES),
+            "options": [translate(f"page_state_{state}", {}, lab.language) for state in STATES],
         },
         ("sensor", "question"): {"needs": MANAGER, "value_template": "{{ value_json.question }}"},
         ("binary_sensor", "stopped"): {"needs": MANAGER, "value_template": _flag("stopped")},
@@ -107,13 +107,13 @@ def describe_entities(lab: LabEntities) -> Dict[str, Dict[str, Any]]:
         ("event", NOTICE): {"event_types": list(NOTICES)},
         ("event", ANSWER): {"event_types": list(ANSWERS)},
         ("image", "map"): {"needs": INTEGRATOR, "content_type": "image/png"},
-        ("button", CONFIRM): button(CONFIRM, "question", _ANSWER),
+        ("button", CONFIRM): button(CONFIRM, "question", _ANSWER, "check"),
     }
     for (_, key), config in entities.items():
         config["name"] = title("mqtt_" + key)
-    for command in COMMANDS:
-        needs = "" if command == STOP else command
-        entities["button", command] = {"name": title("command_" + command), **button(needs, "stopped", command)}
+    for name, command in COMMANDS.items():
+        needs = "" if name == STOP else name
+        entities["button", name] = {"name": title("command_" + name), **button(needs, "stopped", name, command.icon)}
     problem = {"device_class": "problem", "entity_category": "diagnostic", "value_template": _flag("problem")}
     for camera in lab.cameras:
         name = title("mqtt_camera", camera=camera)
@@ -193,6 +193,7 @@ def state_payload(message: Any, language: str) -> Dict[str, Any]:
     """Converts vb_msgs/InteractionState to the state and the last answer."""
     return {
         "state": message.name,
+        "state_text": translate(f"page_state_{message.name}", {}, language),
         "available_commands": list(message.available_commands),
         "last_command": message.last_command,
         "last_source": message.last_source,

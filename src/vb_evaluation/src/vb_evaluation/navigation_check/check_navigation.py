@@ -84,8 +84,8 @@ class NavigationCheck:
         """Runs all checks, in order.
 
         Raises:
-            CodedError: "no_map_with_borders", "no_transform", "no_planner", "no_path" or "path_too_short" if the checks
-                cannot be made; "refused" if the map integrator refuses the border.
+            CodedError: "no_map_with_borders", "no_transform", "no_planner", "no_response", "no_path" or "path_too_short" if
+                the checks cannot be made; "refused" if the map integrator refuses the border.
         """
         service = self._resource("make_plan")
         try:
