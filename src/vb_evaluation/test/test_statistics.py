@@ -179,16 +179,6 @@ def test_bootstrap_intervals_are_scipys_and_repeat_exactly():
     assert math.isnan(statistics.median([]).estimate)
 
 
-def test_many_people_have_the_interval_of_the_normal_distribution():
-    """For normal differences the signed-rank interval is 3 / pi as efficient as the mean's."""
-    differences = np.random.default_rng(7).normal(1.0, 2.0, 250)
-    interval = statistics.hodges_lehmann(differences)
-    half = 1.96 * differences.std() / math.sqrt(len(differences)) / math.sqrt(3.0 / math.pi)
-    assert (interval.high - interval.low) / 2.0 == pytest.approx(half, rel=0.1)
-    assert interval.estimate == pytest.approx(differences.mean(), abs=0.1)
-    assert interval.confidence == pytest.approx(0.95, abs=1e-3)
-
-
 def test_a_difference_of_two_proportions_has_newcombes_interval():
     # Newcombe (1998), Statistics in Medicine 17, 873-890, Table II, method 10: 56 of 70 and 48 of 80, 98 of 98 and none
     def shares(a, n, b, m, **options):

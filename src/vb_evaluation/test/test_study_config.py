@@ -53,7 +53,6 @@ def test_distributions_have_their_moments(spec, mean, spread):
     [
         ({"participants/traits/tremour": 0.1}, "tremour"),
         ({"participants/traits/tremor": {"gauss": [0, 1]}}, "tremor"),
-        ({"participants/traits/tremor": {"normal": [0]}}, "tremor"),
         ({"participants/clones": 1.0}, "clones"),
         ({"design/methods": ["telepathy"]}, "telepathy"),
         ({"marks/turn": {"normal": [0]}}, "turn"),

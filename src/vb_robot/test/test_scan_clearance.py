@@ -169,11 +169,6 @@ def test_the_lower_of_two_speed_limits_counts():
         assert lowest_speed_limit(zones, place, 0.5) == pytest.approx(limit)
 
 
-def test_arc_closes_a_circle():
-    assert np.allclose(arc_positions((1.0, 2.0, 0.5), np.array([2 * math.pi * 0.7]), 1 / 0.7), [[1.0, 2.0]], atol=1e-9)
-    assert np.allclose(arc_positions((1.0, 2.0, math.pi / 2), np.array([0.5, -0.5]), 0.0), [[1.0, 2.5], [1.0, 1.5]])
-
-
 POSES = st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0), st.floats(-3.0, 3.0))
 
 
