@@ -154,10 +154,6 @@ def test_each_fault_is_a_notice_that_names_its_robot(changes, code, severity):
     assert "ada" in notice.sentence()
 
 
-def test_a_sound_robot_has_no_notice():
-    assert offered_to(robot(PLANS)).problems() == []
-
-
 @pytest.mark.parametrize("name, topic, is_said", [("ada", "", True), ("ada", "/ada", False), ("", "", False)])
 def test_a_named_robot_on_the_common_map_keeps_all_borders(name, topic, is_said):
     offered = offered_to(robot(dict(**PLANS, maps=(f"{topic}/virtual_borders/map",)), name))

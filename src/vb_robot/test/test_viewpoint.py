@@ -79,8 +79,7 @@ def test_sides_of_polygon_and_curve():
     assert inside.sum() * 0.025**2 == pytest.approx(1.0, abs=0.1)
     door = np.array([[4.0, 3.7], [4.0, 4.3]])
     left_side = CLEARANCE_MAP.predict_restricted_side((1.0, 1.0), door, False)
-    assert left_side[40, 40]
-    assert not left_side[40, 280]
+    assert [left_side[40, column] for column in (40, 280)] == [True, False]
     # without a line there are no sides
     assert not CLEARANCE_MAP.predict_restricted_side((5.5, 1.5), np.zeros((0, 2)), False).any()
 
