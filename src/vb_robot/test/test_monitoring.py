@@ -18,7 +18,7 @@ from refusals import refused
 from vb_testing import assert_fields, wait_until
 from vb_core.node_graph import NodeGraph
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray
-from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, find_border_name, is_inside
+from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, find_border_name, is_inside_border
 from vb_robot.monitoring.navigation_connections import PLANNERS, NavigationWiring, find_wiring, resolve_name
 from vb_robot.ros import planner_speed
 from vb_robot.ros.subscriptions import keep_out_borders_for
@@ -161,8 +161,8 @@ def test_a_robot_is_inside_where_only_a_border_forbids_it():
     borders = with_border(with_border(plain, 2.0, 1.0, 3.0, 2.0), 2.0, 2.5, 3.0, 3.0, 75)
     physical = with_border(plain, 0.0, 1.5, 8.0, 2.0, -1)
     places = [(2.5, 1.2), (2.5, 1.8), (2.5, 2.7), (1.9, 1.2), (50.0, 1.0)]
-    assert [is_inside(borders, physical, place) for place in places] == [True, True, False, False, False]
-    assert not is_inside(borders, physical, (0.03, 2.0)), "a wall is not a border"
+    assert [is_inside_border(borders, physical, place) for place in places] == [True, True, False, False, False]
+    assert not is_inside_border(borders, physical, (0.03, 2.0)), "a wall is not a border"
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations(["physical", "borders", "keep_out"])))

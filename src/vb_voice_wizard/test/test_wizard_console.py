@@ -10,7 +10,7 @@ from vb_core import sentences
 from vb_core.notices import Notice, Severity
 from vb_core.vocabulary import COMMANDS
 from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, InteractionState
-from vb_voice_wizard.wizard_console import COMMAND_KEYS, QUIT_KEY, ERROR_STYLE, ConsoleContent, extract_keys, printable
+from vb_voice_wizard.wizard_console import COMMAND_KEYS, QUIT_KEY, ERROR_STYLE, ConsoleContent, extract_keys, safe_text
 
 
 def content_while_drawing(language="en"):
@@ -90,7 +90,7 @@ def test_no_control_character_from_elsewhere_reaches_the_terminal(escape):
         content.progress.cameras_seeing_spot = [f"red{escape}"]
         content.preview.issues[0].message = f"why{escape}"
         content.notices = (Notice("microphone_missing", Severity.WARNING, values={"why": f"look{escape}"}),)
-        return text_shown(content) + printable(f"said{escape}").plain
+        return text_shown(content) + safe_text(f"said{escape}").plain
 
     shown = screen(escape)
     assert [word for word in ("ada", "red", "why", "look", "said") if word not in shown] == []
