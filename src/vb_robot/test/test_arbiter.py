@@ -123,24 +123,24 @@ def test_halting_stops_the_robot_with_the_faults_code():
 
 
 # ------------------------------------------------------------ the gate
+@pytest.mark.parametrize("gap", [0.05, 0.15, 0.3])  # [m] before the robot
 @pytest.mark.parametrize("source", ["follow", "navigation", "teleop"])
 @pytest.mark.parametrize("pose_error", [0.0, MIN_UNCERTAINTY])
-def test_a_robot_does_not_cross_a_border_drawn_just_ahead_of_it(source, pose_error):
-    for gap in (0.05, 0.15, 0.3):
-        rig = Rig()
-        rig.pose_error = pose_error
-        rig.follows(2.0) if source == "follow" else setattr(rig, source, (0.5, 0.0))
-        rig.step(0.5)
-        edge = rig.pose[0] + PROFILE.radius + gap
-        rig.set_grid(with_border(empty(), edge, 0.0, 8.0, 5.0))
-        nose = []
-        for _ in range(40):
-            if source == "follow":
-                rig.spot = (rig.pose[0] + 1.8, 2.5)
-            rig.step()
-            nose.append(rig.pose[0] + PROFILE.radius)
-        assert max(nose) <= edge + 0.04
-        assert rig.commands[-1].code == "border"
+def test_a_robot_does_not_cross_a_border_drawn_just_ahead_of_it(source, pose_error, gap):
+    rig = Rig()
+    rig.pose_error = pose_error
+    rig.follows(2.0) if source == "follow" else setattr(rig, source, (0.5, 0.0))
+    rig.step(0.5)
+    edge = rig.pose[0] + PROFILE.radius + gap
+    rig.set_grid(with_border(empty(), edge, 0.0, 8.0, 5.0))
+    nose = []
+    for _ in range(40):
+        if source == "follow":
+            rig.spot = (rig.pose[0] + 1.8, 2.5)
+        rig.step()
+        nose.append(rig.pose[0] + PROFILE.radius)
+    assert max(nose) <= edge + 0.04
+    assert rig.commands[-1].code == "border"
 
 
 # ------------------------------------------------------------ one policy for spots

@@ -270,19 +270,19 @@ def test_the_time_since_the_spot_was_seen_counts_while_drawing():
     assert sightings.time_since_seen(12.0) == 0.0, "the seed does not move"
 
 
-def test_a_spots_velocity_points_along_the_end_of_its_line():
-    for speed in (0.25, 0.5, 1.5):  # [m/s] along x, then along y
-        straight = {}
-        sightings = sightings_since(0.0)
-        for i in range(200):
-            distance = 0.04 * speed * i
-            sightings.add(sighting(1.0 + 0.04 * i, min(distance, 0.6), max(distance - 0.6, 0.0)))
-            if sightings.velocity() is not None:
-                straight[round(distance, 2)] = sightings.velocity() / np.linalg.norm(sightings.velocity())
-        on_x = [v for distance, v in straight.items() if distance <= 0.6]
-        on_y = [v for distance, v in straight.items() if distance > 0.6 + max(0.3, 0.04 * speed * 6)]
-        assert np.abs(np.subtract(on_x, (1.0, 0.0))).max() <= 0.1
-        assert np.abs(np.subtract(on_y, (0.0, 1.0))).max() <= 0.4
+@pytest.mark.parametrize("speed", [0.25, 0.5, 1.5])  # [m/s] along x, then along y
+def test_a_spots_velocity_points_along_the_end_of_its_line(speed):
+    straight = {}
+    sightings = sightings_since(0.0)
+    for i in range(200):
+        distance = 0.04 * speed * i
+        sightings.add(sighting(1.0 + 0.04 * i, min(distance, 0.6), max(distance - 0.6, 0.0)))
+        if sightings.velocity() is not None:
+            straight[round(distance, 2)] = sightings.velocity() / np.linalg.norm(sightings.velocity())
+    on_x = [v for distance, v in straight.items() if distance <= 0.6]
+    on_y = [v for distance, v in straight.items() if distance > 0.6 + max(0.3, 0.04 * speed * 6)]
+    assert np.abs(np.subtract(on_x, (1.0, 0.0))).max() <= 0.1
+    assert np.abs(np.subtract(on_y, (0.0, 1.0))).max() <= 0.4
 
 
 def test_a_resting_spot_has_no_velocity_even_if_cameras_disagree():
