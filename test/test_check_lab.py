@@ -26,14 +26,14 @@ def codes(lines):
     return [line.code for line in lines if line.severity is not Severity.INFO]
 
 
-def graph(*publishers, topic="/north/image_raw"):
+def graph_of(*publishers, topic="/north/image_raw"):
     """Returns the graph of a topic's publishers."""
     return NodeGraph([(topic, publishers)], [], types={topic: "sensor_msgs/Image"})
 
 
 DETECTOR = {"image_transport": "raw"}
 GOOD = {
-    "camera": dict(graph=graph("/north/usb_cam"), name="north", parameters=DETECTOR, has_delay=False, rate=15.0),
+    "camera": dict(graph=graph_of("/north/usb_cam"), name="north", parameters=DETECTOR, has_delay=False, rate=15.0),
     "robot": dict(name="ada", lacks_margin=False, scan_topic="/ada/scan", scan_deg=270.0, clears_plans=False),
     "map": dict(size=(5.0, 10.0), publishers=["/map_server"], with_borders=True, file="", lacks_unknown=False),
     "disk": dict(folder="/x", free_mb=9000.0),
@@ -45,10 +45,10 @@ GOOD = {
     "what, changes, code",
     [
         *((what, {}, "") for what in GOOD),
-        ("camera", dict(graph=graph(), parameters={"source": "/dev/video0"}), ""),  # read by the detector itself
-        ("camera", dict(graph=graph()), "lab_camera_no_publisher"),
-        ("camera", dict(graph=graph("/usb_cam", topic="/north/image_rect")), "lab_camera_other_topic"),
-        ("camera", dict(graph=graph("/a", "/b")), "lab_camera_many_publishers"),
+        ("camera", dict(graph=graph_of(), parameters={"source": "/dev/video0"}), ""),  # read by the detector itself
+        ("camera", dict(graph=graph_of()), "lab_camera_no_publisher"),
+        ("camera", dict(graph=graph_of("/usb_cam", topic="/north/image_rect")), "lab_camera_other_topic"),
+        ("camera", dict(graph=graph_of("/a", "/b")), "lab_camera_many_publishers"),
         ("robot", dict(scan_deg=0.0), "lab_robot_no_scan"),
         ("robot", dict(scan_deg=30.0), "lab_robot_narrow_scan"),
         ("robot", dict(scan_deg=None), ""),
@@ -83,7 +83,7 @@ def test_each_mistake_in_a_lab_is_named(what, changes, code):
 def test_a_network_camera_s_delay_is_shown_or_asked_for(tmp_path, delay, written, said):
     (tmp_path / "north.yaml").write_text(written)
     detector = {"source": "rtsp://a/", "settings": str(tmp_path / "north.yaml"), "capture": {"delay_ms": delay}}
-    line = lab_readiness.check_camera(graph(), "north", detector, check_lab._has_delay(detector), 15.0)
+    line = lab_readiness.check_camera(graph_of(), "north", detector, check_lab._has_delay(detector), 15.0)
     assert said in line.sentence()
 
 

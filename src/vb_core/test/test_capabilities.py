@@ -61,11 +61,11 @@ def test_only_robots_that_plan_round_borders_are_sent(case):
     assert ("go" in offered.commands) is is_sent
 
 
+@pytest.mark.parametrize("localized", [True, False], ids=["localized", "lost"])
 @for_each_robot
-def test_stop_is_offered_only_if_it_stops_a_robot(case):
-    for localized in (True, False):
-        commands = offered_to(robot(case.connected, is_localized=localized)).commands
-        assert [name for name in ("stop", "resume") if name in commands] == ["stop", "resume"] * case.stops
+def test_stop_is_offered_only_if_it_stops_a_robot(case, localized):
+    commands = offered_to(robot(case.connected, is_localized=localized)).commands
+    assert [name for name in ("stop", "resume") if name in commands] == ["stop", "resume"] * case.stops
 
 
 @for_each_robot
@@ -152,10 +152,6 @@ def test_each_fault_is_a_notice_that_names_its_robot(changes, code, severity):
     (notice,) = offered_to(replace(robot(PLANS), **changes)).problems()
     assert_fields(notice, code=code, severity=severity, robot="ada")
     assert "ada" in notice.sentence()
-
-
-def test_a_sound_robot_has_no_notice():
-    assert offered_to(robot(PLANS)).problems() == []
 
 
 @pytest.mark.parametrize("name, topic, is_said", [("ada", "", True), ("ada", "/ada", False), ("", "", False)])

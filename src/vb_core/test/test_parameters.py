@@ -2,6 +2,7 @@
 
 import pickle
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Tuple
 
 import pytest
@@ -115,7 +116,7 @@ def test_the_description_follows_from_the_fields():
 
 @pytest.fixture
 def tuned(monkeypatch):
-    """Returns a function that changes values as a server does, and the values stored, applied and warned of."""
+    """A node's parameters: `change` changes values as a server does; the values stored, applied and warned of."""
     stored, applied, warned = {}, [], []
     monkeypatch.setattr(reconfigure, "Server", lambda *_: None)
     monkeypatch.setattr(rospy, "set_param", stored.__setitem__)
@@ -130,27 +131,28 @@ def tuned(monkeypatch):
 
     node = reconfigure.ReconfigureServer(Example(), "~limits", apply)
     config = {name: getattr(Example(), name) for name in ("speed", "size", "count", "on")}
-    return lambda **values: config.update(node._change({**config, **values}, 1)) or config, stored, applied, warned
+
+    def change(**values):
+        config.update(node._change({**config, **values}, 1))
+        return config
+
+    return SimpleNamespace(change=change, stored=stored, applied=applied, warned=warned)
 
 
 def test_a_change_is_applied_once(tuned):
-    change, stored, applied, warned = tuned
-    assert change()["speed"] == stored["~limits/speed"] == 0.2
-    assert applied == []
-    assert change(speed=0.3)["speed"] == 0.3
-    assert applied == [Example(speed=0.3)]
-    change(speed=0.3)
-    assert len(applied) == 1
-    assert warned == []
+    assert tuned.change()["speed"] == tuned.stored["~limits/speed"] == 0.2
+    assert tuned.applied == []
+    assert tuned.change(speed=0.3)["speed"] == 0.3
+    tuned.change(speed=0.3)
+    assert_fields(tuned, applied=[Example(speed=0.3)], warned=[])
 
 
 @pytest.mark.parametrize("key, new, why", [("size", 0.1, "at most size"), ("size", 0, "above 0"), ("count", 13, "no")])
 def test_a_refused_change_changes_nothing(tuned, key, new, why):
-    change, _, applied, warned = tuned
-    change(speed=0.3)
-    config = change(on=False, **{key: new})
+    tuned.change(speed=0.3)
+    config = tuned.change(on=False, **{key: new})
     assert config == {"speed": 0.3, "size": 1.0, "count": 3, "on": True}
-    assert len(applied) == 1
-    (warning,) = warned
+    assert len(tuned.applied) == 1
+    (warning,) = tuned.warned
     assert why in warning
-    assert change(speed=0.4)["speed"] == 0.4
+    assert tuned.change(speed=0.4)["speed"] == 0.4

@@ -104,13 +104,13 @@ def test_robots_keep_out_of_an_unknown_zone():
     assert zone_by_number(77) is KEEP_OUT
 
 
-def test_a_zone_changes_the_map_or_limits_the_speed():
-    for zone in ZONES.values():
-        assert [zone.value(occupancy) for occupancy in (0.6, 0.0)] == [60 * zone.restricts, 0]
-        assert zone.restricts or zone.limits_speed
-        # a zone that may be crossed must not look like a wall in the map, every other one must
-        assert (zone.occupancy < 1.0) == zone.soft
-        assert not zone.is_respected_by(ConnectedRobot("idle"))
+@pytest.mark.parametrize("zone", ZONES.values(), ids=ZONES)
+def test_a_zone_changes_the_map_or_limits_the_speed(zone):
+    assert [zone.value(occupancy) for occupancy in (0.6, 0.0)] == [60 * zone.restricts, 0]
+    assert zone.restricts or zone.limits_speed
+    # a zone that may be crossed must not look like a wall in the map, every other one must
+    assert (zone.occupancy < 1.0) == zone.soft
+    assert not zone.is_respected_by(ConnectedRobot("idle"))
 
 
 @pytest.mark.parametrize("language", sentences.languages())

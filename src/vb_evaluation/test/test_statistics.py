@@ -60,12 +60,10 @@ def test_the_papers_z_of_the_interaction_times(ties, z):
     assert test.p_exact == 2.0**-14
 
 
-@pytest.mark.parametrize("w, z, p", [(37, -0.594, ".588"), (1, -3.110, "< .001")])
-def test_paper_accuracy_is_an_exact_test_of_13_pairs(w, z, p):
+@pytest.mark.parametrize("positive_ranks, z, p", [((1, 11, 12, 13), -0.594, ".588"), ((1,), -3.110, "< .001")])
+def test_paper_accuracy_is_an_exact_test_of_13_pairs(positive_ranks, z, p):
     # Sect. 5.8.4: Z and p agree for an exact test of 13 pairs, those with both runs completed (93.3 % each)
-    choices = (itertools.combinations(range(1, 14), size) for size in range(14))
-    signs = next(chosen for chosen in itertools.chain.from_iterable(choices) if sum(chosen) == w)
-    differences = np.array([rank if rank in signs else -rank for rank in range(1, 14)], float)
+    differences = np.array([rank if rank in positive_ranks else -rank for rank in range(1, 14)], float)
     test = statistics.signed_rank_test(differences)
     assert round(test.z, 3) == z
     assert statistics.format_p(test.p_exact) == p
@@ -107,9 +105,8 @@ def test_the_interval_is_what_the_test_does_not_reject(values, confidence):
     assert interval.estimate == np.median(means)
     assert {interval.low, interval.high} <= set(means)
     for limit, outward in ((interval.low, -1e-6), (interval.high, 1e-6)):
-        inside, outside = (
-            statistics.signed_rank_test(np.array(values) - limit + by).p_exact for by in (outward, -outward)
-        )
+        inside = statistics.signed_rank_test(np.array(values) - limit + outward).p_exact
+        outside = statistics.signed_rank_test(np.array(values) - limit - outward).p_exact
         assert outside <= 1 - interval.confidence + 1e-9
         assert inside > 1 - interval.confidence + 1e-9
 
@@ -177,16 +174,6 @@ def test_bootstrap_intervals_are_scipys_and_repeat_exactly():
     with refused("bad_sample"):
         statistics.ratio_of_means(slow, fast[1:])
     assert math.isnan(statistics.median([]).estimate)
-
-
-def test_many_people_have_the_interval_of_the_normal_distribution():
-    """For normal differences the signed-rank interval is 3 / pi as efficient as the mean's."""
-    differences = np.random.default_rng(7).normal(1.0, 2.0, 250)
-    interval = statistics.hodges_lehmann(differences)
-    half = 1.96 * differences.std() / math.sqrt(len(differences)) / math.sqrt(3.0 / math.pi)
-    assert (interval.high - interval.low) / 2.0 == pytest.approx(half, rel=0.1)
-    assert interval.estimate == pytest.approx(differences.mean(), abs=0.1)
-    assert interval.confidence == pytest.approx(0.95, abs=1e-3)
 
 
 def test_a_difference_of_two_proportions_has_newcombes_interval():

@@ -3,6 +3,7 @@
 import json
 import re
 from itertools import product
+from types import SimpleNamespace
 
 import pytest
 
@@ -88,37 +89,35 @@ def conducted(planned, monkeypatch, capsys):
     for _ in range(6):
         assert main(["run", "p01", "--protocol", str(planned)]) == 0
         said.append(capsys.readouterr().out)
-    return protocol.read_protocol(planned)[:6], started, said
+    return SimpleNamespace(entries=protocol.read_protocol(planned)[:6], started=started, said=said)
 
 
 def test_runs_come_in_the_planned_order(conducted):
-    entries, started, _ = conducted
-    assert [run.entry for run in started] == entries
+    assert [run.entry for run in conducted.started] == conducted.entries
 
 
 def test_the_system_is_started_in_the_runs_condition(conducted, planned):
-    for entry, run in zip(*conducted[:2]):
+    for entry, run in zip(conducted.entries, conducted.started):
         assert {f"method:={entry.method}", f"record:={planned.parent / entry.recording}"} <= set(run.command)
         assert ("cameras:=none" in run.command) == (entry.method == "robot_only")
 
 
 def test_events_are_noted_in_their_order_with_their_text(conducted, planned):
-    notes = events_of(planned.parent / conducted[0][0].recording)
+    notes = events_of(planned.parent / conducted.entries[0].recording)
     assert [(note["key"], note["text"]) for note in notes] == [("b", ""), ("h", ""), ("n", "slow today"), ("c", "")]
     assert notes[0]["time"] <= notes[-1]["time"]
 
 
 def test_a_recording_says_what_was_planned_and_how_it_ended(conducted, planned):
-    entry = conducted[0][0]
+    entry = conducted.entries[0]
     recorded = Recording(planned.parent / entry.recording).run
     assert_fields(recorded, order=1, method=entry.method, completed=True)
     assert recorded["revision"]
 
 
 def test_the_questionnaire_of_the_first_method_is_handed_out_at_the_end(conducted):
-    entries, _, said = conducted
-    form = f"hand out questionnaire_{entries[0].method}_first.html"
-    assert [form in words for words in said] == [False] * 5 + [True]
+    form = f"hand out questionnaire_{conducted.entries[0].method}_first.html"
+    assert [form in words for words in conducted.said] == [False] * 5 + [True]
 
 
 @pytest.mark.parametrize("participant, code", [("p01", "all_done"), ("p07", "no_participant")])

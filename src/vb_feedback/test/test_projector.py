@@ -108,7 +108,7 @@ CALIBRATION = calibrate(*SIZE, marker_positions(0.2, 0.1, 2.5, 4.0, 2.0))
 SQUARE = ((3.7, 1.9), (4.3, 1.9), (4.3, 2.3), (3.7, 2.3))
 
 
-def rendered(*borders, brightness=1.0):
+def render_borders(*borders, brightness=1.0):
     return FloorImage(CALIBRATION, brightness).render(FloorContent("default", borders))
 
 
@@ -119,15 +119,15 @@ def light_at(picture, x, y):
 
 
 def test_things_lie_where_the_calibration_says():
-    hard = rendered(DisplayedBorder("b", SQUARE, True, (4, 2.1)))
+    hard = render_borders(DisplayedBorder("b", SQUARE, True, (4, 2.1)))
     assert_fields(hard, shape=(400, 640, 3), dtype=np.uint8)
     assert all(light_at(hard, x, y) > 150 for x, y in SQUARE + ((4.0, 1.9), (3.7, 2.1)))
     assert light_at(hard, 4.0, 2.1) == light_at(hard, 4.5, 2.1) == 0
-    soft = rendered(DisplayedBorder("b", SQUARE, True, (4, 2.1), occupancy=0.2))
+    soft = render_borders(DisplayedBorder("b", SQUARE, True, (4, 2.1), occupancy=0.2))
     assert 0 < light_at(soft, 4.0, 1.9) < light_at(hard, 4.0, 1.9)
-    assert not rendered(DisplayedBorder("b", SQUARE, True, (4, 2.1), enabled=False)).any()
-    assert not rendered().any()
-    dim = rendered(DisplayedBorder("b", SQUARE, True, (4, 2.1)), brightness=0.3)
+    assert not render_borders(DisplayedBorder("b", SQUARE, True, (4, 2.1), enabled=False)).any()
+    assert not render_borders().any()
+    dim = render_borders(DisplayedBorder("b", SQUARE, True, (4, 2.1)), brightness=0.3)
     assert dim.max() == pytest.approx(0.3 * hard.max(), abs=3)
 
 

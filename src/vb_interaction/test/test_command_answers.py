@@ -12,14 +12,14 @@ from vb_interaction.command_answers import Answer, AnswerCache
 from vb_interaction.interaction_manager_node import _describe_change
 
 
-def counted():
+def counting_command():
     """Returns a command whose answers say how often it was carried out."""
     return map(lambda count: Answer(True, "border_removed", {"borders": count}), itertools.count(1)).__next__
 
 
 def test_the_same_id_is_carried_out_once_and_gets_the_same_answer():
     cache = AnswerCache(5.0)
-    command = counted()
+    command = counting_command()
     # a command without an id is carried out each time
     answers = [cache.answer_once(identity, command).values["borders"] for identity in ("a", "a", "b", "", "", "a")]
     assert answers == [1, 1, 2, 3, 4, 1]
@@ -49,12 +49,12 @@ def test_a_fault_is_not_an_answer():
     cache = AnswerCache(5.0)
     with pytest.raises(ZeroDivisionError):
         cache.answer_once("a", lambda: Answer(1 // 0, ""))
-    assert cache.answer_once("a", counted()).values == {"borders": 1}
+    assert cache.answer_once("a", counting_command()).values == {"borders": 1}
 
 
 def test_only_the_newest_answers_are_kept():
     cache = AnswerCache(5.0)
-    command = counted()
+    command = counting_command()
     for number in range(1000):
         cache.answer_once(str(number), command)
     assert cache.answer_once("999", command).values == {"borders": 1000}

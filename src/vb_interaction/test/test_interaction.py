@@ -166,9 +166,6 @@ def saving() -> Interaction:
     return interaction
 
 
-NO_INTEGRATOR = Answer(False, "no_service", {"who_code": "map_integrator"})
-
-
 @pytest.mark.parametrize("command", [*sorted(set(COMMANDS) - {STOP, RESUME}), "nonsense"])
 def test_a_save_under_way_blocks_other_commands(saving, command):
     assert saving.command(command, "wizard", 6.0).code == "busy"
@@ -187,7 +184,7 @@ def test_a_stop_is_obeyed_during_a_save_and_holds_after_it(saving):
 
 def test_a_refused_save_is_reported_to_its_source_and_keeps_the_drawing(saving):
     kept = drawing_of(saving)
-    answer = saving.finish_pending(NO_INTEGRATOR, 7.0)
+    answer = saving.finish_pending(Answer(False, "no_service", {"who_code": "map_integrator"}), 7.0)
     assert answer.message == "The map integrator is not running."
     assert_fields(saving, last_source="voice", last_answer=answer)
     assert drawing_of(saving) == kept

@@ -26,7 +26,7 @@ NOW = 1_700_000_000.25
 LAB = LabEntities("lab1", "en", ("red", "green"), ("", "ada"), {"b1": "Nursery", "ü/#+": "border 2"})
 
 
-def pressed(config, attributes, value="PRESS"):
+def request_of_press(config, attributes, value="PRESS"):
     """Renders the command template as Home Assistant does, and returns the inbox's request."""
     environment = jinja2.Environment()
     environment.globals["now"] = lambda: datetime.fromtimestamp(NOW, timezone.utc)
@@ -88,10 +88,10 @@ def test_each_state_is_one_of_the_words_that_the_hub_expects(language):
 
 def test_resume_names_the_stop_that_its_button_shows():
     config = config_of("resume")
-    request = pressed(config, {"stop_number": "12ab", "stopped": True})
+    request = request_of_press(config, {"stop_number": "12ab", "stopped": True})
     assert_fields(request, command="resume", seen_stop="12ab", age=1.0)
     # before any stop was shown: the manager then refuses, as for everybody
-    assert pressed(config, {}).seen_stop == pressed(config, {"stop_number": None}).seen_stop == ""
+    assert request_of_press(config, {}).seen_stop == request_of_press(config, {"stop_number": None}).seen_stop == ""
     assert config["json_attributes_topic"] == "lab1/stopped"
 
 
@@ -102,14 +102,14 @@ def test_only_stop_is_always_available():
 
 
 def test_yes_answers_the_question_that_is_shown():
-    assert pressed(config_of("confirm"), {"answer": "yes_save", "stop_number": "12ab"}).command == "yes_save"
+    assert request_of_press(config_of("confirm"), {"answer": "yes_save", "stop_number": "12ab"}).command == "yes_save"
 
 
 def test_presses_name_their_border_and_have_new_ids():
-    request = pressed(config_of(entity_key("border", "ü/#+")), {}, value="false")
+    request = request_of_press(config_of(entity_key("border", "ü/#+")), {}, value="false")
     assert_fields(request, border=entity_key("border", "ü/#+"), enabled=False)
-    assert pressed(config_of("border_b1"), {}, value="true").enabled
-    assert len({pressed(config_of("save"), {}).id for _ in range(20)}) > 15
+    assert request_of_press(config_of("border_b1"), {}, value="true").enabled
+    assert len({request_of_press(config_of("save"), {}).id for _ in range(20)}) > 15
 
 
 def test_templates_stay_within_the_hubs_limits():
@@ -131,7 +131,7 @@ def test_leftover_descriptions_are_those_of_known_kinds():
 
 
 # ------------------------------------------------------------------ states
-def asked(seconds_ago, code="confirm_save"):
+def state_after_question(seconds_ago, code="confirm_save"):
     message = InteractionState(last_code=code, last_command="save", last_source="home_assistant", stop_number="1a")
     message.last_values = [KeyValue("command", "save"), KeyValue("answer", "yes save")]
     message.header.stamp = rospy.Time(1000)
@@ -140,12 +140,12 @@ def asked(seconds_ago, code="confirm_save"):
 
 
 def test_a_question_is_open_until_it_is_too_old():
-    question = entities.question_payload(asked(5), "en")
+    question = entities.question_payload(state_after_question(5), "en")
     assert_fields(question, command="save", answer="yes_save", asked="home_assistant", stop_number="1a")
     assert "yes save" in question["question"]
-    assert entities.question_payload(asked(31), "en")["question"] == entities.NO_QUESTION
+    assert entities.question_payload(state_after_question(31), "en")["question"] == entities.NO_QUESTION
     for code in ("saved", "confirm_map_first"):
-        assert entities.question_payload(asked(5, code), "en")["answer"] == ""
+        assert entities.question_payload(state_after_question(5, code), "en")["answer"] == ""
 
 
 def test_a_borders_state_has_its_name_area_and_zone():
@@ -174,7 +174,7 @@ def test_long_sentences_fit_the_hubs_states():
 
 
 # ------------------------------------------------------------------ the picture
-def drawn(*borders):
+def draw_map(*borders):
     """Draws a room of 10 m x 5 m: a wall at low x, unknown floor in a corner, and y > 2.5 m restricted."""
     cells = np.zeros((100, 200), np.int8)
     cells[:, :10] = 100
@@ -191,7 +191,7 @@ def color_at(picture, x, y):
 
 
 def test_the_picture_shows_floor_and_walls():
-    picture = drawn()
+    picture = draw_map()
     assert picture.shape == (500, 1000, 3)
     assert color_at(picture, 0.2, 1.0).max() < 60  # wall
     assert color_at(picture, 5.0, 1.0).min() > 250  # free
@@ -205,12 +205,12 @@ def test_the_picture_shows_floor_and_walls():
 def test_the_picture_shows_enabled_and_disabled_borders():
     line = [Point(0, 2.5, 0), Point(10, 2.5, 0)]
     border = VirtualBorder(kind=VirtualBorder.SEPARATING_CURVE, enabled=True, points=line)
-    blue, _, red = color_at(drawn(border), 5.0, 2.5)
+    blue, _, red = color_at(draw_map(border), 5.0, 2.5)
     assert red > blue + 100
     border.enabled = False
-    assert np.ptp(color_at(drawn(border), 5.0, 2.5)) < 10
+    assert np.ptp(color_at(draw_map(border), 5.0, 2.5)) < 10
 
 
 def test_a_border_that_cannot_be_drawn_is_left_out():
     nowhere = [VirtualBorder(), VirtualBorder(points=[Point(1, float("nan"), 0), Point(2, 2, 0)])]
-    assert np.array_equal(drawn(*nowhere), drawn())
+    assert np.array_equal(draw_map(*nowhere), draw_map())

@@ -19,7 +19,7 @@ def inbox():
     return Inbox(started=NOW - 60.0)
 
 
-def packed(**fields):
+def as_json(**fields):
     return json.dumps(fields).encode()
 
 
@@ -30,55 +30,55 @@ def code_of(inbox, payload, retained=False, now=NOW):
 
 
 def test_a_request_has_id_age_and_seen_stop(inbox):
-    request = inbox.accept_request(packed(command="resume", at=NOW - 1.5, id="a1", seen_stop="12ab"), False, NOW)
+    request = inbox.accept_request(as_json(command="resume", at=NOW - 1.5, id="a1", seen_stop="12ab"), False, NOW)
     assert request == MqttRequest("mqtt:a1", "a1", "resume", "12ab", age=1.5)
-    request = inbox.accept_request(packed(border="border_b7", enabled=False, at=NOW), False, NOW)
+    request = inbox.accept_request(as_json(border="border_b7", enabled=False, at=NOW), False, NOW)
     assert_fields(request, command="", border="border_b7", enabled=False)
 
 
 def test_a_message_delivered_twice_is_taken_once(inbox):
     for fields in ({"command": "save", "id": "a1"}, {"command": "save"}, {"border": "border_b7", "enabled": False}):
-        payload = packed(at=NOW, **fields)
+        payload = as_json(at=NOW, **fields)
         assert inbox.accept_request(payload, False, NOW) is not None
         assert inbox.accept_request(payload, False, NOW + 1.0) is None
     # the same command given again
-    assert inbox.accept_request(packed(command="save", at=NOW + 0.5), False, NOW + 1.0) is not None
+    assert inbox.accept_request(as_json(command="save", at=NOW + 0.5), False, NOW + 1.0) is not None
 
 
 def test_retained_messages_are_refused_even_a_stop(inbox):
-    for payload in (packed(command="save", at=NOW), packed(command="stop", at=NOW), b"stop"):
+    for payload in (as_json(command="save", at=NOW), as_json(command="stop", at=NOW), b"stop"):
         assert code_of(inbox, payload, retained=True) == "mqtt_retained"
     assert inbox.accept_request(b"", True, NOW) is None
 
 
 def test_old_future_and_undated_commands_are_refused(inbox):
-    assert code_of(inbox, packed(command="save", at=NOW - MAX_AGE - 0.01)) == "expired"
-    assert code_of(inbox, packed(command="save", at=NOW + MAX_AGE + 0.01)) == "mqtt_clock"
-    assert code_of(inbox, packed(border="border_1", enabled=True, at=NOW - 60.0)) == "expired"
+    assert code_of(inbox, as_json(command="save", at=NOW - MAX_AGE - 0.01)) == "expired"
+    assert code_of(inbox, as_json(command="save", at=NOW + MAX_AGE + 0.01)) == "mqtt_clock"
+    assert code_of(inbox, as_json(border="border_1", enabled=True, at=NOW - 60.0)) == "expired"
     # small clock differences are tolerated
-    assert inbox.accept_request(packed(command="save", at=NOW + 1.0), False, NOW).age == 0.0
+    assert inbox.accept_request(as_json(command="save", at=NOW + 1.0), False, NOW).age == 0.0
     for stamp in (None, True, "1", -1, float("nan"), float("inf"), 10**400, [NOW]):
-        assert code_of(inbox, packed(command="save", at=stamp)) == "mqtt_undated"
-    assert code_of(inbox, packed(command="save")) == "mqtt_undated"
+        assert code_of(inbox, as_json(command="save", at=stamp)) == "mqtt_undated"
+    assert code_of(inbox, as_json(command="save")) == "mqtt_undated"
     assert code_of(inbox, b"save") == "mqtt_bad_message"
 
 
 def test_commands_from_before_the_start_are_refused():
     inbox = Inbox(started=NOW)
-    assert code_of(inbox, packed(command="save", at=NOW - 0.1), now=NOW + 1.0) == "expired"
-    assert inbox.accept_request(packed(command="save", at=NOW + 0.1), False, NOW + 1.0) is not None
+    assert code_of(inbox, as_json(command="save", at=NOW - 0.1), now=NOW + 1.0) == "expired"
+    assert inbox.accept_request(as_json(command="save", at=NOW + 0.1), False, NOW + 1.0) is not None
 
 
 def test_every_stop_is_taken_in_any_form_at_any_age(inbox):
-    for payload in (b"stop", b" STOP\n", packed(command="stop"), packed(command="stop", at=1.0, id="x", more=[1])):
+    for payload in (b"stop", b" STOP\n", as_json(command="stop"), as_json(command="stop", at=1.0, id="x", more=[1])):
         assert inbox.accept_request(payload, False, NOW).command == "stop"
     for _ in range(1000):
         assert inbox.accept_request(b"stop", False, NOW) is not None
     # a sender that always uses the same id: its second stop must not be taken for the first
-    payload = packed(command="stop", id="kitchen")
+    payload = as_json(command="stop", id="kitchen")
     assert inbox.accept_request(payload, False, NOW).id != inbox.accept_request(payload, False, NOW).id
     # but one press that arrives twice is one stop
-    payload = packed(command="stop", id="a1", at=NOW)
+    payload = as_json(command="stop", id="a1", at=NOW)
     assert inbox.accept_request(payload, False, NOW).id == inbox.accept_request(payload, False, NOW).id
 
 
@@ -86,13 +86,13 @@ def test_too_many_commands_at_once_are_refused(inbox):
     accepted = 0
     for number in range(100):
         try:
-            accepted += inbox.accept_request(packed(command="save", at=NOW, id=str(number)), False, NOW) is not None
+            accepted += inbox.accept_request(as_json(command="save", at=NOW, id=str(number)), False, NOW) is not None
         except CodedError as error:
             assert error.code == "mqtt_too_fast"
     assert accepted == BURST
     later = NOW + 3.0 / RATE
-    assert [inbox.accept_request(packed(command="save", at=later, id=f"b{k}"), False, later) for k in range(3)]
-    assert code_of(inbox, packed(command="save", at=later, id="b3"), now=later) == "mqtt_too_fast"
+    assert [inbox.accept_request(as_json(command="save", at=later, id=f"b{k}"), False, later) for k in range(3)]
+    assert code_of(inbox, as_json(command="save", at=later, id="b3"), now=later) == "mqtt_too_fast"
 
 
 @pytest.mark.parametrize(
@@ -113,7 +113,7 @@ def test_too_many_commands_at_once_are_refused(inbox):
     ],
 )
 def test_malformed_messages_are_refused(inbox, message):
-    assert code_of(inbox, message if isinstance(message, bytes) else packed(**message)) == "mqtt_bad_message"
+    assert code_of(inbox, message if isinstance(message, bytes) else as_json(**message)) == "mqtt_bad_message"
 
 
 keys = st.sampled_from(["command", "border", "enabled", "at", "id", "seen_stop"]) | st.text()

@@ -123,24 +123,24 @@ def test_halting_stops_the_robot_with_the_faults_code():
 
 
 # ------------------------------------------------------------ the gate
+@pytest.mark.parametrize("gap", [0.05, 0.15, 0.3])  # [m] before the robot
 @pytest.mark.parametrize("source", ["follow", "navigation", "teleop"])
 @pytest.mark.parametrize("pose_error", [0.0, MIN_UNCERTAINTY])
-def test_a_robot_does_not_cross_a_border_drawn_just_ahead_of_it(source, pose_error):
-    for gap in (0.05, 0.15, 0.3):
-        rig = Rig()
-        rig.pose_error = pose_error
-        rig.follows(2.0) if source == "follow" else setattr(rig, source, (0.5, 0.0))
-        rig.step(0.5)
-        edge = rig.pose[0] + PROFILE.radius + gap
-        rig.set_grid(with_border(empty(), edge, 0.0, 8.0, 5.0))
-        nose = []
-        for _ in range(40):
-            if source == "follow":
-                rig.spot = (rig.pose[0] + 1.8, 2.5)
-            rig.step()
-            nose.append(rig.pose[0] + PROFILE.radius)
-        assert max(nose) <= edge + 0.04
-        assert rig.commands[-1].code == "border"
+def test_a_robot_does_not_cross_a_border_drawn_just_ahead_of_it(source, pose_error, gap):
+    rig = Rig()
+    rig.pose_error = pose_error
+    rig.follows(2.0) if source == "follow" else setattr(rig, source, (0.5, 0.0))
+    rig.step(0.5)
+    edge = rig.pose[0] + PROFILE.radius + gap
+    rig.set_grid(with_border(empty(), edge, 0.0, 8.0, 5.0))
+    nose = []
+    for _ in range(40):
+        if source == "follow":
+            rig.spot = (rig.pose[0] + 1.8, 2.5)
+        rig.step()
+        nose.append(rig.pose[0] + PROFILE.radius)
+    assert max(nose) <= edge + 0.04
+    assert rig.commands[-1].code == "border"
 
 
 # ------------------------------------------------------------ one policy for spots
@@ -222,7 +222,7 @@ def test_a_robot_follows_until_another_one_sees_the_lost_spot():
 Drag = namedtuple("Drag", "v w visible distance")
 
 
-def drag(path, speed, pose, latency=0.12):
+def drag_spot(path, speed, pose, latency=0.12):
     """Drags a spot along a path, then rests 4 s. Returns an array of each quantity, by time."""
     path = np.asarray(path, dtype=float)
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
@@ -258,7 +258,7 @@ DRAGS = {
 @pytest.mark.parametrize("path, speed", DRAGS.values(), ids=DRAGS)
 def test_the_spot_stays_in_view(path, speed):
     start = np.asarray(path, dtype=float)[0]
-    run = drag(path, speed, (start[0] - 1.0, start[1] + 0.1, 0.0))
+    run = drag_spot(path, speed, (start[0] - 1.0, start[1] + 0.1, 0.0))
     assert np.abs(run.v).max() <= 0.2 + 1e-9
     assert np.abs(run.w).max() <= MAX_TURN + 1e-9
     assert run.visible.all()
@@ -272,7 +272,7 @@ RADIUS = PROFILE.radius
 EDGE = 4.0  # [m] where the border begins, along x
 
 
-def beside(gap, yaw=0.3):
+def rig_beside_border(gap, yaw=0.3):
     """Returns a rig with a goal, but idle navigation, `gap` [m] from a border on its left or right, or ahead."""
     rig = Rig(grid=with_border(empty(), EDGE, 0.0, 8.0, 5.0), pose=(EDGE - RADIUS - gap, 2.5, yaw))
     rig.goal = True
@@ -282,7 +282,7 @@ def beside(gap, yaw=0.3):
 @pytest.mark.parametrize("yaw", [0.3, 1.6, 3.1])
 @pytest.mark.parametrize("gap", [0.04, -0.02])
 def test_a_pinched_robot_is_helped_away_and_keeps_its_goal(gap, yaw):
-    rig = beside(gap, yaw)
+    rig = rig_beside_border(gap, yaw)
     rig.step(10.0)
     assert {command.source for command in rig.commands} == {"none", "escape"}
     assert rig.cancelled == 0
@@ -295,7 +295,7 @@ def test_a_pinched_robot_is_helped_away_and_keeps_its_goal(gap, yaw):
 
 @pytest.mark.parametrize("wish, yaw", [((0.2, 0.1), 0.0), ((0.2, 0.0), math.pi / 2)], ids=["at_border", "past_wall"])
 def test_a_robot_that_the_gate_holds_is_helped_away_too(wish, yaw):
-    rig = beside(0.01, yaw)
+    rig = rig_beside_border(0.01, yaw)
     ahead = np.abs(np.linspace(-math.pi, math.pi, 360, endpoint=False)) < math.radians(20)
     farthest = -math.inf
     for _ in range(200):
@@ -309,7 +309,7 @@ def test_a_robot_that_the_gate_holds_is_helped_away_too(wish, yaw):
 
 
 def test_escape_does_not_drive_into_the_unknown():
-    rig = beside(0.02)
+    rig = rig_beside_border(0.02)
     grid = with_border(empty(), EDGE, 0.0, 8.0, 5.0)
     rig.set_grid(with_border(grid, 0.0, 0.0, EDGE - RADIUS - 0.04, 5.0, value=-1))
     rig.step(10.0)
@@ -318,7 +318,7 @@ def test_escape_does_not_drive_into_the_unknown():
 
 @pytest.mark.parametrize("stops", [False, True])
 def test_escape_forgets_its_place_once_a_person_intervenes(stops):
-    rig = beside(0.02, math.pi)
+    rig = rig_beside_border(0.02, math.pi)
     assert rig.step(PINCHED_AFTER + 0.5).source == "escape"
     if stops:
         rig.latch.stop("a", "test")
@@ -337,7 +337,7 @@ def test_escape_forgets_its_place_once_a_person_intervenes(stops):
 
 
 def test_escape_waits_while_somebody_draws():
-    rig = beside(0.02)
+    rig = rig_beside_border(0.02)
     rig.set_state(BORDER)
     rig.step(5.0)
     assert {command.source for command in rig.commands} == {"none"}
@@ -347,7 +347,7 @@ def test_escape_waits_while_somebody_draws():
 
 @pytest.mark.parametrize("left_alone", ["no goal", "navigation is dead", "within the border", "navigation drives it"])
 def test_a_robot_that_is_not_pinched_is_left_alone(left_alone):
-    rig = beside(-0.5 if left_alone == "within the border" else 0.02, math.pi)
+    rig = rig_beside_border(-0.5 if left_alone == "within the border" else 0.02, math.pi)
     rig.goal = left_alone != "no goal"
     if left_alone == "navigation is dead":
         rig.navigation = (0.0, 0.3)

@@ -22,7 +22,7 @@ def place(x, cost=None, **options):
     return Viewpoint((x, 0.0, 0.0), x if cost is None else cost, **options)
 
 
-def at(*places):
+def is_at(*places):
     """Returns a function that tells whether an x [m] is one of these."""
     return places.__contains__
 
@@ -30,7 +30,7 @@ def at(*places):
 class Robot:
     """One robot of the bench: viewpoints on offer, the x where it sees the spot and has room, navigation's status."""
 
-    def __init__(self, *offers, sees=at(), **changes):
+    def __init__(self, *offers, sees=is_at(), **changes):
         self.offers, self.sees, self.room, self.searches = offers, sees, lambda x: True, 0
         self.goal, self.pose, self.destination = NONE, (9.0, 9.0, 0.0), None
         self.is_busy, self.has_navigation, self.localized, self.has_map = False, True, True, True
@@ -109,21 +109,21 @@ THERE = dict(goal=REACHED, pose=(1.0, 0.0, 0.0))
 # What becomes of a robot on its way to x = 1 m, from where it would see the spot.
 AFTERWARDS = {
     "another goal is another place, and it comes after some patience": [
-        Phase(20, [], dict(offers=[place(1.1), place(1)], sees=at())),
+        Phase(20, [], dict(offers=[place(1.1), place(1)], sees=is_at())),
         Phase(1, [3], dict(offers=[place(3)])),
         Phase(5, [], dict(offers=[place(5)])),
         Phase(1, [5]),
     ],
     "one that has arrived is not sent to about the same place again": [
-        Phase(20, [], dict(**THERE, offers=[place(1.1)], sees=at())),
+        Phase(20, [], dict(**THERE, offers=[place(1.1)], sees=is_at())),
         Phase(20, [1.3], dict(offers=[place(1.3)])),
     ],
-    "a goal within a new border is replaced": [Phase(12, [3], dict(room=at(3), offers=[place(3)], sees=at(1, 3)))],
+    "a goal in a new border is replaced": [Phase(12, [3], dict(room=is_at(3), offers=[place(3)], sees=is_at(1, 3)))],
     "flicker at the edge does not change it": [Phase(60, [], dict(offers=[place(5)], sees=flicker()))],
     "a spot that is lost is no matter of patience": [
         Phase(4, []),
-        Phase(1, [3], dict(offers=[place(3)], sees=at(3)), dict(unseen_s=1.0)),
-        Phase(1, [], dict(offers=[place(5)], sees=at(5))),
+        Phase(1, [3], dict(offers=[place(3)], sees=is_at(3)), dict(unseen_s=1.0)),
+        Phase(1, [], dict(offers=[place(5)], sees=is_at(5))),
         Phase(1, [5]),
     ],
     "into the interaction's next state it goes on": [Phase(20, [], bench=dict(key=("a", 2)))],
@@ -140,7 +140,7 @@ AFTERWARDS = {
 
 @pytest.mark.parametrize("phases", AFTERWARDS.values(), ids=AFTERWARDS)
 def test_a_robot_is_sent_again_once_what_kept_it_is_over(phases):
-    ada = Robot(place(1), sees=at(1))
+    ada = Robot(place(1), sees=is_at(1))
     bench = Bench(ada=ada)
     assert bench.step() == 1
     for phase in phases:
@@ -160,7 +160,7 @@ def test_each_failure_tries_the_next_place_after_a_longer_pause():
 
 @pytest.mark.parametrize("seen", [True, False])
 def test_a_robot_that_makes_progress_keeps_its_goal(seen):
-    ada = Robot(place(1), place(2), sees=at(1, 2))
+    ada = Robot(place(1), place(2), sees=is_at(1, 2))
     bench = Bench(ada=ada)
     bench.step()
     for i in range(200):
@@ -180,7 +180,7 @@ def test_a_goals_state_follows_navigations_status():
 
 
 def test_a_robot_that_sees_the_spot_stays_until_it_is_lost():
-    bench = Bench(ada=Robot(*map(place, (1, 1.2, 2, 3, 4)), sees=at(1, 2, 3, 4)), outcome=REACHED)
+    bench = Bench(ada=Robot(*map(place, (1, 1.2, 2, 3, 4)), sees=is_at(1, 2, 3, 4)), outcome=REACHED)
 
     def run_unseen(steps):
         """Runs while no camera sees the spot. Returns every x to which the robot was sent."""
@@ -204,7 +204,7 @@ def sighting(stamp, x, y=0.0, camera="red", mobile=False):
     return Sighting(stamp, (x, y), camera, mobile)
 
 
-def drawing_since(stamp):
+def sightings_since(stamp):
     """Returns the sightings of a drawing that began at a time [s]."""
     sightings = SpotSightings()
     sightings.set_state(BORDER, "1", stamp)
@@ -212,7 +212,7 @@ def drawing_since(stamp):
 
 
 def test_a_false_spot_does_not_move_the_target():
-    sightings = drawing_since(10.0)
+    sightings = sightings_since(10.0)
     sightings.add(sighting(10.0, 0.0))
     assert sightings.target() is None
     for i in range(50):
@@ -247,7 +247,7 @@ def test_a_new_state_or_interaction_resets_the_sightings():
 
 
 def test_a_stationary_camera_watches_a_spot_that_it_saw_lately():
-    sightings = drawing_since(0.0)
+    sightings = sightings_since(0.0)
     sightings.add(sighting(1.0, 0.0))
     sightings.add(sighting(2.5, 0.0, camera="robot", mobile=True))
     assert not sightings.seen_by_stationary(2.5), "only the robot sees it"
@@ -261,7 +261,7 @@ def test_a_stationary_camera_watches_a_spot_that_it_saw_lately():
 
 
 def test_the_time_since_the_spot_was_seen_counts_while_drawing():
-    sightings = drawing_since(0.0)
+    sightings = sightings_since(0.0)
     assert sightings.time_since_seen(5.0) == 0.0, "nobody has begun to draw"
     sightings.add(sighting(1.0, 0.0))
     assert sightings.time_since_seen(1.2) == pytest.approx(0.2)
@@ -270,23 +270,23 @@ def test_the_time_since_the_spot_was_seen_counts_while_drawing():
     assert sightings.time_since_seen(12.0) == 0.0, "the seed does not move"
 
 
-def test_a_spots_velocity_points_along_the_end_of_its_line():
-    for speed in (0.25, 0.5, 1.5):  # [m/s] along x, then along y
-        straight = {}
-        sightings = drawing_since(0.0)
-        for i in range(200):
-            distance = 0.04 * speed * i
-            sightings.add(sighting(1.0 + 0.04 * i, min(distance, 0.6), max(distance - 0.6, 0.0)))
-            if sightings.velocity() is not None:
-                straight[round(distance, 2)] = sightings.velocity() / np.linalg.norm(sightings.velocity())
-        on_x = [v for distance, v in straight.items() if distance <= 0.6]
-        on_y = [v for distance, v in straight.items() if distance > 0.6 + max(0.3, 0.04 * speed * 6)]
-        assert np.abs(np.subtract(on_x, (1.0, 0.0))).max() <= 0.1
-        assert np.abs(np.subtract(on_y, (0.0, 1.0))).max() <= 0.4
+@pytest.mark.parametrize("speed", [0.25, 0.5, 1.5])  # [m/s] along x, then along y
+def test_a_spots_velocity_points_along_the_end_of_its_line(speed):
+    straight = {}
+    sightings = sightings_since(0.0)
+    for i in range(200):
+        distance = 0.04 * speed * i
+        sightings.add(sighting(1.0 + 0.04 * i, min(distance, 0.6), max(distance - 0.6, 0.0)))
+        if sightings.velocity() is not None:
+            straight[round(distance, 2)] = sightings.velocity() / np.linalg.norm(sightings.velocity())
+    on_x = [v for distance, v in straight.items() if distance <= 0.6]
+    on_y = [v for distance, v in straight.items() if distance > 0.6 + max(0.3, 0.04 * speed * 6)]
+    assert np.abs(np.subtract(on_x, (1.0, 0.0))).max() <= 0.1
+    assert np.abs(np.subtract(on_y, (0.0, 1.0))).max() <= 0.4
 
 
 def test_a_resting_spot_has_no_velocity_even_if_cameras_disagree():
-    sightings, rng = drawing_since(0.0), np.random.default_rng(0)
+    sightings, rng = sightings_since(0.0), np.random.default_rng(0)
     for i in range(40):
         sightings.add(sighting(1.0 + 0.04 * i, *rng.normal(0.0, 0.005, 2)))
     assert sightings.velocity() is None
@@ -299,19 +299,19 @@ def test_a_resting_spot_has_no_velocity_even_if_cameras_disagree():
 # ------------------------------------------------------------------ several robots: ada's places are below 20 m
 def test_the_robot_with_the_shorter_path_goes_and_keeps_going():
     ada = Robot(place(5))
-    assert Bench(ada=ada, bob=Robot(place(20, 2.0), sees=at(20)), eve=Robot()).run(40) == [20]
+    assert Bench(ada=ada, bob=Robot(place(20, 2.0), sees=is_at(20)), eve=Robot()).run(40) == [20]
     assert ada.searches == 1, "nothing is worked out while the goal is fit"
 
 
 def test_a_robot_that_already_sees_the_spot_is_not_sent():
-    bench = Bench(ada=Robot(place(1)), bob=Robot(place(20, 2.0), sees=at(9)))
+    bench = Bench(ada=Robot(place(1)), bob=Robot(place(20, 2.0), sees=is_at(9)))
     assert not bench.run(20)
     assert bench.policy.serving == "bob"
 
 
 def test_a_free_robot_is_sent_before_a_busy_one():
-    busy = Robot(place(1), sees=at(1), is_busy=True)
-    assert Bench(ada=busy, bob=Robot(place(20, 6.0), sees=at(20))).run(20) == [20]
+    busy = Robot(place(1), sees=is_at(1), is_busy=True)
+    assert Bench(ada=busy, bob=Robot(place(20, 6.0), sees=is_at(20))).run(20) == [20]
     assert Bench(ada=busy).run(20) == [1], "if there is no other, the person comes first"
 
 
@@ -327,8 +327,8 @@ def test_a_free_robot_is_sent_before_a_busy_one():
     ],
 )
 def test_another_robot_takes_over_when_one_fails(fault, limit):
-    ada = Robot(place(1), place(2), sees=at(1, 2))
-    bench = Bench(ada=ada, bob=Robot(place(20, 3.0), sees=at(20)))
+    ada = Robot(place(1), place(2), sees=is_at(1, 2))
+    bench = Bench(ada=ada, bob=Robot(place(20, 3.0), sees=is_at(20)))
     assert bench.step() == 1
     vars(ada).update(fault)
     assert not bench.run(int(4 * limit) - 1)
@@ -361,7 +361,7 @@ def test_two_robots_about_equally_near_do_not_take_turns():
 
 
 def test_a_notably_nearer_robot_takes_over_from_another():
-    ada, bob = Robot(place(2)), Robot(place(20, 5.0), sees=at(20))
+    ada, bob = Robot(place(2)), Robot(place(20, 5.0), sees=is_at(20))
     bench = Bench(ada=ada, bob=bob)
     assert bench.step() == 2
     ada.offers, bob.offers = [place(9, 2.2)], [place(20, 1.0)]

@@ -142,7 +142,7 @@ FAULTS = {
 }
 
 
-def lose(fault, source, seed):
+def lose_input(fault, source, seed):
     """Loses an input for 2 s, with moment, speed and turn rate drawn at random.
 
     Returns the time [s] from the loss until the commands stay zero, or inf, the rig, and the commands during the loss.
@@ -175,7 +175,7 @@ def test_robot_stops_in_time_and_reports_why_when_an_input_is_lost(fault, source
     """Twenty random moments each; a base's brakes can follow, and the robot goes on when the input is back."""
     _, code, latest = FAULTS[fault]
     for seed in range(20):
-        stop_time, rig, commands = lose(fault, source, seed)
+        stop_time, rig, commands = lose_input(fault, source, seed)
         assert stop_time <= latest + 1e-9
         assert commands[-1].code == code
         if latest > DT:  # a false input stops it immediately, a late one within its braking deceleration

@@ -17,7 +17,7 @@ FULL_OVERLAP = -PATH_MARGIN - RADIUS  # [m] beyond PATH_MARGIN, if the robot's c
 
 
 # ------------------------------------------------------------ following
-def follow(follower, distance, degrees):
+def follow_spot(follower, distance, degrees):
     """Returns (v, w, code) for a spot at a distance [m] and bearing [deg] from the robot."""
     bearing = math.radians(degrees)
     follower.spot = (distance * math.cos(bearing), distance * math.sin(bearing))
@@ -42,12 +42,12 @@ def test_a_robot_drives_nearer_from_130_to_100_cm_and_back_from_75_to_90_cm(degr
     follower = SpotFollower()
     for distance, speed in zip(distances, speeds):
         code = "driving" if speed or turn else "spot_in_view"
-        assert follow(follower, distance, degrees) == (pytest.approx(speed), pytest.approx(turn), code)
+        assert follow_spot(follower, distance, degrees) == (pytest.approx(speed), pytest.approx(turn), code)
 
 
 def test_a_robot_turns_from_14_to_4_degrees_off():
     follower = SpotFollower()
-    turns = [follow(follower, 1.0, bearing)[1] for bearing in (13.9, 14.1, 4.1, 3.9, 13.9, -14.1, -60.0)]
+    turns = [follow_spot(follower, 1.0, bearing)[1] for bearing in (13.9, 14.1, 4.1, 3.9, 13.9, -14.1, -60.0)]
     assert turns == pytest.approx([0.0, 0.443, 0.1288, 0.0, 0.0, -0.443, -0.8], abs=1e-4)
 
 
@@ -55,10 +55,10 @@ def test_a_robot_turns_from_14_to_4_degrees_off():
 @pytest.mark.parametrize("distance, next_distance", [(1.31, 1.15), (0.74, 0.85)])
 def test_a_robot_that_lost_the_spot_stands_and_begins_anew(spot, pose, distance, next_distance):
     follower = SpotFollower()
-    assert follow(follower, distance, 20.0)[2] == "driving"
+    assert follow_spot(follower, distance, 20.0)[2] == "driving"
     follower.spot = spot
     assert follower.compute_request(pose) == VelocityRequest(0.0, 0.0, "spot_lost")
-    assert follow(follower, next_distance, 5.0) == (0.0, 0.0, "spot_in_view")
+    assert follow_spot(follower, next_distance, 5.0) == (0.0, 0.0, "spot_in_view")
 
 
 # ------------------------------------------------------------ escaping

@@ -18,14 +18,14 @@ from refusals import refused
 from vb_testing import assert_fields, wait_until
 from vb_core.node_graph import NodeGraph
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray
-from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, find_border_name, is_inside
+from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, find_border_name, is_inside_border
 from vb_robot.monitoring.navigation_connections import PLANNERS, NavigationWiring, find_wiring, resolve_name
 from vb_robot.ros import planner_speed
 from vb_robot.ros.subscriptions import keep_out_borders_for
 from vb_robot.ros.watched_robot import WatchedRobot
 
 
-def graph(maps, robot="", missing=(), heard=True):
+def navigation_graph(maps, robot="", missing=(), heard=True):
     """Returns the node graph of a move_base with these maps; topics in `missing` have no publisher."""
     node, velocities = resolve_name(robot, "move_base"), resolve_name(robot, "cmd_vel")
     paths = [f"{node}/NavfnROS/plan", f"{node}/DWAPlannerROS/global_plan"]
@@ -69,13 +69,13 @@ def test_a_robot_is_said_to_plan_round_borders_only_where_it_does(robot, maps, p
     node = resolve_name(robot, "move_base")
     navigation = {"path": f"{node}/NavfnROS/plan", "planner": "DWAPlannerROS", "plans_round_borders": plans}
     expected = NavigationWiring(node, tuple(sorted(maps)), **navigation)
-    assert find_wiring(graph(maps, robot), robot, parameters) == expected
-    assert find_wiring(graph(maps, robot), "bob", parameters) == NavigationWiring()
+    assert find_wiring(navigation_graph(maps, robot), robot, parameters) == expected
+    assert find_wiring(navigation_graph(maps, robot), "bob", parameters) == NavigationWiring()
 
 
 def test_a_move_base_that_waits_for_a_map_is_found():
     """Without a driver nobody publishes keep_out; then move_base has no action server, and only logs it at INFO."""
-    wiring = find_wiring(graph([MARGIN, ALL], missing=[MARGIN, "/move_base/status"], heard=False), "", {})
+    wiring = find_wiring(navigation_graph([MARGIN, ALL], missing=[MARGIN, "/move_base/status"], heard=False), "", {})
     assert_fields(wiring, move_base="/move_base", missing_maps=(MARGIN,), unheard=("/cmd_vel",))
 
 
@@ -91,7 +91,7 @@ def test_a_move_base_that_waits_for_a_map_is_found():
     ],
 )
 def test_the_robots_size_is_that_of_its_costmap(costmap, radius):
-    assert find_wiring(graph(["/map"]), "", {"global_costmap": costmap}).radius == pytest.approx(radius)
+    assert find_wiring(navigation_graph(["/map"]), "", {"global_costmap": costmap}).radius == pytest.approx(radius)
 
 
 # ------------------------------------------------------------ goals
@@ -161,8 +161,8 @@ def test_a_robot_is_inside_where_only_a_border_forbids_it():
     borders = with_border(with_border(plain, 2.0, 1.0, 3.0, 2.0), 2.0, 2.5, 3.0, 3.0, 75)
     physical = with_border(plain, 0.0, 1.5, 8.0, 2.0, -1)
     places = [(2.5, 1.2), (2.5, 1.8), (2.5, 2.7), (1.9, 1.2), (50.0, 1.0)]
-    assert [is_inside(borders, physical, place) for place in places] == [True, True, False, False, False]
-    assert not is_inside(borders, physical, (0.03, 2.0)), "a wall is not a border"
+    assert [is_inside_border(borders, physical, place) for place in places] == [True, True, False, False, False]
+    assert not is_inside_border(borders, physical, (0.03, 2.0)), "a wall is not a border"
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations(["physical", "borders", "keep_out"])))

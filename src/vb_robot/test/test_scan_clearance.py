@@ -169,11 +169,6 @@ def test_the_lower_of_two_speed_limits_counts():
         assert lowest_speed_limit(zones, place, 0.5) == pytest.approx(limit)
 
 
-def test_arc_closes_a_circle():
-    assert np.allclose(arc_positions((1.0, 2.0, 0.5), np.array([2 * math.pi * 0.7]), 1 / 0.7), [[1.0, 2.0]], atol=1e-9)
-    assert np.allclose(arc_positions((1.0, 2.0, math.pi / 2), np.array([0.5, -0.5]), 0.0), [[1.0, 2.5], [1.0, 1.5]])
-
-
 POSES = st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0), st.floats(-3.0, 3.0))
 
 
@@ -229,7 +224,7 @@ def test_navigations_map_has_what_the_driver_keeps_out_of():
     assert (ground.keep_out.data[data < 0] == -1).all(), "unknown floor stays unknown: navigation does not plan there"
 
 
-def spread(std, turned=np.eye(2)):
+def covariance_of(std, turned=np.eye(2)):
     """Returns the covariance (3, 3) of x, y and yaw, with std (2,) [m] along rotated axes."""
     covariance = np.diag([0.0, 0.0, 0.01])
     covariance[:2, :2] = turned @ np.diag(std) ** 2 @ turned.T
@@ -239,12 +234,12 @@ def spread(std, turned=np.eye(2)):
 def test_the_uncertainty_rises_at_once_and_falls_slowly():
     uncertainty = PoseUncertainty()
     assert uncertainty.meters == MIN_UNCERTAINTY, "without a covariance"
-    assert not uncertainty.add(spread([0.01, 0.005]))
+    assert not uncertainty.add(covariance_of([0.01, 0.005]))
     assert uncertainty.meters == MIN_UNCERTAINTY
     turned = np.array([[0.5, 0.5], [-0.5, 0.5]]) * math.sqrt(2.0)
-    assert uncertainty.add(spread([0.12, 0.005], turned)), "the worst direction, in steps"
+    assert uncertainty.add(covariance_of([0.12, 0.005], turned)), "the worst direction, in steps"
     assert uncertainty.meters == pytest.approx(0.075)
-    changed = [uncertainty.add(spread([0.01, 0.01])) for _ in range(UNCERTAINTY_UPDATES)]
+    changed = [uncertainty.add(covariance_of([0.01, 0.01])) for _ in range(UNCERTAINTY_UPDATES)]
     assert changed == [False] * (UNCERTAINTY_UPDATES - 1) + [True]
     assert uncertainty.meters == MIN_UNCERTAINTY
     assert not uncertainty.lost

@@ -79,8 +79,7 @@ def test_sides_of_polygon_and_curve():
     assert inside.sum() * 0.025**2 == pytest.approx(1.0, abs=0.1)
     door = np.array([[4.0, 3.7], [4.0, 4.3]])
     left_side = CLEARANCE_MAP.predict_restricted_side((1.0, 1.0), door, False)
-    assert left_side[40, 40]
-    assert not left_side[40, 280]
+    assert [left_side[40, column] for column in (40, 280)] == [True, False]
     # without a line there are no sides
     assert not CLEARANCE_MAP.predict_restricted_side((5.5, 1.5), np.zeros((0, 2)), False).any()
 
@@ -217,11 +216,11 @@ def test_a_robot_is_not_sent_where_the_border_would_lock_it_in(x, y, yaw, marks_
     assert min(gaps) >= CLEARANCE_MAP.radius
 
 
-def seed_within(chain, seen_by_stationary):
+def drawing_with_seed(chain, seen_by_stationary):
     return DrawingState(chain.mean(axis=0), chain, closed=True, marks_side=True, seen_by_stationary=seen_by_stationary)
 
 
-def crossed(robot, viewpoint):
+def length_over_carpet(robot, viewpoint):
     """Returns the length [m] over the carpet of the straight way, which in an empty room is the shortest."""
     return LineString([robot[:2], viewpoint.pose[:2]]).intersection(Polygon(CARPET)).length
 
@@ -234,22 +233,22 @@ def test_a_robot_is_not_sent_over_the_area_that_is_being_drawn(robot, drawn):
     chain = np.vstack([np.roll(CARPET, -1, axis=0), CARPET[0] + drawn * (CARPET[1] - CARPET[0])])
     drawing = DrawingState(chain[-1], chain, np.array([0.3, 0.0]), seen_by_stationary=True)
     best = ViewpointPlanner(CLEARANCE_MAP, VIEW, drawing).best_viewpoint(robot)
-    assert crossed(robot, best) < 0.65  # it may cut a corner
+    assert length_over_carpet(robot, best) < 0.65  # it may cut a corner
 
 
 @settings(max_examples=25)
 @given(st.floats(4.5, 7.6), st.floats(0.4, 4.6), st.floats(0, 6.28))
 def test_no_area_is_crossed_while_another_camera_sees_the_seed(x, y, yaw):
     assume(Polygon(CARPET).distance(Point(x, y)) > CLEARANCE_MAP.radius + 0.05)
-    best = ViewpointPlanner(CLEARANCE_MAP, VIEW, seed_within(CARPET, True)).best_viewpoint((x, y, yaw))
-    assert best is None or crossed((x, y), best) < 0.65  # it may cut a corner
+    best = ViewpointPlanner(CLEARANCE_MAP, VIEW, drawing_with_seed(CARPET, True)).best_viewpoint((x, y, yaw))
+    assert best is None or length_over_carpet((x, y), best) < 0.65  # it may cut a corner
 
 
 def test_a_robot_crosses_the_seeds_side_only_for_an_unseen_seed():
     robot, failed = (6.1, 1.2, math.pi), [(6.1, 0.6, 2.35)]  # all viewpoints but those beyond the carpet
-    best = ViewpointPlanner(CLEARANCE_MAP, VIEW, seed_within(CARPET, False)).best_viewpoint(robot, failed)
-    assert crossed(robot, best) > 0.5
-    assert ViewpointPlanner(CLEARANCE_MAP, VIEW, seed_within(CARPET, True)).best_viewpoint(robot, failed) is None
+    best = ViewpointPlanner(CLEARANCE_MAP, VIEW, drawing_with_seed(CARPET, False)).best_viewpoint(robot, failed)
+    assert length_over_carpet(robot, best) > 0.5
+    assert ViewpointPlanner(CLEARANCE_MAP, VIEW, drawing_with_seed(CARPET, True)).best_viewpoint(robot, failed) is None
 
 
 def test_a_view_from_inside_the_border_is_offered_only_until_the_seed_is_shown():

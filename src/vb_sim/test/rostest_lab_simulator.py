@@ -177,7 +177,6 @@ class LabSimulatorTest(unittest.TestCase):
             "lab_simulator": [(["_world:=/no/such.yaml"], "no_world"), (["_seed:=2"], "world: must be set")],
             "participant": [
                 (["_scenario:=room"], "world: must be set"),
-                ([world], "scenario: ''"),
                 ([world, "_scenario:=attic"], "attic"),
                 ([world, "_scenario:=room", "_method:=magic"], "/method"),
             ],

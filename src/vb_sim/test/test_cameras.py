@@ -47,12 +47,12 @@ def lab():
     return world, render_floor(world, 3, resolution=0.005), world_mesh(world)
 
 
-def ceiling(lab, name, models=QUIET, **changes):
+def view_from_ceiling(lab, name, models=QUIET, **changes):
     world, floor, mesh = lab
     return CeilingView(dataclasses.replace(world.camera(name), **changes), RADII, floor, mesh, models, 5)
 
 
-def robot(lab, models=QUIET):
+def view_from_robot(lab, models=QUIET):
     world, floor, mesh = lab
     return RobotView(world.robots[0], RADII, floor, mesh, models, 5)
 
@@ -70,7 +70,7 @@ def added_light(view, scene):
 # ------------------------------------------------------------------ the spot
 @pytest.mark.parametrize("name, color", [("mono", "red"), ("mono", "green"), ("bayer", "green")])
 def test_spot_lies_where_the_camera_model_says(lab, name, color):
-    view = ceiling(lab, name)
+    view = view_from_ceiling(lab, name)
     rng = np.random.default_rng(1)
     for x, y in np.column_stack([rng.uniform(0.8, 2.5, 15), rng.uniform(0.6, 2.4, 15)]):
         change = added_light(view, Snapshot(1.0, laser=(x, y), laser_color=color))
@@ -83,7 +83,7 @@ def test_spot_lies_where_the_camera_model_says(lab, name, color):
 
 
 def test_spot_has_a_white_core_and_a_coloured_halo(lab):
-    view = robot(lab)
+    view = view_from_robot(lab)
     image = view.frame(Snapshot(1.0, {"robot": (0.5, 1.5, 0.0)}, (1.3, 1.5), "red")).astype(int)
     u, v = np.round(expected_pixel(view.model, view.camera_pose(Snapshot(1.0)), 1.3, 1.5)).astype(int)
     assert (image[v, u] > 250).all()
@@ -105,7 +105,7 @@ def test_bloom_grows_with_exposure_and_shrinks_with_distance(lab):
 
 
 def test_a_fast_spot_is_smeared_over_the_exposure(lab):
-    view = ceiling(lab, "mono")
+    view = view_from_ceiling(lab, "mono")
     still = view.spot(Snapshot(1.0, laser=(2.0, 1.5)))
     fast = view.spot(Snapshot(1.0, laser=(2.0, 1.5), laser_velocity=(2.0, 0.0)))
     spread = [np.ptp(np.nonzero((spot.light > 100).any(axis=0))[0]) for spot in (still, fast)]
@@ -115,7 +115,7 @@ def test_a_fast_spot_is_smeared_over_the_exposure(lab):
 
 # ------------------------------------------------------------------ occlusion
 def test_person_and_furniture_hide_the_spot(lab):
-    view = ceiling(lab, "mono")
+    view = view_from_ceiling(lab, "mono")
     # from the camera, the ray to a point beyond the person passes through the shoulders
     hidden, behind_box = (0.9, 1.5), (3.28, 0.9)
     assert added_light(view, Snapshot(1.0, laser=hidden)).max() > 80
@@ -126,14 +126,14 @@ def test_person_and_furniture_hide_the_spot(lab):
     assert added_light(view, Snapshot(1.0, laser=(2.6, 1.0))).max() > 80
     # the box hides it from the robot, too
     scenes = (Snapshot(1.0, {"robot": (2.0, 1.0, 0.0)}, place) for place in ((3.4, 1.0), (2.6, 1.0)))
-    hidden_light, visible_light = (np.abs(added_light(robot(lab), scene)).max() for scene in scenes)
+    hidden_light, visible_light = (np.abs(added_light(view_from_robot(lab), scene)).max() for scene in scenes)
     assert hidden_light == 0
     assert visible_light > 80
 
 
 # ------------------------------------------------------------------ frames
 def test_a_frame_leaves_no_trace_in_the_next(lab):
-    view = ceiling(lab, "bayer")
+    view = view_from_ceiling(lab, "bayer")
     empty = view.frame(Snapshot(1.0)).copy()
     robots = {"robot": (2.0, 1.5, 0.3), "other": (2.2, 1.6, 0.0)}
     scene = Snapshot(1.0, robots, (1.9, 1.6), "red", (0.5, 0.1), (1.6, 1.4, 0.2))
@@ -144,7 +144,7 @@ def test_a_frame_leaves_no_trace_in_the_next(lab):
 
 
 def test_noise_is_as_large_as_the_model_says(lab):
-    view = ceiling(lab, "mono", Models())
+    view = view_from_ceiling(lab, "mono", Models())
     first, second = (view.frame(Snapshot(1.0)).astype(float) for _ in range(2))
     middle = (slice(200, 340), slice(300, 500))
     sigma = Models().camera_noise.sigma(first[middle].mean())
@@ -154,7 +154,7 @@ def test_noise_is_as_large_as_the_model_says(lab):
 
 @pytest.mark.parametrize("encoding,channels", [("bgr8", 3), ("mono8", 1), ("bayer_rggb8", 1)])
 def test_every_encoding_shows_the_same_scene(lab, encoding, channels):
-    view = ceiling(lab, "mono", encoding=encoding)
+    view = view_from_ceiling(lab, "mono", encoding=encoding)
     image = view.frame(Snapshot(1.0, {"robot": (1.5, 1.5, 0.0)}, (2.0, 1.5), "red", (0, 0), (2.5, 2.2, -1.0)))
     assert image.dtype == np.uint8
     assert image.shape == ((540, 960) if channels == 1 else (540, 960, 3))
@@ -167,7 +167,7 @@ def test_every_encoding_shows_the_same_scene(lab, encoding, channels):
 
 # ------------------------------------------------------------------ depth
 def test_depth_of_the_floor_is_analytic(lab):
-    view = robot(lab)
+    view = view_from_robot(lab)
     scene = Snapshot(1.0, {"robot": (0.6, 2.2, -0.5)})
     depth = view.depth(scene).astype(float) / 1000.0
     pose = view.camera_pose(scene)
@@ -180,7 +180,7 @@ def test_depth_of_the_floor_is_analytic(lab):
 
 
 def test_depth_of_a_box_and_a_ray_caster_agree(lab):
-    view = robot(lab)
+    view = view_from_robot(lab)
     scene = Snapshot(1.0, {"robot": (1.6, 1.0, 0.0)})
     depth = view.depth(scene) / 1000.0
     pose = view.camera_pose(scene)
@@ -191,7 +191,7 @@ def test_depth_of_a_box_and_a_ray_caster_agree(lab):
 
 
 def test_depth_has_holes_at_flat_angles_and_noise_that_grows(lab):
-    view = robot(lab, Models())
+    view = view_from_robot(lab, Models())
     scene = Snapshot(1.0, {"robot": (0.5, 1.5, 0.0)})
     stack = np.array([view.depth(scene) for _ in range(30)]).astype(float)
     assert (stack[:, :3] == 0).mean() > 0.5

@@ -27,7 +27,7 @@ def chain_of(border, closed):
     return np.vstack([border, border[:1]]) if closed else border
 
 
-def system(key="carpet", method="nrs", seed=1, covered=EVERYWHERE, model=ParticipantModel(), **options):
+def make_system(key="carpet", method="nrs", seed=1, covered=EVERYWHERE, model=ParticipantModel(), **options):
     script = make_script(WORLD, WORLD.scenario(key), model, method, seed)
     return System(script, WORLD.robots[0].start_pose(), covered, **{"follows": method != "nrs", **options})
 
@@ -43,7 +43,7 @@ def check_drawing(key, sim):
 
 
 class Situation(NamedTuple):
-    """Who draws which scenario in which time [s], what `system` is like, and the commands before a smooth drawing's."""
+    """Who draws which scenario in which time [s], what `make_system` gets, and the commands before a smooth drawing's."""
 
     key: str
     method: str = "nrs"
@@ -70,7 +70,7 @@ SITUATIONS = {
 
 @pytest.mark.parametrize("situation", SITUATIONS.values(), ids=SITUATIONS)
 def test_whatever_happens_the_whole_border_is_drawn(situation):
-    sim = system(situation.key, situation.method, **situation.system)
+    sim = make_system(situation.key, situation.method, **situation.system)
     assert sim.run(situation.limit) == "saved"
     assert sim.commands == [*situation.commands_before, *DRAWN]
     # a robot is led with its buttons, and without cameras there is no other input
@@ -82,7 +82,7 @@ def test_whatever_happens_the_whole_border_is_drawn(situation):
 
 
 def test_a_robot_left_behind_stops_no_drawing():
-    sim = system("corner", "robot_only", covered=NOWHERE)
+    sim = make_system("corner", "robot_only", covered=NOWHERE)
     drive = sim._drive
     # it follows while it is led, but not during drawing
     sim._drive = lambda action, dt: None if sim.perception.state == "border" else drive(action, dt)
@@ -91,7 +91,7 @@ def test_a_robot_left_behind_stops_no_drawing():
 
 
 def test_a_person_gives_up_where_no_camera_sees_the_spot():
-    sim = system("room", covered=NOWHERE, dispatch_after=1e9, model=ParticipantModel(time_limit=40.0))
+    sim = make_system("room", covered=NOWHERE, dispatch_after=1e9, model=ParticipantModel(time_limit=40.0))
     assert sim.run(60.0) == "gave_up"
     assert sim.commands[-1] == "cancel"
     assert sim.perception.state == "default"
@@ -102,14 +102,14 @@ def test_a_person_gives_up_where_no_camera_sees_the_spot():
     "refusal, retry", [("no_seed", DRAWN[1:]), ("no_separation", ["cancel", *DRAWN]), ("confirm_save", ["save"])]
 )
 def test_a_person_mends_what_a_refusal_names_and_saves_again(refusal, retry):
-    sim = system("room", refuse_saves=[refusal])
+    sim = make_system("room", refuse_saves=[refusal])
     sim.perception.state = "border"  # a state that somebody else left
     assert sim.run(120.0) == "saved"
     assert sim.commands == ["cancel", *DRAWN, *retry]
 
 
 def test_the_person_gives_up_after_some_tries():
-    sim = system("room", refuse_saves=["no_separation"] * 9, model=ParticipantModel(tries=2))
+    sim = make_system("room", refuse_saves=["no_separation"] * 9, model=ParticipantModel(tries=2))
     assert sim.run(200.0) == "gave_up"
     assert sim.commands.count("save") == 2
     assert "no_separation" in sim.script.reason
@@ -129,7 +129,7 @@ def test_mistakes_are_drawn_for_each_run():
 
 @pytest.mark.parametrize("key", SCENARIOS)
 def test_a_person_may_show_the_seed_on_the_wrong_side(key):
-    sim = system(key, model=ParticipantModel(wrong_side=1.0))
+    sim = make_system(key, model=ParticipantModel(wrong_side=1.0))
     assert sim.run(120.0) == "saved"
     side = Polygon(WORLD.scenario(key).region)
     seeds = (np.mean(sim.seed, axis=0), WORLD.scenario(key).seed)
@@ -137,7 +137,7 @@ def test_a_person_may_show_the_seed_on_the_wrong_side(key):
 
 
 def test_a_person_walks_clear_of_walls_and_robot():
-    sim = system("carpet", "robot_only", covered=NOWHERE)
+    sim = make_system("carpet", "robot_only", covered=NOWHERE)
     sim.run(280.0)
     people = np.array([action.pose for action in sim.actions])[:, :2]
     steps = np.linalg.norm(np.diff(people, axis=0), axis=1)
@@ -231,8 +231,8 @@ def test_marks_on_the_floor_lie_beside_the_map():
 
 @pytest.mark.parametrize("method", ["nrs", "robot_only"])
 def test_wrong_words_are_noticed_on_the_display(method):
-    right = system("room", method, seed=3, model=ParticipantModel(wrong_word=0.0, tries=6))
-    wrong = system("room", method, seed=3, model=ParticipantModel(wrong_word=0.9, tries=6))
+    right = make_system("room", method, seed=3, model=ParticipantModel(wrong_word=0.0, tries=6))
+    wrong = make_system("room", method, seed=3, model=ParticipantModel(wrong_word=0.9, tries=6))
     assert right.run(200.0) == "saved"
     assert wrong.run(290.0) in ("saved", "gave_up")
     assert len(wrong.commands) > len(right.commands)

@@ -100,11 +100,8 @@ class VoiceCommandsTest(unittest.TestCase):
         notices = Newest("/virtual_borders/notices", NoticeArray)
         node = Process("vb_voice_wizard", "voice_commands", "__name:=deaf", "_source:=microphone", "_device:=none_such")
         self.addCleanup(node.stop)
-
-        def codes():
-            return [n.code for message in notices.all if message.source == "/deaf" for n in message.notices]
-
-        wait_until(lambda: "microphone_missing" in codes(), "the missing microphone")
+        missing = ("/deaf", "microphone_missing")
+        wait_until(lambda: missing in [(m.source, n.code) for m in notices.all for n in m.notices], "the missing one")
 
 
 if __name__ == "__main__":

@@ -120,10 +120,10 @@ def test_who_holds_the_most_gives_up_a_slot_for_others():
     assert [number for number, connection in enumerate(connections) if not connection.ended] == list(range(53, 63))
 
 
-def test_sessions_and_addresses_of_one_person_count_as_one():
-    for holders in ([f"address s{n}" for n in range(30)], [f"a{n} session" for n in range(30)]):
-        connections = filled(ConnectionSlots(10, yields=False), "phone one", *holders, "wall two")
-        assert [connections[index].ended for index in (0, -1)] == [False, False]
+@pytest.mark.parametrize("holders", [[f"address s{n}" for n in range(30)], [f"a{n} session" for n in range(30)]])
+def test_sessions_and_addresses_of_one_person_count_as_one(holders):
+    connections = filled(ConnectionSlots(10, yields=False), "phone one", *holders, "wall two")
+    assert [connections[index].ended for index in (0, -1)] == [False, False]
 
 
 def test_strangers_replace_each_other_but_known_people_stay():

@@ -97,10 +97,10 @@ def test_a_camera_below_the_floor_or_none_shows_nothing():
         assert decode(page_images.draw_floor(grid, views))[..., 3].max() == 0
 
 
-def test_camera_pictures_are_made_smaller_never_larger():
-    for width, expected in ((1920, 960), (320, 320)):
-        data = page_images.encode_jpeg(np.zeros((width // 2, width, 3), np.uint8))
-        assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR).shape[1] == expected
+@pytest.mark.parametrize("width, expected", [(1920, 960), (320, 320)])
+def test_camera_pictures_are_made_smaller_never_larger(width, expected):
+    data = page_images.encode_jpeg(np.zeros((width // 2, width, 3), np.uint8))
+    assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR).shape[1] == expected
 
 
 def test_an_incomplete_floor_image_is_made_again(monkeypatch):

@@ -97,7 +97,7 @@ class LabSimulatorNode:
         self._participant = ParticipantState()
         self._participant_time = -math.inf
 
-        self._clock = clock_publisher()
+        self._clock = make_clock_publisher()
         # each topic has a short queue, so that a slow or hung subscriber does not stop the lab
         self._lab_state = rospy.Publisher(names.LAB_STATE, LabState, queue_size=1)
         self._tf = rospy.Publisher("/tf", TFMessage, queue_size=10)
@@ -242,7 +242,7 @@ class LabSimulatorNode:
         return messages.message_from_transform(mount, connection.base_frame, connection.laser_frame, rospy.Time(0))
 
 
-def clock_publisher() -> rospy.Publisher:
+def make_clock_publisher() -> rospy.Publisher:
     """Creates the publisher of /clock, which sends at once, without a queue and thread per subscriber.
 
     All 25 nodes subscribe. Waking a thread for each 50 times a second would take half of this node's time. A hung

@@ -34,7 +34,7 @@ def extract_keys(typed: str) -> str:
     return _SEQUENCE.sub("", typed)
 
 
-def printable(text: str, style: str = "") -> Text:
+def safe_text(text: str, style: str = "") -> Text:
     """Returns a text without control characters: names and sentences come from outside, and rich lets ESC pass."""
     return Text(text.translate(_CONTROLS), style)
 
@@ -59,19 +59,19 @@ class ConsoleContent:
         for notice in self.notices:
             if self.state is None or notice.code not in _IN_STATE_LINE:
                 style_by_sentence.setdefault(f"! {notice.sentence(self.language)}", SEVERITY_STYLES[notice.severity])
-        sentence_lines = [printable(sentence, style) for sentence, style in style_by_sentence.items()]
+        sentence_lines = [safe_text(sentence, style) for sentence, style in style_by_sentence.items()]
         return [self._state_line(now), self._keys(), *sentence_lines]
 
     def _state_line(self, now: float) -> Text:
         """Renders the line of the state: a stop, the state, its time, the spots so far, and what people should do soon."""
         state, progress = self.state, self.progress
         if state is None:
-            return printable(self.translate("console_waiting_manager"), "bold yellow")
+            return safe_text(self.translate("console_waiting_manager"), "bold yellow")
         text = Text()
         if state.stopped:
             # before everything else
             text.append(f" {self.translate('console_stopped')} ", "bold white on red")
-            text.append_text(printable(f" {state.stopped_by} ", "bold red"))
+            text.append_text(safe_text(f" {state.stopped_by} ", "bold red"))
         color = STATES.get(state.name, DEFAULT).color
         text.append(f" {self.translate('state_' + state.name).upper()} ", f"reverse {color}")
         if state.interaction_id:
@@ -79,7 +79,7 @@ class ConsoleContent:
         if state.interaction_id and state.interaction_id == progress.interaction_id:
             counts = {"border": progress.border_spots, "seed": progress.seed_spots, "ignored": progress.ignored_spots}
             text.append(f"  {self.translate('console_spots', **counts)}")
-            text.append_text(printable("  " + ", ".join(progress.cameras_seeing_spot), "bold green"))
+            text.append_text(safe_text("  " + ", ".join(progress.cameras_seeing_spot), "bold green"))
         if state.confirm_save:
             text.append("  " + self.translate("console_confirm"), "bold yellow")
         if not state.ends_at.is_zero():

@@ -25,7 +25,7 @@ from vb_core.ros.notices import NoticeListener
 from vb_msgs.msg import BorderProgress, InteractionState
 from vb_msgs.srv import CommandRequest, CommandResponse
 
-from vb_voice_wizard.wizard_console import COMMAND_KEYS, QUIT_KEY, ConsoleContent, extract_keys, printable
+from vb_voice_wizard.wizard_console import COMMAND_KEYS, QUIT_KEY, ConsoleContent, extract_keys, safe_text
 from vb_voice_wizard.wizard_console import OK_STYLE, WARNING_STYLE
 
 _PERIOD = 0.2  # [s] between two updates: an operator cannot follow more
@@ -93,7 +93,7 @@ class WizardConsoleNode:
     # ------------------------------------------------------------------ screen
     def _print(self, text: str, style: str) -> None:
         """Prints a line with the time of day above the current state; from any thread."""
-        self._live.console.print(Text.assemble((time.strftime("%H:%M:%S "), "dim"), printable(text, style)))
+        self._live.console.print(Text.assemble((time.strftime("%H:%M:%S "), "dim"), safe_text(text, style)))
 
     def run(self) -> None:
         """Shows the interaction until the operator leaves the console."""

@@ -22,7 +22,7 @@ from vb_core.rate_limiter import RateLimiter
 from vb_core.request_origin import is_loopback, is_same_origin, parse_host
 from vb_web import access_control, action_parser
 from vb_web.access_control import Role
-from vb_web.page_view import answer_from_error, json_from_message
+from vb_web.page_view import answer_from_error, compact_json
 
 _SEND_PERIOD = 0.04  # [s] between two messages to a browser: 25 a second look fluid, and cost little for 20 browsers
 MAX_BODY = 2048  # [B] the only body is a code
@@ -222,7 +222,7 @@ class _LinkHandler(_GuardedHandler, WebSocketHandler):
 
     def _write_json(self, message: Dict[str, Any]) -> None:
         with contextlib.suppress(WebSocketClosedError):
-            self.write_message(json_from_message(message))
+            self.write_message(compact_json(message))
 
     def on_message(self, message: Any) -> None:
         """Starts what a message asks for, or answers why not. A browser that is refused too often is disconnected."""

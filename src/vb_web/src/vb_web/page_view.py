@@ -27,8 +27,8 @@ def coarse_age(seconds: float) -> int:
     return max([step for step in steps if step <= seconds], default=0)
 
 
-def json_from_message(value: Any) -> str:
-    """Serialises a message to a browser as JSON."""
+def compact_json(value: Any) -> str:
+    """Serialises a value for a browser as JSON without spaces. Raises ValueError if a number is not finite."""
     return json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 
@@ -57,7 +57,7 @@ class PageView:
 
     def put(self, section: str, value: Any) -> None:
         """Replaces a section. Browsers get it if it has changed."""
-        text = json_from_message(value)
+        text = compact_json(value)
         with self._lock:
             if self._sections.get(section, (0, None))[1] == text:
                 return

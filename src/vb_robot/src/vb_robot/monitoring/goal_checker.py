@@ -52,7 +52,7 @@ def find_border_name(borders: Sequence[KnownBorder], point) -> str:
     return min(borders, key=order).name if borders else ""
 
 
-def is_inside(borders: GridMap, physical: GridMap, point) -> bool:
+def is_inside_border(borders: GridMap, physical: GridMap, point) -> bool:
     """Returns whether only a border forbids the robot to be at a point (2,) [m]."""
     position = np.reshape(point, (1, 2))
     with_borders, without = (sample(grid, grid.data, position, -1.0)[0] for grid in (borders, physical))
@@ -124,7 +124,7 @@ class GoalChecker:
 
     def _crossed(self, start, goal) -> str:
         """Returns the name of the first border on the path that crosses the fewest border cells."""
-        if is_inside(self.borders, self.physical, start):
+        if is_inside_border(self.borders, self.physical, start):
             return self.name_at(start)
         step = int(np.ceil(max(self.borders.shape) / SEARCH_CELLS))
         allowed, passable = (_any_of(self._components[layer] > 0, step) for layer in ("borders", "physical"))

@@ -23,7 +23,7 @@ from vb_core.ros.messages import array_from_points, message_from_pose2d, points_
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import DriverState, RobotStatus
 from vb_robot.driving.command_gate import OTHER_PUBLISHER
-from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, border_values, is_inside
+from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, border_values, is_inside_border
 from vb_robot.monitoring.navigation_connections import PLANNERS, NavigationWiring
 from vb_robot.monitoring.navigation_connections import find_move_base, find_wiring, resolve_name
 from vb_robot.ros.goal_statuses import RUNNING_GOAL_STATUSES
@@ -234,7 +234,7 @@ class WatchedRobot:
         checker, pose = self.goal_checker(), self.pose
         if checker is not None and pose is not None and (self.wiring.move_base or self._has_driver()):
             # not on the map on which it plans, whose borders may have a margin
-            if is_inside(self._checked_map(), self._maps["physical"], pose[:2]):
+            if is_inside_border(self._checked_map(), self._maps["physical"], pose[:2]):
                 border = border_values(checker.name_at(pose[:2]))
                 notices.append(self.notice("robot_caught_in_border", Severity.WARNING, **border))
         return notices
