@@ -14,7 +14,7 @@ from examples import STEADY, off_thresholds
 from vb_core.geometry import chain_length
 from vb_fusion import seed_point, strokes
 from vb_fusion.polygonal_chain import Closure, classify_closure
-from vb_fusion.observations import LOCALIZATION_ERROR, TIME_BIN, TREMOR, Observations, find_clusters, make_observations
+from vb_fusion.observations import LOCALIZATION_ERROR, TIME_BIN, TREMOR, Observations, observe
 
 
 def rows(*columns, least=1, most):
@@ -122,8 +122,7 @@ def chained(group, values):
 @given(SPOTS)
 def test_what_is_near_each_other_in_a_time_bin_is_one_cluster(spots):
     x, y, times, cameras = np.array(spots).T
-    seen = make_observations(np.column_stack([x, y]), times, cameras.astype(int), None, cameras == 2)
-    found = find_clusters(seen)
+    seen, found = observe(np.column_stack([x, y]), times, cameras.astype(int), None, cameras == 2)
     bins = seen.time_bins
     places = [np.flatnonzero(bins == number) for number in np.unique(bins)]
     for axis in (0, 1, 0):
@@ -148,7 +147,7 @@ def test_what_is_near_each_other_in_a_time_bin_is_one_cluster(spots):
 def test_of_one_moment_the_ten_strongest_places_are_kept():
     points = np.column_stack([np.arange(14.0), np.zeros(14)])
     strong = np.arange(14) % 7 + 1.0
-    found = find_clusters(make_observations(points, np.zeros(14), None, strong / 10.0))
+    _, found = observe(points, np.zeros(14), None, strong / 10.0)
     kept = sorted(np.lexsort((points[:, 0], -strong))[:10])
     assert np.allclose(np.sort(found.points[:, 0]), kept)
 
@@ -186,7 +185,7 @@ def test_what_lies_beside_a_line_at_its_time_is_the_pointers(spots, line_is_mobi
     """For a line along x, from 0 m at 0.2 s to 1 m at 1.2 s; a robot's may be off by LOCALIZATION_ERROR more."""
     line = np.column_stack([np.linspace(0.0, 1.0, 11), np.full(11, 0.5)])
     pointer = track(line, np.linspace(0.2, 1.2, 11), line_is_mobile)
-    seen = make_observations(np.array(spots)[:, :2], np.array(spots)[:, 2])
+    seen, _ = observe(np.array(spots)[:, :2], np.array(spots)[:, 2])
     found = set(strokes._observations_near(seen, pointer).tolist())
     reach = 2.0 * TREMOR + LOCALIZATION_ERROR * line_is_mobile
     for index, ((x, y), time) in enumerate(zip(seen.points, seen.stamps)):

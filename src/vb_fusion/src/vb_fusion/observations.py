@@ -88,59 +88,49 @@ class Observations:
 def observe(
     points: np.ndarray,
     stamps: Sequence[float],
-    cameras: Optional[Sequence],
-    confidences: Optional[Sequence[float]],
-    mobile: Optional[Sequence[bool]],
-    needed: int,
-    too_few: str = "too_few_spots",
-) -> Tuple[Observations, Observations]:
-    """Makes observations of the spots, as `make_observations`, and finds the clusters of these, as `find_clusters`.
-
-    Raises:
-        CodedError: as `require_spots`.
-    """
-    observations = make_observations(points, stamps, cameras, confidences, mobile)
-    require_spots(int(observations.spots.sum()), needed, too_few)
-    return observations, find_clusters(observations)
-
-
-def require_spots(count: int, needed: int, too_few: str = "too_few_spots") -> None:
-    """Refuses fewer spots than are needed. Raises CodedError "no_spots" if there are none at all, or `too_few`."""
-    if count == 0:
-        raise CodedError("no_spots")
-    if count < needed:
-        raise CodedError(too_few, spots=count, needed=needed)
-
-
-def make_observations(
-    points: np.ndarray,
-    stamps: Sequence[float],
     cameras: Optional[Sequence] = None,
     confidences: Optional[Sequence[float]] = None,
     mobile: Optional[Sequence[bool]] = None,
-) -> Observations:
-    """Makes one observation of all spots of one camera, time bin and position.
+    needed: int = 1,
+    too_few: str = "too_few_spots",
+) -> Tuple[Observations, Observations]:
+    """Makes one observation of all spots of one camera, time bin and position, and finds the observations' clusters.
 
-    The arguments are those of `extract_border`. Spots that are not finite, or beyond MAX_COORDINATE, are left out. Stamps
-    are counted from the beginning of the drawing, so that the same drawing gives the same border at any hour.
+    Spots that are not finite, or beyond MAX_COORDINATE, are left out. Stamps are counted from the beginning of the
+    drawing, so that the same drawing gives the same border at any hour.
+
+    Args:
+        points, stamps, cameras, confidences, mobile: as for `extract_border`.
+        needed, too_few: see `require_spots`.
+
+    Returns:
+        The observations, in order of time and position, and their clusters, see `find_clusters`.
     """
     points = np.asarray(points, dtype=float).reshape(-1, 2)
     stamps = np.asarray(stamps, dtype=float)
+    usable = np.flatnonzero(is_on_floor(points) & np.isfinite(stamps))
+    require_spots(len(usable), needed, too_few)
     count = len(points)
     cameras = np.zeros(count, dtype=int) if cameras is None else np.unique(cameras, return_inverse=True)[1]
     mobile = np.zeros(count, dtype=bool) if mobile is None else np.asarray(mobile, dtype=bool)
     confidences = np.ones(count) if confidences is None else np.nan_to_num(np.asarray(confidences, dtype=float))
     # a detector that reports confidence 0 still saw something
     weights = np.where(mobile, TREMOR / LOCALIZATION_ERROR, 1.0) * np.clip(confidences, 0.1, 1.0)
-    usable = np.flatnonzero(is_on_floor(points) & np.isfinite(stamps))
-    began = stamps[usable].min(initial=np.inf)
     # stamps are rounded to microseconds, because a double that counts seconds since 1970 is no more precise
-    stamps = np.round(stamps[usable] - began, 6)
+    stamps = np.round(stamps[usable] - stamps[usable].min(), 6)
     time_bins = np.floor(stamps / TIME_BIN + BIN_PHASE).astype(np.int64)
     columns = (points[usable], stamps, time_bins, cameras[usable], weights[usable], mobile[usable])
     once = np.ones(len(usable), dtype=int)
-    spots = Observations(*columns, spots=once, witnesses=once)
-    return _merge_repeats(spots) if len(usable) else spots
+    observations = _merge_repeats(Observations(*columns, spots=once, witnesses=once))
+    return observations, find_clusters(observations)
+
+
+def require_spots(count: int, needed: int, too_few: str = "too_few_spots") -> None:
+    """Refuses fewer spots than are needed. Raises CodedError "no_spots" if there are none at all, else `too_few`."""
+    if count == 0:
+        raise CodedError("no_spots")
+    if count < needed:
+        raise CodedError(too_few, spots=count, needed=needed)
 
 
 def is_on_floor(points: np.ndarray) -> np.ndarray:
