@@ -24,8 +24,8 @@ from pathlib import Path
 import cv2
 
 from bench.detection.clip_frames import ROLES, frames_of, reach_in
-from bench.detection.detector_under_test import Count, Finder, figures
-from bench.detection.curve_fitting import judges_of_clips
+from bench.detection.detector_under_test import DetectionScore, DetectorRunner, figures
+from bench.detection.curve_fitting import classifiers_of_clips
 from bench.harness import ResultTable, arguments
 
 
@@ -37,27 +37,29 @@ def main() -> None:
     options = parser.parse_args()
     cv2.setNumThreads(1)
     videos = json.loads((options.folder / "labels.json").read_text())["videos"]
-    judges = judges_of_clips(options.left_out) if options.left_out else {}
+    classifiers = classifiers_of_clips(options.left_out) if options.left_out else {}
     table = ResultTable(options.csv)
     for role in options.roles:
         preset = "stationary" if role == "stationary" else "mobile"
-        counts = {}
+        scores = {}
         for name, video in sorted(videos.items()):
-            finders = {"as it comes": Finder(preset, confirm_frames=1)}
-            if judges:
-                finders["left out"] = Finder(preset, None, judges[name], confirm_frames=1)
+            runners = {"as it comes": DetectorRunner(preset, confirm_frames=1)}
+            if classifiers:
+                runners["left out"] = DetectorRunner(preset, None, classifiers[name], confirm_frames=1)
             if options.other:
-                finders["other"] = Finder(preset, options.other, confirm_frames=1)
-            clip_counts = {version: Count(f, reach_in(video), recalls=False) for version, f in finders.items()}
+                runners["other"] = DetectorRunner(preset, options.other, confirm_frames=1)
+            clip_scores = {
+                version: DetectionScore(f, reach_in(video), counts_late_spots=False) for version, f in runners.items()
+            }
             for frame in frames_of(options.folder / "clips" / name, video, role):
-                for count in clip_counts.values():
-                    count.look(frame)
-            for version, count in clip_counts.items():
-                counts.setdefault(version, []).append(count)
-                places = {"false_at": count.false[:12], "missed_at": count.missed()}
-                table.add(role=role, version=version, clip=name, **figures([count]), **places)
-        for version, role_counts in counts.items():
-            table.add(role=role, version=version, clip="all", **figures(role_counts))
+                for score in clip_scores.values():
+                    score.add_frame(frame)
+            for version, score in clip_scores.items():
+                scores.setdefault(version, []).append(score)
+                places = {"false_at": score.false_spots[:12], "missed_at": score.missed()}
+                table.add(role=role, version=version, clip=name, **figures([score]), **places)
+        for version, role_scores in scores.items():
+            table.add(role=role, version=version, clip="all", **figures(role_scores))
 
 
 if __name__ == "__main__":

@@ -103,23 +103,23 @@ class LeftOut(NamedTuple):
         truth, logits: (N,) of the clip's or scene's examples.
     """
 
-    judge: SpotClassifier
+    classifier: SpotClassifier
     truth: np.ndarray
     logits: np.ndarray
 
 
 def leave_out(examples: pandas.DataFrame, only_clips: bool = False) -> Dict[str, LeftOut]:
     """Fits a classifier without each clip or scene and the groups left out with it; see `left_out_with`."""
-    judges: Dict[Tuple[str, ...], SpotClassifier] = {}
+    classifiers: Dict[Tuple[str, ...], SpotClassifier] = {}
     result = {}
     for group, names in sorted(left_out_with(sorted(set(examples.index))).items()):
         if only_clips and not is_clip(group):
             continue
         excluded = tuple(sorted(names))
-        if excluded not in judges:
-            judges[excluded] = fit(examples[~examples.index.isin(excluded)])
+        if excluded not in classifiers:
+            classifiers[excluded] = fit(examples[~examples.index.isin(excluded)])
         rows = examples[examples.index == group]
-        result[group] = LeftOut(judges[excluded], rows.truth.to_numpy(), logits(judges[excluded], rows))
+        result[group] = LeftOut(classifiers[excluded], rows.truth.to_numpy(), logits(classifiers[excluded], rows))
     return result
 
 
@@ -136,10 +136,10 @@ def calibrate_classifier(classifier: SpotClassifier, left_out: Iterable[LeftOut]
     return SpotClassifier(curves, float(scale * classifier.intercept + shift))
 
 
-def judges_of_clips(folder: Path) -> Dict[str, SpotClassifier]:
+def classifiers_of_clips(folder: Path) -> Dict[str, SpotClassifier]:
     """Fits a calibrated classifier for each clip, to a folder's examples without the clip's camera and room."""
     left_out = leave_out(load_examples(sorted(folder.glob("*.csv"))), only_clips=True)
-    return {group: calibrate_classifier(result.judge, left_out.values()) for group, result in left_out.items()}
+    return {group: calibrate_classifier(result.classifier, left_out.values()) for group, result in left_out.items()}
 
 
 def save_classifier(classifier: SpotClassifier, path: Path, trained_on: str) -> None:

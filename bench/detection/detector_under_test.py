@@ -37,22 +37,22 @@ class LabeledFrame(NamedTuple):
     encoding: str = "bgr8"
 
 
-class Finder:
+class DetectorRunner:
     """Searches images with a detector.
 
     Args:
         role: "stationary" or "mobile".
         source: folder `src` of another version; None for this one.
-        judge: a classifier to use instead of the package's.
+        classifier: one to use instead of the package's.
         changes: parameters that differ from those of the role.
     """
 
-    def __init__(self, role: str, source: Optional[Path] = None, judge: Any = None, **changes: Any) -> None:
+    def __init__(self, role: str, source: Optional[Path] = None, classifier: Any = None, **changes: Any) -> None:
         names = ("detection.spot_detector", "detection.projection", "camera.camera_source")
         modules = import_from(source, "vb_core.image_format", *(f"vb_laser_detect.{name}" for name in names))
         images, module, self._projection, self._source = modules
         params = module.DetectorParams.mobile if role == "mobile" else module.DetectorParams
-        self._detector = module.SpotDetector(params(**changes), judge)
+        self._detector = module.SpotDetector(params(**changes), classifier)
         self._reader = images.PixelReader()
 
     def find(self, frame: LabeledFrame) -> List[Any]:
@@ -65,47 +65,54 @@ class Finder:
         return self._detector.detect(picture, frame.stamp, geometry).spots
 
 
-class Count:
+class DetectionScore:
     """Scores a detector on the frames of one clip or scene.
 
     Args:
         reach: distance from a labelled spot below which a detected spot is right.
-        place_of: returns a detected spot's position in the frames' coordinates.
-        recalls: whether spots of earlier images that are confirmed only now count too.
+        position_of: returns a detected spot's position in the frames' coordinates.
+        counts_late_spots: whether spots of earlier images that are confirmed only now count too.
 
     Attributes:
         found: (stamp, index) of each labelled spot that was found.
         errors: distances of right spots from the labelled ones.
-        false: (frame number, u, v [px]) of the other spots, of which `fringe` are at unclear positions.
+        false_spots: (frame number, u, v [px]) of the other spots.
+        unclear_count: how many of these are at positions where the label is unclear.
     """
 
     def __init__(
         self,
-        finder: Finder,
+        runner: DetectorRunner,
         reach: float,
-        place_of: Callable[[Any], Sequence[float]] = lambda spot: (spot.u, spot.v),
-        recalls: bool = True,
+        position_of: Callable[[Any], Sequence[float]] = lambda spot: (spot.u, spot.v),
+        counts_late_spots: bool = True,
     ) -> None:
-        self._finder, self._reach, self._place_of, self._recalls = finder, reach, place_of, recalls
+        self._runner = runner
+        self._reach = reach
+        self._position_of = position_of
+        self._counts_late_spots = counts_late_spots
         self._frames: Dict[float, Tuple[int, LabeledFrame]] = {}
         self.found: Set[Tuple[float, int]] = set()
-        self.false: List[Tuple[int, float, float]] = []
-        self.fringe, self.errors = 0, []
+        self.false_spots: List[Tuple[int, float, float]] = []
+        self.unclear_count = 0
+        self.errors: List[float] = []
 
-    def look(self, frame: LabeledFrame) -> None:
-        """Searches a frame and scores the spots."""
+    def add_frame(self, frame: LabeledFrame) -> None:
+        """Searches a frame and scores its spots."""
         self._frames[frame.stamp] = len(self._frames), frame._replace(image=None, geometry=None)
-        for spot in self._finder.find(frame):
-            if spot.stamp != frame.stamp and not self._recalls:
+        for spot in self._runner.find(frame):
+            if spot.stamp != frame.stamp and not self._counts_late_spots:
                 continue
-            (number, truth), place = self._frames[spot.stamp], self._place_of(spot)
-            to_spots, to_unclear = ([math.dist(place, p) for p in points] for points in (truth.spots, truth.unclear))
+            number, truth = self._frames[spot.stamp]
+            position = self._position_of(spot)
+            to_spots = [math.dist(position, labelled) for labelled in truth.spots]
+            to_unclear = [math.dist(position, unclear) for unclear in truth.unclear]
             if min(to_spots, default=math.inf) < self._reach:
                 self.found.add((spot.stamp, int(np.argmin(to_spots))))
                 self.errors.append(min(to_spots))
             else:
-                self.false.append((number, round(spot.u, 1), round(spot.v, 1)))
-                self.fringe += min(to_unclear, default=math.inf) < self._reach
+                self.false_spots.append((number, round(spot.u, 1), round(spot.v, 1)))
+                self.unclear_count += min(to_unclear, default=math.inf) < self._reach
 
     def missed(self) -> List[Tuple[int, int, int]]:
         """Lists frame number and position of each labelled spot that was not found."""
@@ -126,16 +133,16 @@ class Count:
             "found": len(self.found),
             "shots": len({shot for frame in frames for shot in frame.shots}),
             "shots_found": len({shots[index] for shots, index in of_found if shots}),
-            "false": len(self.false),
-            "false_off_fringe": len(self.false) - self.fringe,
+            "false": len(self.false_spots),
+            "false_off_fringe": len(self.false_spots) - self.unclear_count,
         }
 
 
-def figures(counts: Sequence[Count], unit: str = "px") -> Dict[str, Any]:
-    """Computes the figures of one or several counts."""
-    sums: Dict[str, int] = {key: sum(count.sums()[key] for count in counts) for key in counts[0].sums()}
-    errors = [error for count in counts for error in count.errors] or [math.nan]
-    wrong = sum(len({number for number, *_ in count.false}) for count in counts)  # images with a false spot
+def figures(scores: Sequence[DetectionScore], unit: str = "px") -> Dict[str, Any]:
+    """Computes the figures of one or several scores."""
+    sums: Dict[str, int] = {key: sum(score.sums()[key] for score in scores) for key in scores[0].sums()}
+    errors = [error for score in scores for error in score.errors] or [math.nan]
+    wrong = sum(len({number for number, *_ in score.false_spots}) for score in scores)  # images with a false spot
     recall, false = proportion(sums["found"], sums["labels"]), proportion(wrong, sums["frames"]).scaled(1e3)
     return {
         **sums,

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import cv2
 
-from bench.detection.detector_under_test import Count, Finder, figures
+from bench.detection.detector_under_test import DetectionScore, DetectorRunner, figures
 from bench.detection.scene_rendering import NEAR_MM, floor_place, frames
 from bench.detection.scene_rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes
@@ -26,25 +26,25 @@ def main() -> None:
     parser.add_argument("--jpeg", action="store_true")
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    table, room, rooms, counts_by_version = ResultTable(options.csv, options.seed), lab(), Rooms(options.seed), {}
+    table, room, rooms, scores_by_version = ResultTable(options.csv, options.seed), lab(), Rooms(options.seed), {}
     scenes = ceiling_scenes(room)
     if not options.jpeg:
         scenes += mobile_scenes(room)
     for scene in scenes:
         if any(word in scene.title for word in options.scenes):
-            finders = {version: Finder(scene.role, source) for version, source in versions(options).items()}
-            counts = {version: Count(finder, NEAR_MM, floor_place) for version, finder in finders.items()}
+            runners = {version: DetectorRunner(scene.role, source) for version, source in versions(options).items()}
+            scores = {version: DetectionScore(runner, NEAR_MM, floor_place) for version, runner in runners.items()}
             for frame in frames(scene, rooms, options.share):
                 if options.jpeg:
                     frame = frame._replace(image=webcam_jpeg(frame.image, frame.encoding), encoding="jpeg")
-                for count in counts.values():
-                    count.look(frame)
-            for version, count in counts.items():
-                result = {**figures([count], "mm"), "false_at": count.false[:12]}
+                for score in scores.values():
+                    score.add_frame(frame)
+            for version, score in scores.items():
+                result = {**figures([score], "mm"), "false_at": score.false_spots[:12]}
                 table.add(scene=scene.title, version=version, share=options.share, **result)
-                counts_by_version.setdefault(version, []).append(count)
-    for version, all_counts in counts_by_version.items():
-        table.add(scene="all", version=version, share=options.share, **figures(all_counts, "mm"))
+                scores_by_version.setdefault(version, []).append(score)
+    for version, all_scores in scores_by_version.items():
+        table.add(scene="all", version=version, share=options.share, **figures(all_scores, "mm"))
 
 
 if __name__ == "__main__":

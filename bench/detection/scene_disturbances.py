@@ -1,6 +1,6 @@
 """Adds disturbances to the simulated cameras' views: changes of light, sun, reflections, other people.
 
-`disturbed` derives a view that shows a `DisturbedSnapshot`.
+`with_disturbances` derives views that show a `DisturbedSnapshot`.
 """
 
 from __future__ import annotations
@@ -88,39 +88,39 @@ class SceneConditions:
 class DisturbedSnapshot(Snapshot):
     """A snapshot with the conditions in the room."""
 
-    around: SceneConditions = SceneConditions()
+    conditions: SceneConditions = SceneConditions()
 
 
-def disturbed(kind: Type[Any]) -> Type[Any]:
-    """Derives a class from a class of views that also shows disturbances."""
+def with_disturbances(view_class: Type[Any]) -> Type[Any]:
+    """Derives a class of views that show disturbances as well."""
 
-    class Disturbed(kind):
+    class DisturbedView(view_class):
         def _bodies(self, snapshot: DisturbedSnapshot) -> List[Body]:
             return super()._bodies(snapshot) + [
                 Body(f"bystander {index}", other.key(), other.pieces, other.pose, 0.26)
-                for index, other in enumerate(snapshot.around.bystanders)
+                for index, other in enumerate(snapshot.conditions.bystanders)
             ]
 
         def _add_light(self, image: np.ndarray, snapshot: DisturbedSnapshot, _exposure: float = 1.0) -> None:
-            around, pose = snapshot.around, self.camera_pose(snapshot)
-            if around != SceneConditions():
+            conditions, pose = snapshot.conditions, self.camera_pose(snapshot)
+            if conditions != SceneConditions():
                 self._before_change(image, (slice(None), slice(None)))
-                relight(image, around, self.model, pose)
-            super()._add_light(image, snapshot, around.exposure)
-            for glint in around.glints:
-                add_glint(image, glint, self.model, pose, self.encoding, around.exposure)
+                relight(image, conditions, self.model, pose)
+            super()._add_light(image, snapshot, conditions.exposure)
+            for glint in conditions.glints:
+                add_glint(image, glint, self.model, pose, self.encoding, conditions.exposure)
 
-    return Disturbed
+    return DisturbedView
 
 
-def relight(image: np.ndarray, around: SceneConditions, camera: CameraModel, T_map_optical: np.ndarray) -> None:
+def relight(image: np.ndarray, conditions: SceneConditions, camera: CameraModel, T_map_optical: np.ndarray) -> None:
     """Applies lamps, exposure and sun to an image without laser, (H, W) or (H, W, 3) uint8, in place."""
-    if around.sun:
-        outline = geometry.resample_chain(np.array([*around.sun, around.sun[0]], dtype=float), 0.05)
+    if conditions.sun:
+        outline = geometry.resample_chain(np.array([*conditions.sun, conditions.sun[0]], dtype=float), 0.05)
         pixels = project_to_pixels(camera, T_map_optical, np.column_stack([outline, np.zeros(len(outline))]))
         # the lens model is invalid far outside the image
-        _brighten(image, np.clip(pixels, -2.0 * camera.width, 3.0 * camera.width), around.sun_gain)
-    gain = around.light * around.exposure
+        _brighten(image, np.clip(pixels, -2.0 * camera.width, 3.0 * camera.width), conditions.sun_gain)
+    gain = conditions.light * conditions.exposure
     if gain != 1.0:
         cv2.convertScaleAbs(image, image, alpha=gain)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, List, Sequence, Tuple
 
-from bench.detection.scene_disturbances import disturbed
+from bench.detection.scene_disturbances import with_disturbances
 from bench.detection.scene_motions import ScenePoint
 from bench.harness import TOP
 from vb_sim.rendering.ceiling_view import CeilingView
@@ -59,7 +59,7 @@ class Rooms:
             self._floors.append((world, floor))
         mesh, radii = world_mesh(world), world.robot_radii()
         kind, owner = (CeilingView, world.camera(camera)) if camera else (RobotView, world.robots[0])
-        view = disturbed(kind)(owner, radii, floor, mesh, Models(), self.seed)
+        view = with_disturbances(kind)(owner, radii, floor, mesh, Models(), self.seed)
         self._views.append((world, camera, view))
         return view
 

@@ -31,7 +31,7 @@ import pandas
 
 from bench.detection import clip_frames, curve_fitting
 from bench.detection.augmentation import CameraSettings, takes
-from bench.detection.detector_under_test import Finder, LabeledFrame
+from bench.detection.detector_under_test import DetectorRunner, LabeledFrame
 from bench.detection.scene_rendering import Scene, frames
 from bench.detection.scene_rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes, training_scenes
@@ -79,10 +79,10 @@ def collect(labeled_frames: Iterable[LabeledFrame], role: str, group: str, reach
         A row for each blob: its features, NaN if unknown, and its truth; the group is the index.
     """
     oracle = Oracle(reach)
-    finder = Finder(role, None, oracle, confirm_frames=1)
+    runner = DetectorRunner(role, None, oracle, confirm_frames=1)
     for frame in labeled_frames:
         oracle.frame = frame
-        finder.find(frame)
+        runner.find(frame)
     # rounds, because OpenCV's sums in single precision depend on memory alignment in their last digits
     values = np.round(np.array([list(row.values()) for row in oracle.rows], float), 5)
     names = list(oracle.rows[0]) if oracle.rows else None
@@ -151,9 +151,9 @@ def main() -> None:
     if options.out:
         kinds = [curve_fitting.kind_of(name) for name in names]
         sources = ", ".join(f"{kinds.count(kind)} of kind '{kind}'" for kind in sorted(set(kinds)))
-        judge = curve_fitting.calibrate_classifier(curve_fitting.fit(examples), left_out.values())
+        classifier = curve_fitting.calibrate_classifier(curve_fitting.fit(examples), left_out.values())
         note = "" if "clip" in kinds else "; without clips of real cameras"
-        curve_fitting.save_classifier(judge, options.out, sources + note)
+        curve_fitting.save_classifier(classifier, options.out, sources + note)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Models a camera's scene without a spot, and finds the regions that an image changes in it, by blocks of pixels.
+"""Models what a camera sees without a spot, and finds the regions of an image that differ from it, by blocks of pixels.
 
 Each image is compared with a keyframe, which never includes a spot. A stationary camera's averages one image a second,
 except where something has just changed; a moving camera's is replaced every few images. Whole images are compared only by
@@ -100,7 +100,10 @@ class Background:
             if keyframe[part].size:
                 floor = self._moved_part(part, keyframe)
                 keyframe[part] = match_lighting(floor, keyframe[part], spot.max_width / picture.scale)
-        self._noise, self._deviation, self._changed_s, self.ghost_s = np.zeros((4,) + blocks, np.float32)
+        self._noise = np.zeros(blocks, np.float32)
+        self._deviation = np.zeros(blocks, np.float32)
+        self._changed_s = np.zeros(blocks, np.float32)
+        self.ghost_s = np.zeros(blocks, np.float32)
         self._noise_s = 0.0
         self._noise_known = False
         self._adopt(keyframe)
@@ -132,11 +135,12 @@ class Background:
         return Changes(self._rise, self._exceeds_noise(self._rise), fall > self._min_change)
 
     def _relight_rows(self, now: np.ndarray) -> bool:
-        """Relights the reference row by row as the samples of an image's blocks, or returns False if all rows have the same light.
+        """Gives each row of the reference the light of the image, whose sampled blocks are `now`; returns whether that was needed.
 
         A rolling shutter exposes its rows one after the other, so that flickering lamps light them differently.
         """
-        light, light_before = (max_channel(sample).astype(np.float32) + 1.0 for sample in (now, self._sample))
+        light = max_channel(now).astype(np.float32) + 1.0
+        light_before = max_channel(self._sample).astype(np.float32) + 1.0
         gains = np.median(light / light_before, axis=1)
         if np.ptp(gains) < _MIN_FLICKER * gains.mean():
             return False
@@ -260,7 +264,7 @@ def _apply_row_gains(image: np.ndarray, gains: np.ndarray) -> np.ndarray:
 
 
 def match_lighting(background: np.ndarray, image: np.ndarray, max_width: float) -> np.ndarray:
-    """Returns a background relit as in an image, whose light narrower than `max_width` [px] does not count."""
+    """Returns a background with the brightness of an image, in which light narrower than `max_width` [px] is ignored."""
     half = 2 * math.ceil(max_width / 4)
     size = 2 * half + 1
     kernel = np.zeros((size, size), np.uint8)
@@ -330,7 +334,10 @@ def sample_blocks(image: np.ndarray) -> np.ndarray:
 
 
 def blocks_around(shape: Tuple[int, ...], u: float, v: float, reach: float, scale: int) -> Part:
-    """Returns the rows and columns of blocks within `reach` of a place, in pixels of which a searched one is `scale` wide."""
+    """Returns the rows and columns of the blocks within `reach` of (u, v), all in pixels of full resolution.
+
+    One searched pixel is `scale` of them wide.
+    """
     block = BLOCK * scale
     top = int(max(0.0, v - reach)) // block
     left = int(max(0.0, u - reach)) // block
