@@ -55,7 +55,7 @@ def test_metres_per_pixel_of_a_camera_that_looks_down():
     [
         (forward(pitch=-0.5), 320, 240, "no_floor_intersection"),
         (UP, 320, 240, "no_floor_intersection"),
-        (forward(height=-0.5), 320, 240, "no_floor_intersection"),
+        (forward(pitch=-0.5, height=-0.5), 320, 240, "no_floor_intersection"),
         (forward(pitch=0.05), 320, 240, "grazing_view"),
         (down(z=20.0), 950, 545, "too_far"),
         (down(), -3.0, 10.0, "outside_image"),
