@@ -51,8 +51,7 @@ class Setting:
     passes: int = 1  # how often the stroke is drawn over
     shuffled: bool = True
 
-    def replace(self, **changes) -> "Setting":
-        return dataclasses.replace(self, **changes)
+    replace = dataclasses.replace
 
 
 @dataclass(frozen=True)

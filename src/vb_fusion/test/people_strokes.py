@@ -7,7 +7,6 @@ size and a speed, and seen by two cameras. The values in `Seen` are those that t
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 from dataclasses import dataclass
@@ -65,9 +64,6 @@ class Seen:
     tremor: float = 0.015  # [m]
     outliers: float = 0.03
     robot: Optional[Localization] = None
-
-    def replace(self, **changes) -> "Seen":
-        return dataclasses.replace(self, **changes)
 
 
 def drawings(path: Path = DATA) -> List[Drawing]:

@@ -7,8 +7,7 @@ import pytest
 import rospy
 
 from vb_core.vocabulary import BORDER, DEFAULT
-from vb_fusion.border_fusion_node import BorderFusionNode, FusionParams
-from vb_fusion.extraction import DrawnBorder
+from vb_fusion.border_fusion_node import BorderFusionNode
 from vb_fusion.spot_collector import FloorSpot, SpotCollector
 
 
@@ -27,25 +26,19 @@ def test_a_drawing_that_breaks_the_extraction_is_reported_until_the_next_one(shu
     assert node._failure is None
 
 
-def test_a_drawing_that_is_cancelled_during_an_extraction_is_shown_before_it_is_dropped(monkeypatch):
-    monkeypatch.setattr(rospy, "get_rostime", rospy.Time)
-    monkeypatch.setattr(rospy, "get_time", lambda: 1.0)
+def test_a_drawing_that_is_cancelled_during_an_extraction_is_shown_before_it_is_dropped():
     node = BorderFusionNode.__new__(BorderFusionNode)
-    node._params = FusionParams()
     node._lock = threading.Lock()
     node._new_spots = False
+    node._published = 0.0
     node._collector = SpotCollector()
     node._collector.set_state(BORDER, "one", 0.0)
     node._collector.add(FloorSpot(1.0, 2.0, 3.0, "red"))
-    node._published = 0.0
+    node._live = Mock()
+    node._live.update.side_effect = lambda *_, **__: node._collector.set_state(DEFAULT, "", 2.0, "cancelled")
+    node._progress_message = lambda snapshot, _drawn: snapshot.counts[0]
     node._progress = Mock()
-
-    def cancel(*_, **_options):
-        node._collector.set_state(DEFAULT, "", 2.0, "cancelled")
-        return DrawnBorder()
-
-    node._live = Mock(update=cancel)
     for spots_left in (1, 0):
         node._tick(True)
-        assert node._progress.publish.call_args.args[0].border_spots == 1
+        node._progress.publish.assert_called_with(1)
         assert node._collector.counts[0] == spots_left

@@ -24,17 +24,11 @@ def in_border(entered=0.0):
 def test_collects_in_border_and_seed_of_an_interaction_until_the_next():
     collector = SpotCollector()
     assert collector.add(spot(1.0)) == "state"
-    assert collector.set_state(BORDER, "a", 2.0)
-    assert collector.add(spot(2.1)) == ""
     # drawing is interrupted and continued
-    assert not collector.set_state(GUIDE, "a", 3.0)
-    assert collector.add(spot(3.1)) == "state"
-    assert not collector.set_state(BORDER, "a", 4.0)
-    assert collector.add(spot(4.1)) == ""
-    collector.set_state(SEED, "a", 5.0)
-    assert collector.add(spot(5.1)) == ""
-    collector.set_state(DEFAULT, "", 6.0)
-    assert collector.add(spot(6.1)) == "state"
+    for entered, state in enumerate((BORDER, GUIDE, BORDER, SEED, DEFAULT), start=2):
+        is_new = collector.set_state(state, "" if state == DEFAULT else "a", float(entered))
+        assert is_new == (entered == 2)
+        assert collector.add(spot(entered + 0.1)) == ("" if state.collects else "state")
     assert collector.counts == (2, 1, 2)
     assert collector.snapshot().counts[0] == 2
     assert collector.set_state(BORDER, "b", 7.0)
@@ -43,10 +37,8 @@ def test_collects_in_border_and_seed_of_an_interaction_until_the_next():
 
 def test_early_and_non_finite_spots_are_ignored_and_counted():
     collector = in_border(10.0)
-    assert collector.add(spot(9.94)) == "before_state"
-    assert collector.add(spot(11.0, float("nan"))) == "not_finite"
-    assert collector.add(spot(float("inf"))) == "not_finite"
-    assert collector.add(spot(9.96)) == ""
+    reasons = [collector.add(spot(*place)) for place in ((9.94,), (11.0, np.nan), (np.inf,), (9.96,))]
+    assert reasons == ["before_state", "not_finite", "not_finite", ""]
     # spots of different cameras may arrive out of order
     assert collector.add(spot(10.5, camera="green")) == ""
     assert collector.add(spot(10.2, camera="blue")) == ""

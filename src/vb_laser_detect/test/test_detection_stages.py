@@ -141,13 +141,12 @@ def test_regions_part_a_bright_spot_from_what_it_touches():
 def test_a_region_is_searched_again_where_a_spot_is_expected(u, parts):
     rise = np.zeros((12, 20), np.uint8)
     rise[4:6, 8:12] = 50
-    changes = Changes(rise, rise > 0, np.zeros(rise.shape, bool))
+    changes = Changes(rise, rise > 0, rise > 50)
     picture = Picture(np.full((96, 160), 200, np.uint8), "mono")
-    for min_level, is_dark in ((100.0, False), (201.0, True)):
-        expected = ExpectedSpot((u, 40.0), reach=6.0, max_width=20.0)
+    expected = ExpectedSpot((u, 40.0), reach=6.0, max_width=20.0)
+    for min_level, boxes in ((100.0, [(64, 32, 96, 48), *parts]), (201.0, [])):
         (region,) = find_regions(picture, changes, min_level, [expected])
-        assert region.box == (64, 32, 96, 48)
-        assert region.boxes == ([] if is_dark else [region.box, *parts])
+        assert region.boxes == boxes
         assert region.expected == (expected if parts else None)
 
 

@@ -4,14 +4,11 @@ The motion is smooth, as that of a pan-tilt head or a robot; the images are comp
 spot nearly white, so colour alone is not enough.
 """
 
-from unittest.mock import Mock
-
 import cv2
 import numpy as np
 import pytest
 
 from spot_scenes import ImageDetector
-from vb_laser_detect.detection import features
 from vb_laser_detect.detection.image_registration import ImageRegistration
 from vb_laser_detect.detection.spot_detector import DetectorParams, SpotDetector
 from vb_laser_detect.detection.spot_tracker import Track
@@ -105,15 +102,11 @@ def test_the_motion_is_the_camera_s_and_not_a_thing_s():
     assert blank.follow(np.full((240, 320), 91, np.uint8)) is None
 
 
-def test_a_spot_is_expected_where_the_motion_has_moved_it(monkeypatch):
+def test_a_tracked_spot_moves_along_with_the_image():
     picture = photograph(3).astype(np.uint8)
-    detector, examine = SpotDetector(DetectorParams.mobile()), Mock(return_value=[])
-    monkeypatch.setattr(features, "examine_regions", examine)
+    detector = SpotDetector(DetectorParams.mobile())
     detector.detect(picture[:HIGH, :WIDE], 0.0)
-    panned = cv2.circle(picture[:HIGH, 24 : 24 + WIDE].copy(), (176, 150), 3, (255, 255, 255), -1)
-    track = Track(1, np.array([200.0, 150.0]), 0.0, 0.0, diameter=10.0, is_confirmed=True)
-    monkeypatch.setattr(detector._tracker, "_tracks", [track])
-    detector.detect(panned, 0.04)
-    ((searched, *_), _) = examine.call_args
-    (moved,) = (region.expected for region in searched.regions if region.expected)
-    assert moved.position == pytest.approx((176.0, 150.0), abs=0.5)
+    track = Track(1, np.array([200.0, 150.0]), 0.0, 0.0)
+    detector._tracker._tracks.append(track)
+    detector.detect(picture[:HIGH, 24 : 24 + WIDE], 0.04)
+    assert track.pixel == pytest.approx((176.0, 150.0), abs=0.5)

@@ -403,11 +403,9 @@ def test_bad_images_are_refused(shape, kind):
 
 def test_time_that_jumps_back_and_images_that_change_size():
     detector, small, large = at_once(), Scene(320, 192), Scene(331, 245)
-    feed(detector, [small.render() for _ in range(5)], 100.0)
-    feed(detector, [small.render() for _ in range(5)], 5.0)
-    assert len(detector.detect(small.render([(100, 100)]), 5.5)) == 1
-    feed(detector, [large.render() for _ in range(5)], 6.0)
-    assert len(detector.detect(large.render([(100, 100)]), 6.5)) == 1
+    for scene, start in ((small, 100.0), (small, 5.0), (large, 6.0)):
+        feed(detector, [scene.render() for _ in range(5)], start)
+        assert len(detector.detect(scene.render([(100, 100)]), start + 0.5)) == 1
 
 
 @pytest.mark.parametrize("bayer", [False, True])
