@@ -101,10 +101,10 @@ def frames(
         # a scene's noise depends only on the scene, not on earlier ones in the same room
         view.set_noise_generator(make_generator(rooms.seed, f"scene {scene.name}"))
         if not scene.mobile:
-            view.frame(first)
+            view.image(first)
     for index, snapshot in course(scene, share, learn_s):
         view, places = views[index], []
-        image = view.frame(snapshot)
+        image = view.image(snapshot)
         if snapshot.laser is not None and on_floor:
             places = [(1e3 * snapshot.laser[0], 1e3 * snapshot.laser[1])]
         elif view.spot(snapshot) is not None:

@@ -49,7 +49,7 @@ def clip() -> List[bytes]:
         t, laser, velocity = number / RATE, None, (0.0, 0.0)
         if number in DRAWN:
             laser, velocity = place_and_velocity(border, t)
-        image = view.frame(DisturbedSnapshot(t, {}, laser, "red", velocity, (4.6, 2.9, -1.5)))
+        image = view.image(DisturbedSnapshot(t, {}, laser, "red", velocity, (4.6, 2.9, -1.5)))
         jpegs.append(webcam_jpeg(image, view.encoding))
     return jpegs
 

@@ -63,8 +63,8 @@ def expected_pixel(model, T_map_optical, x, y):
 
 def added_light(view, scene):
     """Returns what the laser adds to the image of a scene."""
-    lit = view.frame(scene).astype(float)
-    return lit - view.frame(dataclasses.replace(scene, laser=None))
+    lit = view.image(scene).astype(float)
+    return lit - view.image(dataclasses.replace(scene, laser=None))
 
 
 # ------------------------------------------------------------------ the spot
@@ -84,7 +84,7 @@ def test_spot_lies_where_the_camera_model_says(lab, name, color):
 
 def test_spot_has_a_white_core_and_a_coloured_halo(lab):
     view = view_from_robot(lab)
-    image = view.frame(Snapshot(1.0, {"robot": (0.5, 1.5, 0.0)}, (1.3, 1.5), "red")).astype(int)
+    image = view.image(Snapshot(1.0, {"robot": (0.5, 1.5, 0.0)}, (1.3, 1.5), "red")).astype(int)
     u, v = np.round(expected_pixel(view.model, view.camera_pose(Snapshot(1.0)), 1.3, 1.5)).astype(int)
     assert (image[v, u] > 250).all()
     ring = image[v, u + 2 : u + 7]
@@ -120,7 +120,7 @@ def test_person_and_furniture_hide_the_spot(lab):
     hidden, behind_box = (0.9, 1.5), (3.28, 0.9)
     assert added_light(view, Snapshot(1.0, laser=hidden)).max() > 80
     u, v = np.round(expected_pixel(view.model, view.pose, *hidden)).astype(int)
-    with_person = view.frame(Snapshot(1.0, laser=hidden, person=(1.2, 1.5, 0.0)))
+    with_person = view.image(Snapshot(1.0, laser=hidden, person=(1.2, 1.5, 0.0)))
     assert with_person[v - 3 : v + 4, u - 3 : u + 4].max() < 200
     assert np.abs(added_light(view, Snapshot(1.0, laser=behind_box))).max() <= 2
     assert added_light(view, Snapshot(1.0, laser=(2.6, 1.0))).max() > 80
@@ -134,18 +134,18 @@ def test_person_and_furniture_hide_the_spot(lab):
 # ------------------------------------------------------------------ frames
 def test_a_frame_leaves_no_trace_in_the_next(lab):
     view = view_from_ceiling(lab, "bayer")
-    empty = view.frame(Snapshot(1.0)).copy()
+    empty = view.image(Snapshot(1.0)).copy()
     robots = {"robot": (2.0, 1.5, 0.3), "other": (2.2, 1.6, 0.0)}
     scene = Snapshot(1.0, robots, (1.9, 1.6), "red", (0.5, 0.1), (1.6, 1.4, 0.2))
-    busy = view.frame(scene).copy()
+    busy = view.image(scene).copy()
     assert (busy != empty).sum() > 10000
-    np.testing.assert_array_equal(view.frame(Snapshot(1.1)), empty)
-    np.testing.assert_array_equal(view.frame(scene), busy)
+    np.testing.assert_array_equal(view.image(Snapshot(1.1)), empty)
+    np.testing.assert_array_equal(view.image(scene), busy)
 
 
 def test_noise_is_as_large_as_the_model_says(lab):
     view = view_from_ceiling(lab, "mono", Models())
-    first, second = (view.frame(Snapshot(1.0)).astype(float) for _ in range(2))
+    first, second = (view.image(Snapshot(1.0)).astype(float) for _ in range(2))
     middle = (slice(200, 340), slice(300, 500))
     sigma = Models().camera_noise.sigma(first[middle].mean())
     # rounding to whole grey levels adds a variance of 1/12
@@ -155,7 +155,7 @@ def test_noise_is_as_large_as_the_model_says(lab):
 @pytest.mark.parametrize("encoding,channels", [("bgr8", 3), ("mono8", 1), ("bayer_rggb8", 1)])
 def test_every_encoding_shows_the_same_scene(lab, encoding, channels):
     view = view_from_ceiling(lab, "mono", encoding=encoding)
-    image = view.frame(Snapshot(1.0, {"robot": (1.5, 1.5, 0.0)}, (2.0, 1.5), "red", (0, 0), (2.5, 2.2, -1.0)))
+    image = view.image(Snapshot(1.0, {"robot": (1.5, 1.5, 0.0)}, (2.0, 1.5), "red", (0, 0), (2.5, 2.2, -1.0)))
     assert image.dtype == np.uint8
     assert image.shape == ((540, 960) if channels == 1 else (540, 960, 3))
     shown = PixelReader().read(image, encoding).bgr()
@@ -218,7 +218,7 @@ def test_the_nearer_box_hides_the_other_whatever_the_order():
     for order in (boxes, boxes[::-1]):
         world = world_from_mapping({**WORLD, "furniture": order})
         view = RobotView(world.robots[0], RADII, render_floor(world, 3, 0.01), world_mesh(world), QUIET, 5)
-        pictures.append(view.frame(scene))
+        pictures.append(view.image(scene))
     np.testing.assert_array_equal(*pictures)
     front = project_to_pixels(view.model, view.camera_pose(scene), np.array([[1.85, 1.0, 0.25]]))
     u, v = np.round(front[0]).astype(int)

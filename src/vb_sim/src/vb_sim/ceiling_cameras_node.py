@@ -40,7 +40,7 @@ def make_ceiling_camera(camera: CeilingCamera, view: CeilingView, optics: Optics
     """Creates a ceiling camera with its topics."""
     frame = f"{camera.name}_optical_frame"
     mount = message_from_transform(calibrated_pose(camera, optics, seed), names.MAP_FRAME, frame, rospy.Time.now())
-    images = ImageStream(f"/{camera.name}", frame, view.model, view.encoding, view.frame)
+    images = ImageStream(f"/{camera.name}", frame, view.model, view.encoding, view.image)
     return SimulatedCamera(camera.name, camera.rate, view, [images], mount)
 
 

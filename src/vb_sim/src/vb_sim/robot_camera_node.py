@@ -50,7 +50,7 @@ def make_robot_camera(robot: Robot, view: RobotView, tf_prefix: str) -> Simulate
     mount = message_from_transform(robot.camera_mount(), f"{tf_prefix}base_link", frame, rospy.Time.now())
     # depth is published first, so that nodes have a colour image's depth when the colour image arrives
     depth = ImageStream("camera/depth_registered", frame, view.depth_model, "16UC1", view.depth, _DEPTH_EVERY)
-    color = ImageStream("camera/rgb", frame, view.model, view.encoding, view.frame)
+    color = ImageStream("camera/rgb", frame, view.model, view.encoding, view.image)
     return SimulatedCamera(robot.name, CAMERA_RATE, view, [depth, color], mount)
 
 

@@ -67,16 +67,16 @@ class RenderCache:
         return view
 
 
-def frame_generator(seed: int, camera: str, stamp: float) -> np.random.Generator:
-    """Makes the random generator of one frame's noise, independent of what was rendered before."""
+def image_noise_generator(seed: int, camera: str, stamp: float) -> np.random.Generator:
+    """Makes the random generator of one image's noise, independent of what was rendered before."""
     return np.random.default_rng([seed, zlib.crc32(camera.encode()), int(round(stamp * 1e4))])
 
 
 class StudyCameras(CameraNode):
-    """Cameras whose frames do not depend on those before, and that skip most images in which there can be no spot.
+    """Cameras whose images do not depend on those before, and that skip most images in which there can be no spot.
 
     Args:
-        seed: seed of the frames' noise.
+        seed: seed of the images' noise.
         idle_every: at most every n-th image without a spot is sent; 1 sends every image.
     """
 
@@ -88,7 +88,7 @@ class StudyCameras(CameraNode):
     def _is_wanted(self, camera: SimulatedCamera, snapshot: Snapshot) -> bool:
         if not self._is_relevant(camera, snapshot):
             return False
-        camera.view.set_noise_generator(frame_generator(self._seed, camera.name, snapshot.stamp))
+        camera.view.set_noise_generator(image_noise_generator(self._seed, camera.name, snapshot.stamp))
         return True
 
     def _is_relevant(self, camera: SimulatedCamera, snapshot: Snapshot) -> bool:
@@ -112,8 +112,8 @@ class StudyCeilingCameras(StudyCameras):
         self.too_bright = False
         for camera in cameras:
             view = cache.view(CeilingView, camera)
-            view.set_noise_generator(frame_generator(seed, camera.name, 0.0))
-            self.too_bright |= saturated_share(view.frame(Snapshot(0.0))) > TOO_BRIGHT
+            view.set_noise_generator(image_noise_generator(seed, camera.name, 0.0))
+            self.too_bright |= saturated_share(view.image(Snapshot(0.0))) > TOO_BRIGHT
             simulated.append(make_ceiling_camera(camera, view, optics, seed))
         super().__init__(simulated, optics.latency_ms, seed, idle_every)
 

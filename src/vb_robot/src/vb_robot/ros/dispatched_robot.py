@@ -62,7 +62,8 @@ class DispatchedRobot:
         if lens == self._lens:
             return
         try:
-            T = self._transforms.lookup(self._robot.frame, message.header.frame_id, rospy.Time(0), timeout=0.0)
+            # the camera's mount is published once, and may arrive after its first image
+            T = self._transforms.lookup(self._robot.frame, message.header.frame_id, rospy.Time(0), timeout=2.0)
             self.view = RobotCameraView(camera_from_info(message), T, self._max_range)
             self._lens = lens
         except CodedError as error:

@@ -66,7 +66,7 @@ class CameraView:
         self._rng = make_generator(seed, name)
         self._object_ids = np.zeros((model.height, model.width), np.uint8)  # 0 where nothing hides the floor
 
-    def frame(self, snapshot: Snapshot) -> np.ndarray:
+    def image(self, snapshot: Snapshot) -> np.ndarray:
         """Renders the image of a scene, (H, W) or (H, W, 3) uint8. The next call may change it."""
         raise NotImplementedError
 
@@ -79,7 +79,7 @@ class CameraView:
         self._models = models
 
     def set_noise_generator(self, source: np.random.Generator) -> None:
-        """Replaces the noise's random generator, so that frames do not depend on earlier ones."""
+        """Replaces the noise's random generator, so that images do not depend on earlier ones."""
         self._rng = source
 
     def _bodies(self, snapshot: Snapshot) -> List[Body]:
@@ -109,7 +109,7 @@ class CameraView:
         return render_spot(snapshot.laser, snapshot.laser_velocity, source, self.model, pose, self._optics)
 
     def spot_share(self, snapshot: Snapshot) -> float:
-        """Returns the share of the laser's light on the floor that reaches the camera. Call `frame` first."""
+        """Returns the share of the laser's light on the floor that reaches the camera. Call `image` first."""
         spot = self.spot(snapshot)
         return 0.0 if spot is None else self._visible(spot)
 

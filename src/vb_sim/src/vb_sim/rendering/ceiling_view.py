@@ -1,7 +1,7 @@
 """Renders the images of a ceiling camera.
 
-The static scene is rendered once, as several images with different sensor noise. A frame is one of these images, in
-which only the rectangles with moving objects are changed; the next frame undoes these changes. Therefore a frame takes
+The static scene is rendered once, as several images with different sensor noise. The camera's image is one of these, in
+which only the rectangles with moving objects are changed; the next one undoes these changes. Therefore an image takes
 little time, whatever its size.
 """
 
@@ -110,7 +110,7 @@ class CeilingView(CameraView):
         size = (self.model.width // _HALF, self.model.height // _HALF)
         self._background = cv2.resize(background, size, interpolation=cv2.INTER_AREA)
         self._noise_tile = self._make_noise_tile()
-        self._image_index: Optional[int] = 0  # of the last frame; None if the next one may be any of them
+        self._image_index: Optional[int] = 0  # of the last image; None if the next one may be any of them
         self._undo: List[Tuple[np.ndarray, np.ndarray]] = []  # parts of an image and their previous contents
         self._sprites: Dict[str, Tuple[Tuple, Optional[_Sprite]]] = {}
         self._visible_sprites: List[_Sprite] = []
@@ -172,7 +172,7 @@ class CeilingView(CameraView):
         self._image_index = 0
 
     def set_noise_generator(self, source: np.random.Generator) -> None:
-        """Replaces the noise's random generator, so that frames do not depend on earlier ones."""
+        """Replaces the noise's random generator, so that images do not depend on earlier ones."""
         super().set_noise_generator(source)
         self._image_index = None
 
@@ -181,14 +181,14 @@ class CeilingView(CameraView):
             part[...] = previous
         self._undo.clear()
 
-    def frame(self, snapshot: Snapshot) -> np.ndarray:
+    def image(self, snapshot: Snapshot) -> np.ndarray:
         """Renders a scene, (H, W) or (H, W, 3) uint8 in the camera's encoding. The next call overwrites it."""
         self._undo_changes()
         count = len(self._images)
         if self._image_index is None:
             self._image_index = int(self._rng.integers(count))
         else:
-            # any image but the last, so that no frame repeats its predecessor
+            # any image but the last, so that none repeats its predecessor
             self._image_index = (self._image_index + int(self._rng.integers(1, count))) % count
         image = self._images[self._image_index]
         sprites = [self._cached_sprite(body) for body in self._bodies(snapshot)]

@@ -117,7 +117,7 @@ class RobotView(CameraView):
             self._buffer.draw_flat(inner, front - 0.001, 0.95 * gain * color, towards_camera)
 
     # ------------------------------------------------------------- colour
-    def frame(self, snapshot: Snapshot) -> np.ndarray:
+    def image(self, snapshot: Snapshot) -> np.ndarray:
         """Renders the colour image, (480, 640, 3) uint8 rgb."""
         self._draw(snapshot)
         image = self._noiseless.copy()
