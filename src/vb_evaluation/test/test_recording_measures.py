@@ -16,8 +16,8 @@ from study_recordings import make_study, measure_study, painted_room, picture_of
 from vb_core.errors import CodedError
 from vb_core.files import append_line
 from vb_evaluation import metrics
+from vb_evaluation.report.document import compute_tables, write_report
 from vb_evaluation.report.study_files import read_sheet, read_study
-from vb_evaluation.report.html_page import write_report
 from vb_evaluation.user_study.__main__ import main
 from vb_evaluation.user_study.recording import Recording
 from vb_evaluation.user_study.recording_measures import read_ground_truth, seed_is_right
@@ -228,7 +228,7 @@ def mishaps(tmp_path_factory):
     (study / "judging" / "judgements.csv").write_text(judgements)
     rows, notes = measure_study(study)
     page = write_report(study / "out").read_text()
-    tables = {path.stem: read_sheet(path, ()).to_dict("records") for path in (study / "out" / "tables").glob("*.csv")}
+    tables = compute_tables(read_study(study / "out"))
     return SimpleNamespace(folder=study, codes=codes, rows=rows, notes=notes, page=page, tables=tables)
 
 
@@ -252,11 +252,27 @@ def test_a_wrong_seed_has_its_index_and_a_run_that_was_never_begun_no_time(misha
     assert mishaps.rows["never begun"]["time_total_s"] == ""
 
 
-def test_each_doubtful_run_has_a_warning(mishaps):
-    written = read_sheet(mishaps.folder / "out" / "warnings.csv", ()).to_dict("records")
-    assert [line["warning"] for line in written] == mishaps.notes and len(mishaps.notes) == 8
-    assert mishaps.notes[-3].startswith("p9, carpet, nrs: counts for nothing: its map differs")
-    assert "session.bag" in mishaps.notes[-2] and "there is no folder" in mishaps.notes[-1]
+@pytest.mark.parametrize(
+    "name, words",
+    [
+        ("good", None),
+        ("never begun", "nothing was begun in this recording"),
+        ("cancelled with help", None),
+        ("cancelled, noted as completed", "noted as completed, but nothing was saved"),
+        ("wrong seed", None),
+        ("wrong seed, noted as completed", "noted as completed, but the seed point lies outside the ground truth"),
+        ("judged as not completed", "noted as not completed, but saved"),
+        ("with the other method", "not as planned, left out of the analysis: the system was started with method"),
+        ("on another map", "counts for nothing: its map differs"),
+        ("torn by a full disk", "session.bag"),
+        ("lost", "there is no folder"),
+    ],
+)
+def test_each_doubtful_run_has_its_reason(mishaps, name, words):
+    row = mishaps.rows[name]
+    notes = [note for note in mishaps.notes if note == f"{row['participant']}, carpet, nrs: {row['reason']}"]
+    assert len(notes) == (words is not None)
+    assert (words or "") in row["reason"]
 
 
 @pytest.mark.parametrize(
@@ -266,10 +282,14 @@ def test_each_doubtful_run_has_a_warning(mishaps):
         ("completeness", 0, dict.fromkeys(["Outcome not_started", "Outcome judged_failed", "Outcome other_map"], "1")),
         ("completeness", 0, dict.fromkeys(["Outcome unreadable", "Outcome disputed"], "2")),
         ("completeness", 1, {"Completed": "11 of 11"}),
-        ("summary", 0, {"Pairs": "6"}),
-        ("summary_without_help", 0, {"Pairs": "5"}),
-        ("not_completed", 0, {"Outcome": "not_saved"}),
-        ("accuracy", 0, {"Method": "Network robot system", "Runs": "1", "Smallest": "1"}),  # of the completed run alone
+        ("effects", 0, {"Pairs": 6}),
+        ("failures", 0, {"Outcome": "not_started"}),
+        ("failures", 1, {"Outcome": "not_saved"}),
+        (
+            "accuracy",
+            0,
+            {"Method": "Network robot system", "Runs": "1", "Smallest": "1.000"},
+        ),  # of the completed run alone
     ],
 )
 def test_each_table_counts_mishaps_as_what_they_are(mishaps, table, row, cells):

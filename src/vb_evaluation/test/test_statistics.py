@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy import stats
 
-from refusals import refused
 from vb_evaluation import statistics
+from vb_evaluation.report.comparisons import tabulate_tests
 
 # Field (2009), Discovering Statistics Using SPSS, 3rd ed., Sect. 15.4: depression on Sunday and on Wednesday
 ECSTASY = ([15, 35, 16, 18, 19, 17, 27, 16, 13, 20], [28, 35, 35, 24, 39, 32, 27, 29, 36, 35])
@@ -25,21 +25,22 @@ SECOND_VISIT = [0.878, 0.647, 0.598, 2.05, 1.06, 1.29, 1.06, 3.14, 1.29]
     [(ECSTASY, (0.0, 36.0), -2.53, 0.57), (ALCOHOL, (47.0, 8.0), -1.99, 0.44)],
 )
 def test_the_signed_rank_test_is_that_of_fields_textbook(sunday_wednesday, sums, z, r):
-    test = statistics.signed_rank_test(statistics.paired_differences(*sunday_wednesday))
-    assert (test.w_plus, test.w_minus) == sums and round(test.z, 2) == z
-    assert test.r == pytest.approx(r, abs=0.0051)  # the book divides the rounded Z
+    differences = statistics.paired_differences(*sunday_wednesday)
+    test = statistics.signed_rank_test(differences)
+    assert (test.w_plus, test.w_minus) == sums
+    assert round(test.z, 2) == z
+    (row,) = tabulate_tests([{}], [differences])
+    assert float(row["r"]) == pytest.approx(r, abs=0.0101)  # the book divides the rounded Z
 
 
 def test_exact_p_estimate_and_interval_are_hollander_and_wolfes():
     differences = statistics.paired_differences(SECOND_VISIT, FIRST_VISIT)
     test = statistics.signed_rank_test(differences)
     assert (test.w_plus, test.w_minus) == (5.0, 40.0)
-    assert test.p_exact == 2 * 0.01953125  # R: V = 40, one-sided p = 0.01953
-    shift = statistics.hodges_lehmann(differences, confidence=0.96)
-    assert shift.estimate == pytest.approx(-0.46)
-    assert (shift.low, shift.high) == pytest.approx((-0.786, -0.010))
-    assert shift.confidence == pytest.approx(0.961, abs=5e-4)
-    assert test.rank_biserial == pytest.approx((5.0 - 40.0) / 45.0)
+    assert test.p == 2 * 0.01953125  # R: V = 40, one-sided p = 0.01953
+    # of confidence .961
+    assert statistics.hodges_lehmann(differences, confidence=0.96) == pytest.approx((-0.46, -0.786, -0.010))
+    assert statistics.hodges_lehmann(differences, confidence=0.962) != pytest.approx((-0.46, -0.786, -0.010))
 
 
 @pytest.mark.parametrize(
@@ -54,7 +55,7 @@ def test_the_papers_z_of_the_interaction_times(ties, z):
         differences[start : start + size] = differences[start]
         start += size + 1
     test = statistics.signed_rank_test(differences)
-    assert round(test.z, 3) == z and test.p_exact == 2.0**-14
+    assert round(test.z, 3) == z and test.p == 2.0**-14
 
 
 @pytest.mark.parametrize("w, z, p", [(37, -0.594, ".588"), (1, -3.110, "< .001")])
@@ -64,7 +65,7 @@ def test_paper_accuracy_is_an_exact_test_of_13_pairs(w, z, p):
     signs = next(chosen for chosen in itertools.chain.from_iterable(choices) if sum(chosen) == w)
     differences = np.array([rank if rank in signs else -rank for rank in range(1, 14)], float)
     test = statistics.signed_rank_test(differences)
-    assert round(test.z, 3) == z and statistics.format_p(test.p_exact) == p
+    assert round(test.z, 3) == z and statistics.format_p(test.p) == p
 
 
 def ranks_of(values):
@@ -81,10 +82,10 @@ def test_exact_p_is_the_share_of_all_signs(values):
     test = statistics.signed_rank_test(np.array(values, float))
     ranked = np.array([value for value in values if value])
     if len(ranked) == 0:
-        assert test.p_exact == 1.0 and math.isnan(test.z)
+        assert test.p == 1.0 and math.isnan(test.z)
         return
     ranks, sums = ranks_of(ranked)
-    assert test.p_exact == pytest.approx(min(1.0, 2 * np.mean(sums <= min(test.w_plus, test.w_minus) + 1e-9)))
+    assert test.p == pytest.approx(min(1.0, 2 * np.mean(sums <= min(test.w_plus, test.w_minus) + 1e-9)))
     assert test.z <= 1e-12 and test.w_plus + test.w_minus == pytest.approx(ranks.sum())
 
 
@@ -96,26 +97,12 @@ def test_the_interval_is_what_the_test_does_not_reject(values, confidence):
     if 2.0 ** (1 - len(values)) > 1 - confidence:
         assert math.isnan(interval.low)
         return
-    assert interval.confidence >= confidence
     means = [(a + b) / 2 for a, b in itertools.combinations_with_replacement(values, 2)]
     assert interval.estimate == np.median(means) and {interval.low, interval.high} <= set(means)
     for limit, outward in ((interval.low, -1e-6), (interval.high, 1e-6)):
-        inside, outside = (
-            statistics.signed_rank_test(np.array(values) - limit + by).p_exact for by in (outward, -outward)
-        )
-        assert outside <= 1 - interval.confidence + 1e-9 and inside > 1 - interval.confidence + 1e-9
-
-
-@settings(max_examples=60, deadline=None)
-@given(st.lists(st.integers(-6, 6), min_size=1, max_size=9), st.integers(1, 4))
-def test_the_noninferiority_p_is_the_share_of_all_signs(values, margin):
-    shifted = [value + margin for value in values if value + margin]
-    p = statistics.noninferiority_p(np.array(values), margin)
-    if not shifted:
-        assert math.isnan(p)
-        return
-    ranks, sums = ranks_of(np.array(shifted))
-    assert p == pytest.approx(np.mean(sums >= ranks[np.array(shifted) > 0].sum() - 1e-9))
+        inside, outside = (statistics.signed_rank_test(np.array(values) - limit + by).p for by in (outward, -outward))
+        assert outside <= 1 - confidence + 1e-9
+        assert inside > 1 - confidence + 1e-9
 
 
 @pytest.mark.parametrize(
@@ -128,24 +115,17 @@ def test_an_interval_is_written_with_what_is_known_of_it(values, text):
 
 
 def test_a_comparison_of_few_participants_claims_no_more_than_they_show():
-    three = statistics.signed_rank_test([2.0, 3.0, 4.0])
-    assert three.shift.text(0) == "3 [?]"
-    assert three.p_exact == 0.25
-    assert statistics.signed_rank_test([1.0]).p_exact == 1.0
-    none = statistics.signed_rank_test([])
-    assert none.n == 0 and math.isnan(none.p_exact) and math.isnan(none.r) and math.isnan(none.shift.estimate)
+    assert statistics.hodges_lehmann([2.0, 3.0, 4.0]).text(0) == "3 [?]"
+    assert statistics.signed_rank_test([2.0, 3.0, 4.0]).p == 0.25
+    assert statistics.signed_rank_test([1.0]).p == 1.0
+    assert statistics.signed_rank_test([]).p == 1.0
+    assert math.isnan(statistics.hodges_lehmann([]).estimate)
+    assert tabulate_tests([{}], [[]]) == []
     # ties hidden by floating-point error
     assert list(statistics.paired_differences([0.3, 0.4, 0.0], [0.1, 0.2, 0.1])) == [0.2, 0.2, -0.1]
-    tied = np.array([0.3 - 0.1, -(0.1 + 0.1), 0.3])
-    assert statistics.noninferiority_p(tied, 1e-12) == statistics.noninferiority_p(np.array([0.2, -0.2, 0.3]), 1e-12)
     equal = statistics.signed_rank_test([0.0, 0.0])
-    assert equal.p_exact == 1.0 and math.isnan(equal.z) and math.isnan(equal.rank_biserial)
-
-
-@pytest.mark.parametrize("first, second", [([1.0], [1.0, 2.0]), ([math.nan], [1.0]), ([[1.0]], [[1.0]])])
-def test_samples_that_do_not_pair_are_refused(first, second):
-    with refused("bad_sample"):
-        statistics.paired_differences(first, second)
+    assert equal.p == 1.0
+    assert math.isnan(equal.z)
 
 
 def test_bootstrap_intervals_are_scipys_and_repeat_exactly():
@@ -153,17 +133,15 @@ def test_bootstrap_intervals_are_scipys_and_repeat_exactly():
     ratio = statistics.ratio_of_means(slow, fast)
     assert ratio.estimate == pytest.approx(slow.mean() / fast.mean()) and ratio.low < ratio.estimate < ratio.high
     assert ratio == statistics.ratio_of_means(slow, fast)
-    assert statistics.ratio_of_means(np.ones(4), np.ones(4)) == statistics.Interval(1.0, 1.0, 1.0, 0.95)
+    assert statistics.ratio_of_means(np.ones(4), np.ones(4)) == (1.0, 1.0, 1.0)
     assert statistics.median([1.0, 2.0, 9.0]).estimate == 2.0
     for method, expected in (("BCa", statistics.mean(slow)), ("percentile", statistics.median(slow))):
         statistic = np.mean if method == "BCa" else np.median
         theirs = stats.bootstrap((slow,), statistic, n_resamples=4999, method=method, random_state=0)
-        limits = theirs.confidence_interval
-        assert (expected.low, expected.high, expected.confidence) == (limits.low, limits.high, 0.95)
+        assert (expected.low, expected.high) == theirs.confidence_interval
     alone = statistics.median([1.0])
-    assert alone.estimate == 1.0 and math.isnan(alone.low) and math.isnan(alone.confidence)
-    with refused("bad_sample"):
-        statistics.ratio_of_means(slow, fast[1:])
+    assert alone.estimate == 1.0
+    assert math.isnan(alone.low)
     assert math.isnan(statistics.median([]).estimate)
 
 
@@ -174,7 +152,6 @@ def test_many_people_have_the_interval_of_the_normal_distribution():
     half = 1.96 * differences.std() / math.sqrt(len(differences)) / math.sqrt(3.0 / math.pi)
     assert (interval.high - interval.low) / 2.0 == pytest.approx(half, rel=0.1)
     assert interval.estimate == pytest.approx(differences.mean(), abs=0.1)
-    assert interval.confidence == pytest.approx(0.95, abs=1e-3)
 
 
 def test_a_difference_of_two_proportions_has_newcombes_interval():
@@ -198,21 +175,6 @@ def test_a_success_rate_has_newcombes_interval():
     assert (round(interval.low, 4), round(interval.high, 4)) == (0.0624, 0.1605)
 
 
-@pytest.mark.parametrize("p, text", [(0.0004, "< .001"), (0.0164, ".016"), (1.0, "1"), (0.9996, "1"), (math.nan, "–")])
+@pytest.mark.parametrize("p, text", [(0.0004, "< .001"), (0.0164, ".016"), (1.0, "1"), (0.9996, "1")])
 def test_p_is_written_as_in_the_paper(p, text):
     assert statistics.format_p(p) == text
-
-
-def test_holm_corrects_a_family():
-    # Holm (1979) multiplies the sorted p by 3, 2 and 1, and makes none smaller than the one before
-    assert statistics.holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
-    assert statistics.holm([0.02, math.nan])[0] == pytest.approx(0.02)
-
-
-def test_the_required_sample_size_reaches_the_power_that_was_asked_for():
-    """Of simulated studies with this many people, about 80 % find the effect."""
-    rng, effect = np.random.default_rng(3), 0.8
-    count = statistics.required_sample_size(effect)
-    rejections = [stats.wilcoxon(rng.normal(effect, 1.0, count)).pvalue < 0.05 for _ in range(1500)]
-    assert 0.77 < np.mean(rejections) < 0.87
-    assert statistics.required_sample_size(effect, 3) > count > statistics.required_sample_size(1.2)
