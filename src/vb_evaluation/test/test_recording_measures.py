@@ -178,22 +178,25 @@ class Mishap(NamedTuple):
     completed: str = "0"
     interaction: Optional[Dict[str, Any]] = {}
     noted: Optional[bool] = None
+    reason: str = ""  # or a part of it
 
 
-CANCELLED, WRONG_SEED = dict(save=False), dict(seed=(3.2, 2.0))
+CANCELLED, WRONG_SEED, OTHER_METHOD = dict(save=False), dict(seed=(3.2, 2.0)), dict(method="robot_only")
 SHIFTED = replace(ROOM, origin=(0.5, -0.25, 0.0))
 MISHAPS = {  # by the recording's name
     "good": Mishap("completed", "1"),
-    "never begun": Mishap("not_started", "", interaction=None, noted=False),
-    "cancelled with help": Mishap("not_saved", interaction=CANCELLED),
-    "cancelled, noted as completed": Mishap("disputed", interaction=CANCELLED, noted=True),
-    "wrong seed": Mishap("wrong_seed", interaction=WRONG_SEED),
-    "wrong seed, noted as completed": Mishap("disputed", interaction=WRONG_SEED, noted=True),
-    "judged as not completed": Mishap("judged_failed"),
-    "with the other method": Mishap("not_as_planned", interaction=dict(method="robot_only")),
-    "on another map": Mishap("other_map", ""),
-    "torn by a full disk": Mishap("unreadable", ""),
-    "lost": Mishap("unreadable", ""),
+    "never begun": Mishap("not_started", "", None, False, "nothing was begun in this recording"),
+    "cancelled with help": Mishap("not_saved", "0", CANCELLED),
+    "cancelled, noted as completed": Mishap("disputed", "0", CANCELLED, True, "completed, but nothing was saved"),
+    "wrong seed": Mishap("wrong_seed", "0", WRONG_SEED),
+    "wrong seed, noted as completed": Mishap(
+        "disputed", "0", WRONG_SEED, True, "completed, but the seed point lies outside"
+    ),
+    "judged as not completed": Mishap("judged_failed", reason="noted as not completed, but saved"),
+    "with the other method": Mishap("not_as_planned", "0", OTHER_METHOD, reason="was started with method:=robot_only"),
+    "on another map": Mishap("other_map", "", reason="counts for nothing: its map differs"),
+    "torn by a full disk": Mishap("unreadable", "", reason="session.bag"),
+    "lost": Mishap("unreadable", "", reason="there is no folder"),
 }
 
 
@@ -252,27 +255,12 @@ def test_a_wrong_seed_has_its_index_and_a_run_that_was_never_begun_no_time(misha
     assert mishaps.rows["never begun"]["time_total_s"] == ""
 
 
-@pytest.mark.parametrize(
-    "name, words",
-    [
-        ("good", None),
-        ("never begun", "nothing was begun in this recording"),
-        ("cancelled with help", None),
-        ("cancelled, noted as completed", "noted as completed, but nothing was saved"),
-        ("wrong seed", None),
-        ("wrong seed, noted as completed", "noted as completed, but the seed point lies outside the ground truth"),
-        ("judged as not completed", "noted as not completed, but saved"),
-        ("with the other method", "not as planned, left out of the analysis: the system was started with method"),
-        ("on another map", "counts for nothing: its map differs"),
-        ("torn by a full disk", "session.bag"),
-        ("lost", "there is no folder"),
-    ],
-)
-def test_each_doubtful_run_has_its_reason(mishaps, name, words):
+@pytest.mark.parametrize("name, mishap", MISHAPS.items(), ids=MISHAPS)
+def test_each_doubtful_run_has_its_reason_and_is_reported(mishaps, name, mishap):
     row = mishaps.rows[name]
-    notes = [note for note in mishaps.notes if note == f"{row['participant']}, carpet, nrs: {row['reason']}"]
-    assert len(notes) == (words is not None)
-    assert (words or "") in row["reason"]
+    assert mishap.reason in row["reason"]
+    assert bool(row["reason"]) == bool(mishap.reason)
+    assert (f"{row['participant']}, carpet, nrs: {row['reason']}" in mishaps.notes) == bool(mishap.reason)
 
 
 @pytest.mark.parametrize(

@@ -64,10 +64,8 @@ def signed_rank_test(differences: np.ndarray) -> SignedRankTest:
     ranks = stats.rankdata(np.abs(ranked))
     w_plus = float(ranks[ranked > 0].sum())
     w_minus = float(ranks[ranked < 0].sum())
-    z = math.nan
-    if len(ranks):
-        # under random signs the sum of signed ranks has mean 0 and variance sum(ranks^2), ties included
-        z = -abs(w_plus - w_minus) / math.sqrt(float(np.sum(ranks**2)))
+    # under random signs the sum of signed ranks has mean 0 and variance sum(ranks^2), ties included
+    z = -abs(w_plus - w_minus) / math.sqrt(float(np.sum(ranks**2))) if len(ranks) else math.nan
     doubled_sum = int(round(2 * max(w_plus, w_minus)))
     tail = float(_rank_sum_distribution(ranks)[doubled_sum:].sum())
     return SignedRankTest(w_plus, w_minus, z, min(1.0, 2.0 * tail))  # of all signs that are as one-sided, either way
@@ -124,16 +122,15 @@ def bootstrap(statistic: Callable[..., np.ndarray], *samples: np.ndarray, method
         warnings.simplefilter("ignore")
         result = stats.bootstrap(samples, statistic, method=method, paired=True, vectorized=True, **options)
     low, high = map(float, result.confidence_interval)
-    if math.isnan(low):  # BCa corrects by the resamples' spread, and all of them agree
-        return Interval(estimate, estimate, estimate)
-    return Interval(estimate, low, high)
+    # BCa corrects by the resamples' spread, and has no limits where all of them agree
+    return Interval(estimate, estimate, estimate) if math.isnan(low) else Interval(estimate, low, high)
 
 
-def proportion(successes: int, n: int, confidence: float = CONFIDENCE) -> Interval:
+def proportion(successes: int, n: int) -> Interval:
     """Computes a success rate, 0 .. 1, with Wilson's interval."""
     if n == 0:
         return Interval()
-    limits = stats.binomtest(int(successes), int(n)).proportion_ci(confidence, method="wilson")
+    limits = stats.binomtest(int(successes), int(n)).proportion_ci(CONFIDENCE, method="wilson")
     return Interval(successes / n, float(limits.low), float(limits.high))
 
 

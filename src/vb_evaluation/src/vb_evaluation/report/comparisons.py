@@ -99,19 +99,18 @@ def tabulate_tests(rows: Sequence[Mapping[str, Any]], family: Sequence[np.ndarra
     # statsmodels takes a second to import
     from statsmodels.stats.multitest import multipletests
 
-    tests = [
-        (row, len(sample), statistics.signed_rank_test(sample)) for row, sample in zip(rows, family) if len(sample)
-    ]
-    corrected = multipletests([test.p for *_, test in tests], method="holm")[1] if tests else ()
+    samples = [(row, sample) for row, sample in zip(rows, family) if len(sample)]
+    tests = [statistics.signed_rank_test(sample) for _, sample in samples]
+    corrected = multipletests([test.p for test in tests], method="holm")[1] if tests else ()
     return [
         {
             **row,
-            "Pairs": n,
+            "Pairs": len(sample),
             "Z": format_number(test.z, 3),
             "exact p": format_p(test.p),
             "p (Holm)": format_p(p),
             # two observations per pair (Rosenthal 1991; Field 2009, Sect. 15.4)
-            "r": format_number(abs(test.z) / math.sqrt(2 * n), 2),
+            "r": format_number(abs(test.z) / math.sqrt(2 * len(sample)), 2),
         }
-        for (row, n, test), p in zip(tests, corrected)
+        for (row, sample), test, p in zip(samples, tests, corrected)
     ]

@@ -91,8 +91,7 @@ def count_worlds(study: StudyResults) -> List[Dict[str, Any]]:
     for claim, (holds, is_about) in claims.items():
         is_usable = is_about & (worlds.too_bright == 0)
         for scope, is_within in (("all", is_about), ("no camera too bright", is_usable)):
-            row = {"Conclusion": claim, "Worlds": scope}
-            row["holds in [%] of worlds"] = statistics.percentage(holds[is_within]).text(0)
-            row["Number"] = is_within.sum()
-            rows.append(row)
+            share = statistics.percentage(holds[is_within]).text(0)
+            row = {"Conclusion": claim, "Worlds": scope, "holds in [%] of worlds": share}
+            rows.append({**row, "Number": is_within.sum()})
     return rows

@@ -74,5 +74,6 @@ def list_failures(study: StudyResults) -> List[Dict[str, Any]]:
     """Lists the runs that were not completed, or count for nothing, with what explains them."""
     failed = study.runs[study.runs.completed != 1]
     titled = failed.assign(scenario=failed.scenario.map(study.scenarios), method=failed.method.map(study.methods))
-    known = titled.reindex(columns=FAILURE_COLUMNS).dropna(axis="columns", how="all")
+    is_known = titled.notna() & (titled != "")
+    known = titled[[name for name in FAILURE_COLUMNS if name in titled and is_known[name].any()]]
     return known.rename(columns=lambda name: name.replace("_", " ").capitalize()).to_dict("records")

@@ -68,9 +68,7 @@ def write_report(folder: Path) -> Path:
 
 
 def write_page(folder: Path, page: Path) -> None:
-    """Puts the report of a study's folder between the marks of a page in Markdown.
-
-    No figure is copied by hand, and a test finds a page that does not match its rows.
+    """Puts the report of a study's folder between the marks of a page in Markdown: no figure is copied by hand.
 
     Raises:
         CodedError: "bad_study"; "no_place" if the page lacks the marks.

@@ -8,6 +8,7 @@ from vb_evaluation import statistics
 from vb_evaluation.report.comparisons import speed_up
 from vb_evaluation.report.paper_results import METHODS
 from vb_evaluation.report.study_files import StudyResults, select
+from vb_evaluation.statistics import format_number
 
 # scenario: the paper's difference of the median Jaccard indices, which it calls significant
 EFFECTS = {"carpet": 0.077, "corner": -0.028}
@@ -59,5 +60,4 @@ def _effect(study: StudyResults, scenario: str) -> str:
     has_effect = here.low <= effect <= here.high
     has_zero = here.low <= 0.0 <= here.high
     found = "found" if has_effect and not has_zero else "not found"
-    there = statistics.format_number(effect, 3)
-    return f"{study.scenarios[scenario]} {there} there, {here.text(3)} here: {found} again"
+    return f"{study.scenarios[scenario]} {format_number(effect, 3)} there, {here.text(3)} here: {found} again"

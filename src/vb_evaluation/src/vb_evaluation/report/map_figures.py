@@ -75,7 +75,9 @@ def draw_maps(study: StudyResults) -> List[Dict[str, str]]:
                 row[heading] = "No run was completed."
             else:
                 drawn = restricted_cells(prior, read_map(study.folder / run["map"]))
-                row[heading] = _image(plot_map(prior, truth, drawn), f"Jaccard {run.jaccard:.3f}, line {run.name}")
+                row[heading] = _image(
+                    plot_map(prior, truth, drawn), f"Jaccard {run.jaccard:.3f}, line {run.name} of runs.csv"
+                )
         rows.append(row)
     return rows
 

@@ -154,12 +154,12 @@ def read_table(path: Path) -> pandas.DataFrame:
         CodedError: "bad_study" if a column is missing or a measure is neither a number nor empty.
     """
     table = read_sheet(path, REQUIRED)
+    refuse_cells(table.completed, ~table.completed.isin(["", "0", "1", "0.0", "1.0"]), path, "0 or 1", "bad_study")
     for column in (*MEASURES, *_EXTRA_MEASURES):
         text = table.get(column, pandas.Series("", table.index))
         numbers = pandas.to_numeric(text, errors="coerce").astype(float)
         refuse_cells(text, ~np.isfinite(numbers) & (text != ""), path, "a number", "bad_study")
         table[column] = numbers
-    refuse_cells(table.completed, ~table.completed.isin([0, 1, np.nan]), path, "0, 1 or nothing", "bad_study")
     return table
 
 
