@@ -175,6 +175,6 @@ def test_a_success_rate_has_newcombes_interval():
     assert (round(interval.low, 4), round(interval.high, 4)) == (0.0624, 0.1605)
 
 
-@pytest.mark.parametrize("p, text", [(0.0004, "< .001"), (0.0164, ".016"), (1.0, "1"), (0.9996, "1")])
+@pytest.mark.parametrize("p, text", [(0.0004, "< .001"), (0.001, ".001"), (0.0164, ".016"), (1.0, "1"), (0.9996, "1")])
 def test_p_is_written_as_in_the_paper(p, text):
     assert statistics.format_p(p) == text
