@@ -17,8 +17,8 @@ from study_recordings import make_study, measure_study, painted_room, picture_of
 from vb_core.errors import CodedError
 from vb_core.files import append_line
 from vb_evaluation import metrics
+from vb_evaluation.report.document import compute_tables, write_report
 from vb_evaluation.report.study_files import read_sheet, read_study
-from vb_evaluation.report.html_page import write_report
 from vb_evaluation.user_study.__main__ import main
 from vb_evaluation.user_study.recording import Recording
 from vb_evaluation.user_study.recording_measures import read_ground_truth, seed_is_right
@@ -175,22 +175,25 @@ class Mishap(NamedTuple):
     completed: str = "0"
     interaction: Optional[Dict[str, Any]] = {}
     noted: Optional[bool] = None
+    reason: str = ""  # or a part of it
 
 
-CANCELLED, WRONG_SEED = dict(save=False), dict(seed=(3.2, 2.0))
+CANCELLED, WRONG_SEED, OTHER_METHOD = dict(save=False), dict(seed=(3.2, 2.0)), dict(method="robot_only")
 SHIFTED = replace(ROOM, origin=(0.5, -0.25, 0.0))
 MISHAPS = {  # by the recording's name
     "good": Mishap("completed", "1"),
-    "never begun": Mishap("not_started", "", interaction=None, noted=False),
-    "cancelled with help": Mishap("not_saved", interaction=CANCELLED),
-    "cancelled, noted as completed": Mishap("disputed", interaction=CANCELLED, noted=True),
-    "wrong seed": Mishap("wrong_seed", interaction=WRONG_SEED),
-    "wrong seed, noted as completed": Mishap("disputed", interaction=WRONG_SEED, noted=True),
-    "judged as not completed": Mishap("judged_failed"),
-    "with the other method": Mishap("not_as_planned", interaction=dict(method="robot_only")),
-    "on another map": Mishap("other_map", ""),
-    "torn by a full disk": Mishap("unreadable", ""),
-    "lost": Mishap("unreadable", ""),
+    "never begun": Mishap("not_started", "", None, False, "nothing was begun in this recording"),
+    "cancelled with help": Mishap("not_saved", "0", CANCELLED),
+    "cancelled, noted as completed": Mishap("disputed", "0", CANCELLED, True, "completed, but nothing was saved"),
+    "wrong seed": Mishap("wrong_seed", "0", WRONG_SEED),
+    "wrong seed, noted as completed": Mishap(
+        "disputed", "0", WRONG_SEED, True, "completed, but the seed point lies outside"
+    ),
+    "judged as not completed": Mishap("judged_failed", reason="noted as not completed, but saved"),
+    "with the other method": Mishap("not_as_planned", "0", OTHER_METHOD, reason="was started with method:=robot_only"),
+    "on another map": Mishap("other_map", "", reason="counts for nothing: its map differs"),
+    "torn by a full disk": Mishap("unreadable", "", reason="session.bag"),
+    "lost": Mishap("unreadable", "", reason="there is no folder"),
 }
 
 
@@ -225,7 +228,7 @@ def mishaps(tmp_path_factory):
     (study / "judging" / "judgements.csv").write_text(judgements)
     rows, notes = measure_study(study)
     page = write_report(study / "out").read_text()
-    tables = {path.stem: read_sheet(path, ()).to_dict("records") for path in (study / "out" / "tables").glob("*.csv")}
+    tables = compute_tables(read_study(study / "out"))
     return SimpleNamespace(folder=study, codes=codes, rows=rows, notes=notes, page=page, tables=tables)
 
 
@@ -249,13 +252,12 @@ def test_a_wrong_seed_has_its_index_and_a_run_that_was_never_begun_no_time(misha
     assert mishaps.rows["never begun"]["time_total_s"] == ""
 
 
-def test_each_doubtful_run_has_a_warning(mishaps):
-    written = read_sheet(mishaps.folder / "out" / "warnings.csv", ()).to_dict("records")
-    assert [line["warning"] for line in written] == mishaps.notes
-    assert len(mishaps.notes) == 8
-    assert mishaps.notes[-3].startswith("p9, carpet, nrs: counts for nothing: its map differs")
-    assert "session.bag" in mishaps.notes[-2]
-    assert "there is no folder" in mishaps.notes[-1]
+@pytest.mark.parametrize("name, mishap", MISHAPS.items(), ids=MISHAPS)
+def test_each_doubtful_run_has_its_reason_and_is_reported(mishaps, name, mishap):
+    row = mishaps.rows[name]
+    assert mishap.reason in row["reason"]
+    assert bool(row["reason"]) == bool(mishap.reason)
+    assert (f"{row['participant']}, carpet, nrs: {row['reason']}" in mishaps.notes) == bool(mishap.reason)
 
 
 @pytest.mark.parametrize(
@@ -265,10 +267,14 @@ def test_each_doubtful_run_has_a_warning(mishaps):
         ("completeness", 0, dict.fromkeys(["Outcome not_started", "Outcome judged_failed", "Outcome other_map"], "1")),
         ("completeness", 0, dict.fromkeys(["Outcome unreadable", "Outcome disputed"], "2")),
         ("completeness", 1, {"Completed": "11 of 11"}),
-        ("summary", 0, {"Pairs": "6"}),
-        ("summary_without_help", 0, {"Pairs": "5"}),
-        ("not_completed", 0, {"Outcome": "not_saved"}),
-        ("accuracy", 0, {"Method": "Network robot system", "Runs": "1", "Smallest": "1"}),  # of the completed run alone
+        ("effects", 0, {"Pairs": 6}),
+        ("failures", 0, {"Outcome": "not_started"}),
+        ("failures", 1, {"Outcome": "not_saved"}),
+        (
+            "accuracy",
+            0,
+            {"Method": "Network robot system", "Runs": "1", "Smallest": "1.000"},
+        ),  # of the completed run alone
     ],
 )
 def test_each_table_counts_mishaps_as_what_they_are(mishaps, table, row, cells):

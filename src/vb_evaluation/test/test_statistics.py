@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy import stats
 
-from refusals import refused
-from vb_testing import assert_fields
 from vb_evaluation import statistics
+from vb_evaluation.report.comparisons import tabulate_tests
 
 # Field (2009), Discovering Statistics Using SPSS, 3rd ed., Sect. 15.4: depression on Sunday and on Wednesday
 ECSTASY = ([15, 35, 16, 18, 19, 17, 27, 16, 13, 20], [28, 35, 35, 24, 39, 32, 27, 29, 36, 35])
@@ -26,22 +25,22 @@ SECOND_VISIT = [0.878, 0.647, 0.598, 2.05, 1.06, 1.29, 1.06, 3.14, 1.29]
     [(ECSTASY, (0.0, 36.0), -2.53, 0.57), (ALCOHOL, (47.0, 8.0), -1.99, 0.44)],
 )
 def test_the_signed_rank_test_is_that_of_fields_textbook(sunday_wednesday, sums, z, r):
-    test = statistics.signed_rank_test(statistics.paired_differences(*sunday_wednesday))
+    differences = statistics.paired_differences(*sunday_wednesday)
+    test = statistics.signed_rank_test(differences)
     assert (test.w_plus, test.w_minus) == sums
     assert round(test.z, 2) == z
-    assert test.r == pytest.approx(r, abs=0.0051)  # the book divides the rounded Z
+    (row,) = tabulate_tests([{}], [differences])
+    assert float(row["r"]) == pytest.approx(r, abs=0.0101)  # the book divides the rounded Z
 
 
 def test_exact_p_estimate_and_interval_are_hollander_and_wolfes():
     differences = statistics.paired_differences(SECOND_VISIT, FIRST_VISIT)
     test = statistics.signed_rank_test(differences)
     assert (test.w_plus, test.w_minus) == (5.0, 40.0)
-    assert test.p_exact == 2 * 0.01953125  # R: V = 40, one-sided p = 0.01953
-    shift = statistics.hodges_lehmann(differences, confidence=0.96)
-    assert shift.estimate == pytest.approx(-0.46)
-    assert (shift.low, shift.high) == pytest.approx((-0.786, -0.010))
-    assert shift.confidence == pytest.approx(0.961, abs=5e-4)
-    assert test.rank_biserial == pytest.approx((5.0 - 40.0) / 45.0)
+    assert test.p == 2 * 0.01953125  # R: V = 40, one-sided p = 0.01953
+    # of confidence .961
+    assert statistics.hodges_lehmann(differences, confidence=0.96) == pytest.approx((-0.46, -0.786, -0.010))
+    assert statistics.hodges_lehmann(differences, confidence=0.962) != pytest.approx((-0.46, -0.786, -0.010))
 
 
 @pytest.mark.parametrize(
@@ -57,7 +56,7 @@ def test_the_papers_z_of_the_interaction_times(ties, z):
         start += size + 1
     test = statistics.signed_rank_test(differences)
     assert round(test.z, 3) == z
-    assert test.p_exact == 2.0**-14
+    assert test.p == 2.0**-14
 
 
 @pytest.mark.parametrize("positive_ranks, z, p", [((1, 11, 12, 13), -0.594, ".588"), ((1,), -3.110, "< .001")])
@@ -66,7 +65,7 @@ def test_paper_accuracy_is_an_exact_test_of_13_pairs(positive_ranks, z, p):
     differences = np.array([rank if rank in positive_ranks else -rank for rank in range(1, 14)], float)
     test = statistics.signed_rank_test(differences)
     assert round(test.z, 3) == z
-    assert statistics.format_p(test.p_exact) == p
+    assert statistics.format_p(test.p) == p
 
 
 def ranks_of(values):
@@ -83,11 +82,11 @@ def test_exact_p_is_the_share_of_all_signs(values):
     test = statistics.signed_rank_test(np.array(values, float))
     ranked = np.array([value for value in values if value])
     if len(ranked) == 0:
-        assert test.p_exact == 1.0
+        assert test.p == 1.0
         assert math.isnan(test.z)
         return
     ranks, sums = ranks_of(ranked)
-    assert test.p_exact == pytest.approx(min(1.0, 2 * np.mean(sums <= min(test.w_plus, test.w_minus) + 1e-9)))
+    assert test.p == pytest.approx(min(1.0, 2 * np.mean(sums <= min(test.w_plus, test.w_minus) + 1e-9)))
     assert test.z <= 1e-12
     assert test.w_plus + test.w_minus == pytest.approx(ranks.sum())
 
@@ -100,27 +99,14 @@ def test_the_interval_is_what_the_test_does_not_reject(values, confidence):
     if 2.0 ** (1 - len(values)) > 1 - confidence:
         assert math.isnan(interval.low)
         return
-    assert interval.confidence >= confidence
     means = [(a + b) / 2 for a, b in itertools.combinations_with_replacement(values, 2)]
     assert interval.estimate == np.median(means)
     assert {interval.low, interval.high} <= set(means)
     for limit, outward in ((interval.low, -1e-6), (interval.high, 1e-6)):
-        inside = statistics.signed_rank_test(np.array(values) - limit + outward).p_exact
-        outside = statistics.signed_rank_test(np.array(values) - limit - outward).p_exact
-        assert outside <= 1 - interval.confidence + 1e-9
-        assert inside > 1 - interval.confidence + 1e-9
-
-
-@settings(max_examples=60, deadline=None)
-@given(st.lists(st.integers(-6, 6), min_size=1, max_size=9), st.integers(1, 4))
-def test_the_noninferiority_p_is_the_share_of_all_signs(values, margin):
-    shifted = [value + margin for value in values if value + margin]
-    p = statistics.noninferiority_p(np.array(values), margin)
-    if not shifted:
-        assert math.isnan(p)
-        return
-    ranks, sums = ranks_of(np.array(shifted))
-    assert p == pytest.approx(np.mean(sums >= ranks[np.array(shifted) > 0].sum() - 1e-9))
+        inside = statistics.signed_rank_test(np.array(values) - limit + outward).p
+        outside = statistics.signed_rank_test(np.array(values) - limit - outward).p
+        assert outside <= 1 - confidence + 1e-9
+        assert inside > 1 - confidence + 1e-9
 
 
 @pytest.mark.parametrize(
@@ -133,26 +119,17 @@ def test_an_interval_is_written_with_what_is_known_of_it(values, text):
 
 
 def test_a_comparison_of_few_participants_claims_no_more_than_they_show():
-    three = statistics.signed_rank_test([2.0, 3.0, 4.0])
-    assert three.shift.text(0) == "3 [?]"
-    assert three.p_exact == 0.25
-    assert statistics.signed_rank_test([1.0]).p_exact == 1.0
-    none = statistics.signed_rank_test([])
-    assert none.n == 0
-    assert np.isnan([none.p_exact, none.r, none.shift.estimate]).all()
+    assert statistics.hodges_lehmann([2.0, 3.0, 4.0]).text(0) == "3 [?]"
+    assert statistics.signed_rank_test([2.0, 3.0, 4.0]).p == 0.25
+    assert statistics.signed_rank_test([1.0]).p == 1.0
+    assert statistics.signed_rank_test([]).p == 1.0
+    assert math.isnan(statistics.hodges_lehmann([]).estimate)
+    assert tabulate_tests([{}], [[]]) == []
     # ties hidden by floating-point error
     assert list(statistics.paired_differences([0.3, 0.4, 0.0], [0.1, 0.2, 0.1])) == [0.2, 0.2, -0.1]
-    tied = np.array([0.3 - 0.1, -(0.1 + 0.1), 0.3])
-    assert statistics.noninferiority_p(tied, 1e-12) == statistics.noninferiority_p(np.array([0.2, -0.2, 0.3]), 1e-12)
     equal = statistics.signed_rank_test([0.0, 0.0])
-    assert equal.p_exact == 1.0
-    assert np.isnan([equal.z, equal.rank_biserial]).all()
-
-
-@pytest.mark.parametrize("first, second", [([1.0], [1.0, 2.0]), ([math.nan], [1.0]), ([[1.0]], [[1.0]])])
-def test_samples_that_do_not_pair_are_refused(first, second):
-    with refused("bad_sample"):
-        statistics.paired_differences(first, second)
+    assert equal.p == 1.0
+    assert math.isnan(equal.z)
 
 
 def test_bootstrap_intervals_are_scipys_and_repeat_exactly():
@@ -161,18 +138,15 @@ def test_bootstrap_intervals_are_scipys_and_repeat_exactly():
     assert ratio.estimate == pytest.approx(slow.mean() / fast.mean())
     assert ratio.low < ratio.estimate < ratio.high
     assert ratio == statistics.ratio_of_means(slow, fast)
-    assert statistics.ratio_of_means(np.ones(4), np.ones(4)) == statistics.Interval(1.0, 1.0, 1.0, 0.95)
+    assert statistics.ratio_of_means(np.ones(4), np.ones(4)) == (1.0, 1.0, 1.0)
     assert statistics.median([1.0, 2.0, 9.0]).estimate == 2.0
     for method, expected in (("BCa", statistics.mean(slow)), ("percentile", statistics.median(slow))):
         statistic = np.mean if method == "BCa" else np.median
         theirs = stats.bootstrap((slow,), statistic, n_resamples=4999, method=method, random_state=0)
-        limits = theirs.confidence_interval
-        assert_fields(expected, low=limits.low, high=limits.high, confidence=0.95)
+        assert (expected.low, expected.high) == theirs.confidence_interval
     alone = statistics.median([1.0])
     assert alone.estimate == 1.0
-    assert np.isnan([alone.low, alone.confidence]).all()
-    with refused("bad_sample"):
-        statistics.ratio_of_means(slow, fast[1:])
+    assert math.isnan(alone.low)
     assert math.isnan(statistics.median([]).estimate)
 
 
@@ -198,21 +172,6 @@ def test_a_success_rate_has_newcombes_interval():
     assert (round(interval.low, 4), round(interval.high, 4)) == (0.0624, 0.1605)
 
 
-@pytest.mark.parametrize("p, text", [(0.0004, "< .001"), (0.0164, ".016"), (1.0, "1"), (0.9996, "1"), (math.nan, "–")])
+@pytest.mark.parametrize("p, text", [(0.0004, "< .001"), (0.001, ".001"), (0.0164, ".016"), (1.0, "1"), (0.9996, "1")])
 def test_p_is_written_as_in_the_paper(p, text):
     assert statistics.format_p(p) == text
-
-
-def test_holm_corrects_a_family():
-    # Holm (1979) multiplies the sorted p by 3, 2 and 1, and makes none smaller than the one before
-    assert statistics.holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
-    assert statistics.holm([0.02, math.nan])[0] == pytest.approx(0.02)
-
-
-def test_the_required_sample_size_reaches_the_power_that_was_asked_for():
-    """Of simulated studies with this many people, about 80 % find the effect."""
-    rng, effect = np.random.default_rng(3), 0.8
-    count = statistics.required_sample_size(effect)
-    rejections = [stats.wilcoxon(rng.normal(effect, 1.0, count)).pvalue < 0.05 for _ in range(1500)]
-    assert 0.77 < np.mean(rejections) < 0.87
-    assert statistics.required_sample_size(effect, 3) > count > statistics.required_sample_size(1.2)

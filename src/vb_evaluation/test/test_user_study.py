@@ -174,13 +174,6 @@ def test_the_newest_of_a_runs_recordings_counts(tmp_path):
     assert last_attempt(tmp_path / "p1").name == "p1_10"
 
 
-def test_power_lists_the_people_that_an_effect_needs(capsys):
-    assert main(["power"]) == main(["power", "--tests", "1"]) == 0
-    listed = re.findall(r"^  (.*): (\d+)$", capsys.readouterr().out, re.M)
-    assert listed[2::7] == [("0.6", "34"), ("0.6", "25")]
-    assert listed[4] == ("1.0", "15")
-
-
 # ------------------------------------------------------------------ forms
 def test_all_forms_are_written_and_existing_ones_not_overwritten(tmp_path):
     written = {path.name for path in forms.write_forms(tmp_path / "forms")}

@@ -1,1 +1,1 @@
-"""The study's report: one HTML page without external resources (`html_page.write_report`), and each of its tables as CSV."""
+"""The study's report (`document.write_report`): texts in report.md.j2, and tables whose cells the other modules compute."""

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import base64
 from pathlib import Path
-from typing import Dict, Mapping, Optional, Sequence
+from typing import Dict, List, Mapping, Optional
 
 import cv2
 import numpy as np
 import pandas
 
-from vb_core.errors import CodedError
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.map_files import read_map, write_map
-from vb_evaluation import metrics
-from vb_evaluation.report.paper_results import method_title
+from vb_evaluation.metrics import restricted_cells
 from vb_evaluation.report.study_files import StudyResults, select
-from vb_evaluation.report.table import Table
 
 # RGB, the paper's colours
 TRUTH, AGREEMENT, EXCESS, UNION = (247, 214, 70), (64, 176, 88), (222, 60, 50), (25, 60, 220)
@@ -34,16 +31,13 @@ def write_truths(folder: Path, physical: GridMap, truths: Mapping[str, np.ndarra
         write_map(maps / f"truth_{scenario}", physical.with_data(np.where(truth, np.int8(100), physical.data)))
 
 
-def plot_map(
-    prior: GridMap, truth: np.ndarray, drawn: Optional[np.ndarray] = None, start: Optional[Sequence[float]] = None
-) -> bytes:
+def plot_map(prior: GridMap, truth: np.ndarray, drawn: Optional[np.ndarray] = None) -> bytes:
     """Draws a ground truth, or what a person restricted against it, as a PNG.
 
     Args:
         prior: the physical map.
         truth: (H, W) bool.
         drawn: (H, W) bool, the restricted cells; None draws the ground truth in yellow.
-        start: the robot's start pose [m, m, rad], a red arrow.
     """
     colors = np.full((*prior.shape, 3), UNKNOWN, np.uint8)
     colors[(prior.data >= 0) & (prior.data < 50)] = FREE
@@ -53,66 +47,47 @@ def plot_map(
         colors[truth & drawn] = AGREEMENT
         colors[drawn & ~truth] = EXCESS
     colors[prior.data >= OCCUPIED_THRESHOLD] = OCCUPIED
-    height, width = prior.shape
-    scale = max(1, -(-MIN_WIDTH_PX // width))
-    size = (width * scale, height * scale)
-    image = cv2.resize(colors, size, interpolation=cv2.INTER_NEAREST)
+    scale = max(1, -(-MIN_WIDTH_PX // prior.shape[1]))
+    image = np.kron(colors, np.ones((scale, scale, 1), np.uint8))
     if drawn is not None:
         closed = cv2.morphologyEx((truth | drawn).astype(np.uint8), cv2.MORPH_CLOSE, HOLE)
-        union = cv2.resize(closed, size, interpolation=cv2.INTER_NEAREST)
+        union = np.kron(closed, np.ones((scale, scale), np.uint8))
         # outside the union: a wrongly restricted part is often one cell wide and must not be hidden
         outline = (cv2.dilate(union, np.ones((5, 5), np.uint8)) > 0) & (union == 0)
         image[outline] = UNION
-    if start is not None:
-        x, y, theta = start
-        arrow = np.array([(x, y), (x + 0.55 * np.cos(theta), y + 0.55 * np.sin(theta))])
-        ends = np.round((prior.world_to_grid(arrow) + 0.5) * scale).astype(int)
-        cv2.arrowedLine(image, *ends.tolist(), EXCESS, 2 * scale, cv2.LINE_AA, tipLength=0.4)
     bgr_from_top = image[::-1, :, ::-1]
     return cv2.imencode(".png", bgr_from_top, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()
 
 
-def maps_table(study: StudyResults) -> Table:
-    """Draws representative maps: per scenario the ground truth and, by method, the completed run nearest to the median."""
-    text = (
-        "Representative maps: the ground truth (yellow), and by method the run nearest to the median: agreement "
-        "(green), restricted beyond the ground truth (red), union (blue outline)."
-    )
-    try:
-        prior = read_map(study.folder / "maps" / "physical.yaml")
-        rows = [_representatives(study, scenario, prior) for scenario in study.scenarios]
-    except CodedError as error:
-        rows = [{"": f"There are no maps: {error.message}"}]
-    return Table("maps", "Maps", text, rows)
-
-
-def _representatives(study: StudyResults, scenario: str, prior: GridMap) -> Dict[str, str]:
-    """Makes a scenario's row of images in Markdown. A cell says why a map is missing."""
-    row = {"Scenario": study.scenario_title(scenario)}
-    try:
-        truth = metrics.restricted_cells(prior, read_map(study.folder / "maps" / f"truth_{scenario}.yaml"))
-        row["Ground truth"] = _image(plot_map(prior, truth, start=study.meta.get("robot_start")), "as asked for")
-        for method in study.methods:
+def draw_maps(study: StudyResults) -> List[Dict[str, str]]:
+    """Draws a row of images for each scenario, if there are maps: ground truth, and by method the run nearest to the median."""
+    maps = study.folder / "maps"
+    if not (maps / "physical.yaml").is_file():
+        return []
+    prior = read_map(maps / "physical.yaml")
+    rows = []
+    for scenario, title in study.scenarios.items():
+        truth = restricted_cells(prior, read_map(maps / f"truth_{scenario}.yaml"))
+        row = {"Scenario": title, "Ground truth": _image(plot_map(prior, truth), "as asked for")}
+        for method, heading in study.methods.items():
             run = nearest_to_median(study, scenario, method)
             if run is None:
-                row[method_title(method)] = "No completed run has a map."
-                continue
-            drawn = metrics.restricted_cells(prior, read_map(study.folder / run["map"]))
-            caption = f"Jaccard {metrics.jaccard(truth, drawn):.3f}, line {run.name}"
-            row[method_title(method)] = _image(plot_map(prior, truth, drawn), caption)
-    except CodedError as error:
-        row["Missing"] = error.message
-    return row
+                row[heading] = "No run was completed."
+            else:
+                drawn = restricted_cells(prior, read_map(study.folder / run["map"]))
+                row[heading] = _image(
+                    plot_map(prior, truth, drawn), f"Jaccard {run.jaccard:.3f}, line {run.name} of runs.csv"
+                )
+        rows.append(row)
+    return rows
 
 
 def _image(png: bytes, caption: str) -> str:
-    data = base64.b64encode(png).decode("ascii")
-    return f"![{caption}](data:image/png;base64,{data}) {caption}"
+    """Writes an image with its caption in Markdown."""
+    return f"![{caption}](data:image/png;base64,{base64.b64encode(png).decode('ascii')}) {caption}"
 
 
 def nearest_to_median(study: StudyResults, scenario: str, method: str) -> Optional[pandas.Series]:
-    """Finds the row of the completed run, with a map, nearest to the median Jaccard index, or None."""
+    """Finds the row of the completed run nearest to the median Jaccard index, or None."""
     runs = select(study.runs, scenario=scenario, method=method, completed=1).dropna(subset=["jaccard"])
-    names = runs.get("map", pandas.Series("", runs.index))
-    with_map = runs[[bool(name) and (study.folder / name).is_file() for name in names]]
-    return with_map.loc[(with_map.jaccard - runs.jaccard.median()).abs().idxmin()] if len(with_map) else None
+    return runs.loc[(runs.jaccard - runs.jaccard.median()).abs().idxmin()] if len(runs) else None

@@ -7,21 +7,20 @@ from __future__ import annotations
 
 import io
 import json
-from dataclasses import dataclass, field
-from itertools import product
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterable, Mapping, Sequence, Tuple
 
 import numpy as np
 import pandas
 
 from vb_core.errors import CodedError
 from vb_evaluation.metrics import ERRORS
-from vb_evaluation.report import paper_results
+from vb_evaluation.report.paper_results import METHOD_TITLES, METHODS, SCENARIO_TITLES
 from vb_evaluation.statistics import paired_differences
 
 RUNS, WORLDS = "runs.csv", "worlds.csv"
-DRAWS, META, WARNINGS = "draws.csv", "study.json", "warnings.csv"
+DRAWS, META = "draws.csv", "study.json"
 QUESTIONNAIRE_FILES = ("questionnaire.csv", "demographics.csv")  # filled in by people
 STATES = ("guide", "border", "seed")
 TIMES = tuple(f"time_{state}_s" for state in STATES) + ("time_total_s",)
@@ -30,10 +29,7 @@ KEY = ("participant", "scenario", "method", "seed")
 REQUIRED = (*KEY, "completed", *TIMES, "jaccard")
 ACCURACY = ("jaccard", *ERRORS)
 MEASURES = ("completed", *TIMES, *ACCURACY)
-# by file, the columns that identify a row besides KEY
-CONDITIONS: Dict[str, Tuple[str, ...]] = {RUNS: (), WORLDS: ("draw",)}
-BASELINE = "robot_only"
-_EXTRA_MEASURES = ("jaccard_enclosed", "too_bright", "helped", "problems", "seed_is_right", "pointed_right")
+_EXTRA_MEASURES = ("draw", "jaccard_enclosed", "too_bright", "helped", "problems", "seed_is_right", "pointed_right")
 _FLAGS = {
     **dict.fromkeys(("yes", "y", "1", "true", "ja"), True),
     **dict.fromkeys(("no", "n", "0", "false", "nein"), False),
@@ -45,65 +41,66 @@ class StudyResults:
     """A study's folder, read and checked.
 
     Attributes:
-        runs: runs.csv, one row per run.
-        worlds: worlds.csv, empty if there is none.
+        runs: runs.csv, one row per run, without those that were not done in the planned condition.
+        deviating: the number of those.
+        worlds, draws: worlds.csv and draws.csv, empty if there are none.
         meta: study.json, empty if there is none.
     """
 
     folder: Path
     runs: pandas.DataFrame
+    deviating: int
     worlds: pandas.DataFrame
-    meta: Mapping[str, Any] = field(default_factory=dict)
+    draws: pandas.DataFrame
+    meta: Mapping[str, Any]
 
     @property
     def has_people(self) -> bool:
         """Whether people took part."""
         return bool(self.meta.get("people", False))
 
-    def scenario_title(self, key: str) -> str:
-        """Returns a scenario's name for people, as study.json or else the paper has it."""
-        return str((self.meta.get("scenarios") or {}).get(key) or paper_results.scenario_title(key))
-
-    def titles(self, scenario: str, method: str) -> Dict[str, Any]:
-        """Makes a row with the cells that name a scenario and a method for people."""
-        return {"Scenario": self.scenario_title(scenario), "Method": paper_results.method_title(method)}
-
     @property
-    def scenarios(self) -> List[str]:
-        """The scenarios in runs.csv: the paper's in its order, then the others as in study.json."""
+    def scenarios(self) -> Dict[str, str]:
+        """The scenarios' names for people by key: the paper's in its order, then the others as in study.json."""
+        titles = {**SCENARIO_TITLES, **(self.meta.get("scenarios") or {})}
+        present = self.runs.scenario.unique()
         # each participant has another order, so the rows' order means nothing
-        order = list(dict.fromkeys([*paper_results.PAPER, *(self.meta.get("scenarios") or {}), *self.runs.scenario]))
-        return sorted(self.runs.scenario.unique(), key=order.index)
+        return {key: titles.get(key) or _title(key) for key in dict.fromkeys([*titles, *present]) if key in present}
 
     @property
-    def methods(self) -> List[str]:
-        """The methods in runs.csv. The baseline comes last."""
-        return sorted(self.runs.method.unique(), key=lambda name: (name == BASELINE, name != "nrs", name))
+    def methods(self) -> Dict[str, str]:
+        """The methods' names for people by key. The baseline comes last."""
+        method, baseline = METHODS
+        keys = sorted(self.runs.method.unique(), key=lambda key: (key == baseline, key != method, key))
+        return {key: METHOD_TITLES.get(key) or _title(key) for key in keys}
 
     @property
     def comparison(self) -> Tuple[str, str]:
         """The (method, baseline) to compare; the same one twice if there is no other."""
-        return self.methods[0], self.methods[-1]
+        keys = list(self.methods)
+        return keys[0], keys[-1]
 
-    def by_method(self, **where: object) -> Iterator[Tuple[str, str, pandas.DataFrame]]:
-        """Yields each scenario, method, and the runs with them. `where` leaves only those with these values."""
-        for scenario, method in product(self.scenarios, self.methods):
-            yield scenario, method, select(self.runs, scenario=scenario, method=method, **where)
+    def pairs(self, column: str, scenario: str) -> Tuple[np.ndarray, np.ndarray]:
+        """Returns a column's two samples (N,) in a scenario, of the methods to compare, paired by participant.
 
-    def differences(self, runs: pandas.DataFrame, column: str) -> Dict[str, np.ndarray]:
-        """Returns a column's paired differences (N,), method minus baseline, in each scenario."""
-        samples = {key: pairs(select(runs, scenario=key), column, self.comparison) for key in self.scenarios}
-        return {key: paired_differences(*pair) for key, pair in samples.items()}
+        They are means over a participant's rows with a method. Only completed runs have an accuracy.
+        """
+        rows = select(self.runs, scenario=scenario)
+        if column in ACCURACY:
+            rows = select(rows, completed=1)
+        known = rows[rows[column].notna()]
+        means = known.pivot_table(index="participant", columns="method", values=column, aggfunc="mean")
+        paired = means.reindex(index=known.participant.unique(), columns=list(self.comparison)).dropna()
+        first, second = paired.to_numpy(float).T
+        return first, second
 
-    @property
-    def missing(self) -> List[str]:
-        """The runs that a participant lacks and others have, in words."""
-        present = set(zip(self.runs.participant, self.runs.scenario, self.runs.method))
-        return [
-            ", ".join((person, *self.titles(scenario, method).values()))
-            for person, scenario, method in product(self.runs.participant.unique(), self.scenarios, self.methods)
-            if (person, scenario, method) not in present
-        ]
+    def differences(self, column: str, scenario: str) -> np.ndarray:
+        """Returns a column's paired differences (N,), method minus baseline, in a scenario."""
+        return paired_differences(*self.pairs(column, scenario))
+
+
+def _title(key: str) -> str:
+    return key.replace("_", " ").capitalize()
 
 
 def select(table: pandas.DataFrame, **where: object) -> pandas.DataFrame:
@@ -113,37 +110,19 @@ def select(table: pandas.DataFrame, **where: object) -> pandas.DataFrame:
     return table
 
 
-def pairs(table: pandas.DataFrame, column: str, methods: Tuple[str, str]) -> Tuple[np.ndarray, np.ndarray]:
-    """Returns two (N,) samples of a column, one for each method, paired by participant: means over each one's rows.
-
-    Only completed runs have an accuracy.
-    """
-    rows = table[table[column].notna()]
-    if column in ACCURACY:
-        rows = select(rows, completed=1)
-    means = rows.pivot_table(index="participant", columns="method", values=column, aggfunc="mean")
-    people = rows.participant.unique()
-    paired = means.reindex(index=people, columns=list(methods)).dropna()
-    first, second = paired.to_numpy(float).T
-    return first, second
-
-
 def read_study(folder: Path) -> StudyResults:
     """Reads a study. Runs that were not done in the planned condition are left out and counted.
 
     Raises:
         CodedError: "bad_study" naming the file, and the line or column.
     """
-    folder = Path(folder)
-    if not (folder / RUNS).is_file():
-        raise CodedError("bad_study", f"{folder / RUNS} is missing: run 'make study' first, or name the study's folder")
     runs = read_table(folder / RUNS)
     worlds = read_table(folder / WORLDS) if (folder / WORLDS).is_file() else pandas.DataFrame()
+    draws = read_sheet(folder / DRAWS, ("draw",)) if (folder / DRAWS).is_file() else pandas.DataFrame()
     is_deviating = runs.get("as_planned", pandas.Series("", runs.index)) == "0"
     if is_deviating.all():
         raise CodedError("bad_study", f"{folder / RUNS} has no rows: no run has ended yet")
-    meta = {**read_meta(folder / META), "deviating": is_deviating.sum()}
-    return StudyResults(folder, runs[~is_deviating], worlds, meta)
+    return StudyResults(folder, runs[~is_deviating], is_deviating.sum(), worlds, draws, read_meta(folder / META))
 
 
 def read_sheet(path: Path, required: Iterable[str], code: str = "bad_study") -> pandas.DataFrame:
@@ -174,16 +153,13 @@ def read_table(path: Path) -> pandas.DataFrame:
     Raises:
         CodedError: "bad_study" if a column is missing or a measure is neither a number nor empty.
     """
-    conditions = CONDITIONS[path.name]
-    table = read_sheet(path, (*REQUIRED, *conditions))
-    for column in (*MEASURES, *_EXTRA_MEASURES, *conditions):
+    table = read_sheet(path, REQUIRED)
+    refuse_cells(table.completed, ~table.completed.isin(["", "0", "1", "0.0", "1.0"]), path, "0 or 1", "bad_study")
+    for column in (*MEASURES, *_EXTRA_MEASURES):
         text = table.get(column, pandas.Series("", table.index))
-        digits = text.str.lower().replace({"true": "1", "false": "0"})
-        numbers = pandas.to_numeric(digits, errors="coerce").astype(float)
-        is_wrong = ~np.isfinite(numbers) & ((text != "") | (column in conditions)) & (column not in _EXTRA_MEASURES)
-        refuse_cells(text, is_wrong, path, "a number", "bad_study")
+        numbers = pandas.to_numeric(text, errors="coerce").astype(float)
+        refuse_cells(text, ~np.isfinite(numbers) & (text != ""), path, "a number", "bad_study")
         table[column] = numbers
-    table["completed"] = table.completed.where(table.completed.isna() | (table.completed == 0), 1.0)
     return table
 
 
@@ -194,11 +170,11 @@ def refuse_cells(cells: pandas.Series, is_wrong: pandas.Series, path: Path, expe
         raise CodedError(code, f"{path}, line {line}: {cells.name}: expected {expected}, got {cells[line]!r}")
 
 
-def yes_or_no(text: str, place: str, code: str) -> Optional[bool]:
-    """Parses a person's yes or no. Returns None if the cell is empty."""
-    if text and text.lower() not in _FLAGS:
-        raise CodedError(code, f"{place}: expected yes or no or nothing, got '{text}'")
-    return _FLAGS.get(text.lower())
+def read_flags(cells: pandas.Series, path: Path, code: str) -> pandas.Series:
+    """Reads a sheet's column in which people wrote yes or no. Returns True, False, or None where a cell is empty."""
+    words = cells.str.lower()
+    refuse_cells(cells, ~words.isin(["", *_FLAGS]), path, "yes or no or nothing", code)
+    return words.map(_FLAGS.get).astype(object)
 
 
 def write_table(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]], mode: str = "w") -> None:

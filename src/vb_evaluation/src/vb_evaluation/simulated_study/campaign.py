@@ -31,7 +31,7 @@ from vb_evaluation import metrics
 from vb_evaluation.repository_revision import repository_root, revision
 from vb_evaluation.report import study_files
 from vb_evaluation.report.map_figures import write_truths
-from vb_evaluation.report.study_files import CONDITIONS, DRAWS, META, REQUIRED, RUNS, WORLDS, read_meta, write_table
+from vb_evaluation.report.study_files import DRAWS, META, REQUIRED, RUNS, WORLDS, read_meta, write_table
 from vb_evaluation.simulated_study.config import Study, study_from_mapping
 from vb_evaluation.simulated_study.run_plan import Job, draw_worlds
 from vb_sim import floor_plan
@@ -56,8 +56,9 @@ class Outcome:
 
 def columns(file: str) -> Tuple[str, ...]:
     """Lists the columns of one of a study's CSV files. What was varied comes first, where readers look for it."""
+    draw = ("draw",) if file == WORLDS else ()
     order = ("order", "map") if file == RUNS else ()
-    return (*CONDITIONS[file], *REQUIRED, *(name for name in COLUMNS if name not in REQUIRED), *order, "revision")
+    return (*draw, *REQUIRED, *(name for name in COLUMNS if name not in REQUIRED), *order, "revision")
 
 
 def run_jobs(study: Study, jobs: Sequence[Job], folder: Path, console: Console, processes: int = 1) -> int:
@@ -208,7 +209,6 @@ def study_metadata(study: Study) -> Dict[str, Any]:
     return {
         "seed": study.design.seed,
         "world": study.world.name,
-        "robot_start": study.world.robots[0].start_pose(),
         "scenarios": {key: study.world.scenario(key).title for key in study.design.scenarios},
         "revision": revision(),
         "command": " ".join(["python3 -m vb_evaluation.simulated_study", *sys.argv[1:]]),

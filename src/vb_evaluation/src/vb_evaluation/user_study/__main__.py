@@ -10,9 +10,7 @@ from typing import Any, Callable, Iterable, Iterator, List, Optional
 
 from vb_core.errors import CodedError
 from vb_core.map_files import read_map
-from vb_evaluation import statistics
-from vb_evaluation.report import findings
-from vb_evaluation.report.html_page import write_report
+from vb_evaluation.report import document
 from vb_evaluation.user_study import blind_judging, conduct_run, forms, privacy, protocol, recording_measures
 
 
@@ -43,8 +41,6 @@ def _parser() -> argparse.ArgumentParser:
         sub.set_defaults(run=run)
         return sub.add_argument
 
-    argument = command("power", _power, "say how many participants are needed, by the size of the effect")
-    argument("--tests", type=int, default=3, help="in a family, for instance one for each scenario")
     argument = command("plan", _plan, "draw the order of methods and scenarios and write an empty protocol")
     argument("--participants", type=int, default=15)
     argument("--scenarios", nargs="+", default=["room", "carpet", "corner"])
@@ -64,7 +60,7 @@ def _parser() -> argparse.ArgumentParser:
     argument("--out", type=_path, default=Path("out/study_people"))
     argument = command("report", _report, "write the report of a study's folder")
     argument("folder", type=_path)
-    argument("--page", type=_path, help="a Markdown page that gets the answers between its two marks")
+    argument("--page", type=_path, help="a Markdown page that gets the report between its two marks")
     argument = command("judge", _judge, "write pictures of what was drawn, for somebody who does not know the method")
     argument("results", type=_path)
     argument("--study", type=_path, help="the protocol's folder; default: the one that holds the results")
@@ -77,19 +73,10 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _power(options: argparse.Namespace) -> Iterator[Any]:
-    yield (
-        f"pairs for a power of {statistics.POWER:.0%} of a two-sided Wilcoxon test, alpha {statistics.ALPHA} in a family of "
-        f"{options.tests}, by the effect d_z (mean difference over the differences' standard deviation):"
-    )
-    for effect in (0.4, 0.5, 0.6, 0.8, 1.0, 1.2, 1.5):
-        yield f"  {effect:.1f}: {statistics.required_sample_size(effect, options.tests)}"
-
-
 def _report(options: argparse.Namespace) -> Iterator[Any]:
-    yield write_report(options.folder)
+    yield document.write_report(options.folder)
     if options.page:
-        findings.write_page(options.folder, options.page)
+        document.write_page(options.folder, options.page)
 
 
 def _forms(options: argparse.Namespace) -> Iterator[Any]:
@@ -131,7 +118,7 @@ def _measure(options: argparse.Namespace) -> Iterator[Any]:
     physical = read_map(options.map) if options.map else None
     for note in recording_measures.measure_study(options.protocol, options.ground_truth, options.out, physical):
         yield f"look at this: {note}"
-    yield write_report(options.out)
+    yield document.write_report(options.out)
 
 
 if __name__ == "__main__":

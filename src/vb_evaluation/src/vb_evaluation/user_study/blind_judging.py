@@ -14,7 +14,7 @@ from vb_core.errors import CodedError
 from vb_core.map_files import read_map
 from vb_evaluation.metrics import restricted_cells
 from vb_evaluation.report.map_figures import plot_map
-from vb_evaluation.report.study_files import RUNS, read_sheet, write_table, yes_or_no
+from vb_evaluation.report.study_files import RUNS, read_flags, read_sheet, refuse_cells, write_table
 
 FOLDER, SHEET, KEY = "judging", "judgements.csv", "judging_key.csv"
 
@@ -57,11 +57,10 @@ def read_judgements(study: Path) -> Dict[str, bool]:
     if not path.is_file():
         return {}
     recordings = read_sheet(study / KEY, ("code", "recording"), "bad_judgement").set_index("code").recording
+    sheet = read_sheet(path, ("code", "completed"), "bad_judgement")
+    refuse_cells(sheet.code, ~sheet.code.isin(recordings.index), path, "a picture's number", "bad_judgement")
     judgements = {}
-    for line, row in read_sheet(path, ("code", "completed"), "bad_judgement").iterrows():
-        answer = yes_or_no(row.completed, f"{path}, line {line}: completed", "bad_judgement")
-        if row.code not in recordings:
-            raise CodedError("bad_judgement", f"{path}, line {line}: there is no picture {row.code}")
+    for code, answer in zip(sheet.code, read_flags(sheet.completed, path, "bad_judgement")):
         if answer is not None:
-            judgements[recordings[row.code]] = answer
+            judgements[recordings[code]] = answer
     return judgements

@@ -31,7 +31,7 @@ def write_forms(folder: Path) -> List[Path]:
         CodedError: "cannot_write_into", also if one exists: entries must not be lost.
     """
     pages = jinja2.Environment(loader=jinja2.FileSystemLoader(str(TEMPLATES)), autoescape=True, trim_blocks=True)
-    fields = {"statements": questionnaire.STATEMENTS, "pairs": questionnaire.UEQ_S, "question": questionnaire.QUESTION}
+    fields = {"statements": questionnaire.STATEMENTS, "question": questionnaire.QUESTION}
     contents = {path.name: path.read_text(encoding="utf-8") for path in sorted(TEMPLATES.glob("*.[mc][ds]*"))}
     contents["demographics.html"] = pages.get_template("demographics.html.j2").render(demographics=DEMOGRAPHICS)
     # half of the people are asked about one method first, half about the other
@@ -40,7 +40,7 @@ def write_forms(folder: Path) -> List[Path]:
         page = pages.get_template("questionnaire.html.j2").render(methods=methods, **fields)
         contents[f"questionnaire_{first}_first.html"] = page
     contents["demographics.csv"] = ",".join(["participant", *(name for name, _, _ in DEMOGRAPHICS)]) + "\n"
-    contents["questionnaire.csv"] = ",".join(questionnaire.COLUMNS + questionnaire.UEQ_COLUMNS) + "\n"
+    contents["questionnaire.csv"] = ",".join(questionnaire.COLUMNS) + "\n"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in contents.items():

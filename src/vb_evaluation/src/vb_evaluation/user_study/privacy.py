@@ -16,7 +16,7 @@ from vb_evaluation.user_study import blind_judging, protocol
 from vb_evaluation.user_study.recording_measures import attempts
 
 # free text, dates, folders and versions may reveal who it was
-IDENTIFYING = ("note", "recording", "interaction", "map", "revision")
+IDENTIFYING = ("reason", "note", "recording", "interaction", "map", "revision")
 AGE_BAND = 10  # [years]
 
 

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence
 
+import pandas
+
 from vb_core.errors import CodedError
 from vb_evaluation.counterbalancing import order_runs
-from vb_evaluation.report.study_files import read_sheet, write_table, yes_or_no
+from vb_evaluation.report.study_files import read_flags, read_sheet, write_table
 
 COLUMNS = ("participant", "order", "method", "scenario", "recording", "completed", "note")
 
@@ -74,6 +76,7 @@ def read_protocol(path: Path) -> List[Entry]:
     entries = []
     first_lines: Dict[object, int] = {}
     table = read_sheet(path, ("participant", "method", "scenario", "recording"), "bad_protocol")
+    completed = read_flags(table.get("completed", pandas.Series("", table.index)), path, "bad_protocol")
     for line, row in table.to_dict("index").items():
         empty = [column for column in ("participant", "method", "scenario") if not row[column]]
         if empty:
@@ -84,7 +87,6 @@ def read_protocol(path: Path) -> List[Entry]:
                 raise CodedError("bad_protocol", f"{path}, {lines}: the same run or recording twice")
         if row["recording"]:
             names = {key: row[key] for key in ("participant", "method", "scenario", "recording")}
-            completed = yes_or_no(row.get("completed", ""), f"{path}, line {line}: completed", "bad_protocol")
             order = int(row["order"]) if row.get("order", "").isdigit() else 0
-            entries.append(Entry(**names, completed=completed, note=row.get("note", ""), order=order))
+            entries.append(Entry(**names, completed=completed[line], note=row.get("note", ""), order=order))
     return entries

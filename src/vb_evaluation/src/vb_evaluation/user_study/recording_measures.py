@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Set, Tuple
+from typing import Any, Dict, List, Optional, Set
 
 import cv2
 import numpy as np
@@ -16,7 +16,7 @@ from vb_core.grid_map import GridMap, nearest_cell
 from vb_core.map_files import write_map
 from vb_evaluation import metrics
 from vb_evaluation.report.map_figures import write_truths
-from vb_evaluation.report.study_files import META, REQUIRED, QUESTIONNAIRE_FILES, RUNS, STATES, WARNINGS
+from vb_evaluation.report.study_files import META, REQUIRED, QUESTIONNAIRE_FILES, RUNS, STATES
 from vb_evaluation.report.study_files import read_meta, read_sheet, write_table
 from vb_evaluation.user_study import blind_judging, protocol
 from vb_evaluation.user_study.recording import Recording
@@ -24,7 +24,7 @@ from vb_evaluation.user_study.recording import Recording
 _TIMES = (*STATES, "total")
 SEED_REACH = 0.2  # [m] from a seed to the free floor that it means
 MIN_COLOR = 40  # [grey levels] between the largest and the smallest channel; less is grey
-_EXTRAS = "order as_planned revision map outcome saved seed_is_right helped problems recording interaction note".split()
+_EXTRAS = "order as_planned revision map outcome reason saved seed_is_right helped problems recording interaction note".split()
 COLUMNS = (*REQUIRED, *metrics.ERRORS, *_EXTRAS)
 _UNMEASURED = {"bad_recording": "unreadable", "other_map": "other_map"}  # outcome of a run, by the error's code
 
@@ -38,7 +38,7 @@ def measure_study(protocol_file: Path, ground_truths: Path, out: Path, physical:
         physical: the physical map; None takes the first one without borders from the recordings.
 
     Returns:
-        Sentences about what looks wrong.
+        Sentences about the runs that have a `reason` why they are left out, or count as not completed.
 
     Raises:
         CodedError: what is wrong with protocol, recordings or ground truths; "other_map" if the physical map is that of
@@ -54,31 +54,30 @@ def measure_study(protocol_file: Path, ground_truths: Path, out: Path, physical:
     scenarios = list(dict.fromkeys(entry.scenario for entry in entries))
     truths = {scenario: read_ground_truth(ground_truths / f"{scenario}.png", physical) for scenario in scenarios}
     judged = blind_judging.read_judgements(protocol_file.parent)
-    rows, notes = [], []
+    rows = []
     for entry, folder in zip(entries, folders):
         noted = judged.get(entry.recording, entry.completed)
         truth = truths[entry.scenario]
         try:
-            row, warnings = _measured_row(entry, noted, Recording(folder), physical, truth, out / "maps")
+            row = _measured_row(entry, noted, Recording(folder), physical, truth, out / "maps")
         except CodedError as error:
             if error.code not in _UNMEASURED:
                 raise
-            row = _empty_row(entry, _UNMEASURED[error.code])
-            warnings = [f"{_describe(entry)}: counts for nothing: {error.message}"]
+            row = _empty_row(entry, _UNMEASURED[error.code], f"counts for nothing: {error.message}")
         rows.append(row)
-        notes += warnings
     if "other_map" in {row["outcome"] for row in rows} and not any(row["saved"] for row in rows):
         raise CodedError("other_map", "all saved borders are on another map: name that one with --map")
     _delete_maps(out, {row.get("map") for row in rows})
     write_truths(out, physical, truths)
     write_table(out / RUNS, COLUMNS, rows)
-    write_table(out / WARNINGS, ["warning"], [{"warning": note} for note in notes])
     for name in QUESTIONNAIRE_FILES:
         if (protocol_file.parent / name).is_file():
             write_atomically(out / name, (protocol_file.parent / name).read_bytes())
     meta = {"people": True, "protocol": protocol_file.name}
     (out / META).write_text(json.dumps(meta, indent=2) + "\n", encoding="utf-8")
-    return notes
+    return [
+        f"{row['participant']}, {row['scenario']}, {row['method']}: {row['reason']}" for row in rows if row["reason"]
+    ]
 
 
 def _delete_maps(out: Path, kept: Set[Optional[str]]) -> None:
@@ -177,33 +176,29 @@ def classify_outcome(is_as_planned: bool, is_saved: bool, seed_is_right: bool, j
     return "wrong_seed" if is_saved else "not_saved"
 
 
-def _describe(entry: protocol.Entry) -> str:
-    return f"{entry.participant}, {entry.scenario}, {entry.method}"
-
-
-def _empty_row(entry: protocol.Entry, outcome: str) -> Dict[str, Any]:
+def _empty_row(entry: protocol.Entry, outcome: str, reason: str) -> Dict[str, Any]:
     """Makes the row of a run of which only the protocol's entry is known."""
     row = {name: getattr(entry, name) for name in ("participant", "scenario", "method", "recording", "note")}
-    return {**row, "order": entry.order or "", "as_planned": 1, "outcome": outcome, "saved": 0, "seed_is_right": 0}
+    row.update(order=entry.order or "", as_planned=1, outcome=outcome, reason=reason, saved=0, seed_is_right=0)
+    return row
 
 
 def _measured_row(
     entry: protocol.Entry, noted: Optional[bool], recording: Recording, physical: GridMap, truth: np.ndarray, maps: Path
-) -> Tuple[Dict[str, Any], List[str]]:
+) -> Dict[str, Any]:
     """Makes a run's row. Each interaction of its recording is an attempt at it. There may be none, or several."""
     interactions = recording.interactions
-    run = _describe(entry)
-    row = _empty_row(entry, "not_started")
+    row = _empty_row(
+        entry, "not_started", "nothing was begun in this recording, so it counts for nothing: do it again?"
+    )
     row.update(
         revision=recording.run.get("revision", ""),
         helped=recording.count_key_presses("h"),
         problems=recording.count_key_presses("p"),
     )
     if not interactions:
-        note = "nothing was begun in this recording, so it counts for nothing: can the run be done again?"
-        return row, [f"{run}: {note}"]
+        return row
     differences = deviations(entry, recording)
-    notes = [f"{run}: not as planned, left out of the analysis: {words}" for words in differences]
     # cancelled attempts took time too, as in the simulated study
     for name in _TIMES:
         row[f"time_{name}_s"] = round(sum(getattr(interaction, f"{name}_s") for interaction in interactions), 3)
@@ -221,12 +216,14 @@ def _measured_row(
         noted = recording.run.get("completed")
     row["outcome"] = classify_outcome(not differences, bool(row["saved"]), bool(row["seed_is_right"]), noted)
     row["completed"] = int(row["outcome"] == "completed")
-    if row["outcome"] == "disputed":
-        missing = "the seed point lies outside the ground truth" if row["saved"] else "nothing was saved"
-        notes.append(f"{run}: noted as completed, but {missing}: counts as not completed")
-    elif row["outcome"] == "judged_failed":
-        notes.append(f"{run}: noted as not completed, but saved with the seed point within the ground truth")
-    return row, notes
+    missing = "the seed point lies outside the ground truth" if row["saved"] else "nothing was saved"
+    reasons = {
+        "not_as_planned": f"not as planned, left out of the analysis: {'; '.join(differences)}",
+        "disputed": f"noted as completed, but {missing}: counts as not completed",
+        "judged_failed": "noted as not completed, but saved with the seed point within the ground truth",
+    }
+    row["reason"] = reasons.get(row["outcome"], "")
+    return row
 
 
 def seed_is_right(seed: np.ndarray, physical: GridMap, truth: np.ndarray) -> bool:
