@@ -39,8 +39,8 @@ _PALE = 0.25
 # [s] colourless light must last for longer to be confirmed: a glint on a shoe, a watch or a cup lasts for less than a
 # step, half a second. Nothing is lost, as the track's earlier spots are then published too
 _STEP_TIME = 0.6
-# [px] standard deviation by which colourless light must have moved: no hand holds a pointer so still, but paper and
-# reflections that came to stay move only by the noise of the camera and its compression
+# [px] standard deviation by which light must have moved where it need not show colour: no hand holds a pointer so still, but
+# paper and reflections that came to stay move only by the noise of the camera and its compression
 _MIN_SPREAD = 0.25
 
 
@@ -189,16 +189,15 @@ class SpotTracker:
             track.unpublished.append(replace(spot, track=track.number))
 
     def _is_laser(self, track: Track) -> bool:
-        """Returns whether a track has shown a laser's colour, or has lasted and moved so that it needs none."""
+        """Returns whether a track has shown a laser's colour, or has lasted and shown some colour, or else moved."""
         if self.confirm_frames <= 1:
             return True
         # a white glint on one pixel of a Bayer pattern looks coloured; its mean over several images does not
         mean_chroma = 0.0 if track.tint_sum is None else chroma(track.tint_sum)
-        lasting = _PALE if self._mosaic else 0.0
         spread = np.std([(spot.u, spot.v) for spot in track.unpublished], axis=0)
+        is_light = mean_chroma >= _PALE if self._mosaic else math.hypot(*spread) > _MIN_SPREAD
         has_lasted = self._stamp - track.created >= _STEP_TIME
-        min_chroma = lasting if has_lasted and math.hypot(*spread) > _MIN_SPREAD else _VIVID
-        return mean_chroma >= min_chroma
+        return mean_chroma >= _VIVID or (has_lasted and is_light)
 
     def _choose_published_track(self, tracks: Sequence[Track]) -> None:
         """Chooses the confirmed track to publish: the one already published, else the most certain.
