@@ -242,23 +242,24 @@ def test_clusters_share_the_floor_they_add_and_standing_light_fades(steps, dropo
     for place, (x, y) in enumerate(points / strokes.CLUSTER_WIDTH):
         for i, j in ((math.floor(x) + dx, math.floor(y) + dy) for dx in (0, 1) for dy in (0, 1)):
             nodes.setdefault((i, j), {})[place] = (1.0 - abs(x - i)) * (1.0 - abs(y - j))
-    still = {}
+    still, moved = {}, {}
     for node, there in nodes.items():
         seen, shares = times[list(there)], np.array(list(there.values()))
         stay = TIME_BIN + np.minimum(np.diff(seen), dropout).sum()
         off = seen - np.average(seen, weights=np.maximum(shares, 1e-12))
         deviations = [shares @ (off * values) for values in (off, *points[list(there)].T)]
         duration = math.sqrt(12.0 / shares.sum() / deviations[0]) if deviations[0] > 1e-6 else 0.0
-        moved = duration * math.hypot(*deviations[1:])
+        moved[node] = min(1.0, (duration * math.hypot(*deviations[1:]) / strokes.CLUSTER_WIDTH) ** 2)
         assume(deviations[0] > 1e-6 or deviations[0] < 1e-12)
-        still[node] = stay * (1.0 - min(1.0, (moved / strokes.CLUSTER_WIDTH) ** 2))
+        still[node] = stay * (1.0 - moved[node])
     swept = strokes._swept(points, times, dropout)
     found = strokes.floor_gains(points, times, dropout)
     for place in range(len(points)):
         about = [there for there in nodes.values() if place in there]
         company = sum(there[place] * sum(there.values()) for there in about) / sum(there[place] ** 2 for there in about)
         stay = max(still[node] for node, there in nodes.items() if place in there)
-        gain = max(strokes.CLUSTER_WIDTH / max(company / 1.5, 2.0), swept[place])
+        moving = sum(there[place] * moved[node] for node, there in nodes.items() if place in there)
+        gain = max(strokes.CLUSTER_WIDTH / max(company / 1.5, 2.0), strokes.MIN_GAIN * moving, swept[place])
         assert found[place] == pytest.approx(gain * min(1.0, 2.0 / max(stay, 0.1)) ** 2, abs=2e-4)
 
 

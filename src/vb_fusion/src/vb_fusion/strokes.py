@@ -11,8 +11,8 @@ at most one cluster of each time bin. The best track explains the most floor at 
 In metres:
 
     gain = the floor that a cluster covers and no other did. Light that stays longer than MAX_DWELL gains less and less,
-           unless its position has a trend over time, as a slow hand's has. Positions passed at constant speed also gain
-           the floor between them.
+           unless its position has a trend over time, as a slow hand's has: such a cluster gains at least MIN_GAIN.
+           Positions passed at constant speed also gain the floor between them.
     cost = (distance - TREMOR)^2 / (time * UNSEEN_SPEED) of a step, where a pause longer than a dropout gives no more time
 
 So a gap crossed at the speed of a hand is cheap, and a tremor is free. Hands also flick, and a rest after a flick belongs
@@ -37,6 +37,9 @@ from vb_fusion.observations import TIME_BIN, TREMOR, Observations
 
 UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen step costs as much floor as it crosses
 MAX_DWELL = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer, but a bright object stays
+# [m] that a cluster of moving light adds at least. Otherwise a slow line, whose clusters each add millimetres, would be left
+# for each stray nearby: its floor would be worth more than the clusters missed meanwhile
+MIN_GAIN = 0.02
 MAX_CROWD = 3.0  # clusters of one time bin that count in full: the pointer, a bright object and a stray
 MIN_SEEN = 5  # clusters. A shorter run between two unseen steps is a stray or a glint, seen for a third of a second
 # clusters among which a predecessor is sought. They span more than a dropout, however much glitters
@@ -179,16 +182,14 @@ def _observations_near(observations: Observations, pointer: Observations) -> np.
     As there is one pointer, a robot's spot that is off by no more than the localisation error is still the pointer.
     """
     began, ended = pointer.stamps[[0, -1]]
-    first, last = np.searchsorted(observations.stamps, (began - TIME_BIN, ended + TIME_BIN))
-    nearby = slice(first, last)
+    nearby = slice(*np.searchsorted(observations.stamps, (began - TIME_BIN, ended + TIME_BIN)))
     times = observations.stamps[nearby]
     x = np.interp(times, pointer.stamps, pointer.points[:, 0])
     y = np.interp(times, pointer.stamps, pointer.points[:, 1])
-    pointer_mobile = np.interp(times, pointer.stamps, pointer.mobile)
-    mobile = np.maximum(pointer_mobile, observations.mobile[nearby])
+    mobile = np.maximum(np.interp(times, pointer.stamps, pointer.mobile), observations.mobile[nearby])
     reach = CLUSTER_WIDTH + LOCALIZATION_ERROR * mobile
     distances = np.hypot(observations.points[nearby, 0] - x, observations.points[nearby, 1] - y)
-    return first + np.flatnonzero(distances <= reach)
+    return nearby.start + np.flatnonzero(distances <= reach)
 
 
 def _join_strokes(
@@ -223,8 +224,9 @@ def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.nd
     crowding = (clusters_at_node[nodes] * shares).sum(axis=0) / (shares**2).sum(axis=0)
     # along a line, this is on average 1.5 times the clusters in a width. Together they then add the line's length
     new = CLUSTER_WIDTH / np.maximum(crowding / 1.5, 2.0)
-    stays = _stationary_times(points, stamps, dropout, nodes, shares)
-    longest_stay = np.maximum(stays[nodes].max(axis=0), TIME_BIN)
+    lit_times, moved = _light_at_nodes(points, stamps, dropout, nodes, shares)
+    new = np.maximum(new, MIN_GAIN * (moved[nodes] * shares).sum(axis=0))
+    longest_stay = np.maximum((lit_times * (1.0 - moved))[nodes].max(axis=0), TIME_BIN)
     dwell_factor = np.minimum(1.0, MAX_DWELL / longest_stay) ** 2
     gains = np.maximum(new, _swept(points, stamps, dropout)) * dwell_factor
     # gains are rounded to 0.1 mm, so that equal clusters are equal on every computer, and are never exactly zero
@@ -248,10 +250,10 @@ def _lattice_shares(points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     return nodes, shares
 
 
-def _stationary_times(
+def _light_at_nodes(
     points: np.ndarray, stamps: np.ndarray, dropout: float, nodes: np.ndarray, shares: np.ndarray
-) -> np.ndarray:
-    """Returns for how long [s] light stayed at each node. Light that moved on slowly counts less, or not at all.
+) -> Tuple[np.ndarray, np.ndarray]:
+    """Returns for how long [s] each node was lit, and how far its light moved on: 0 for not at all, 1 for a width or more.
 
     The distance that it moved is the slope of a weighted regression of position on time, cov(position, time) / var(time),
     times the duration. `nodes` and `shares` are (4, P), as `_lattice_shares` returns them.
@@ -265,15 +267,14 @@ def _stationary_times(
     pauses = np.append(0.0, np.minimum(np.diff(time[order]), dropout))
     lit_times = np.bincount(node[order], np.where(is_first, TIME_BIN, pauses))
     total = np.maximum(np.bincount(node, share), 1e-9)
-    mean_times = np.bincount(node, share * time) / total
-    deviation = time - mean_times[node]
+    deviation = time - (np.bincount(node, share * time) / total)[node]
     variance = np.bincount(node, share * deviation * deviation)
     covariance_x = np.bincount(node, share * deviation * x)
     covariance_y = np.bincount(node, share * deviation * y)
     # a uniform movement lasts for sqrt(12) standard deviations of its times
     duration_over_variance = np.sqrt(12.0 / total / np.maximum(variance, 1e-12))
     moved = duration_over_variance * np.hypot(covariance_x, covariance_y)
-    return lit_times * (1.0 - np.minimum(1.0, (moved / CLUSTER_WIDTH) ** 2))
+    return lit_times, np.minimum(1.0, (moved / CLUSTER_WIDTH) ** 2)
 
 
 def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:

@@ -79,8 +79,9 @@ class SpotCalibration:
         self._spot_finder = StillSpotFinder()
         self._lock = threading.Lock()
         self._camera = RunningCamera(arguments.camera, own_source=False)
-        # a held spot must not be taken for a lamp while the person finds the place in RViz
-        self._detector = SpotDetector(self._camera.detector_params.replace(max_dwell_time=3600.0))
+        # a held spot must not be taken for a lamp while the person finds the place in RViz, nor for paper if it lies still
+        detector_params = self._camera.detector_params.replace(max_dwell_time=3600.0)
+        self._detector = SpotDetector(detector_params, may_rest=True)
         self._lens = self._camera.read_lens()
         self._session = PoseCalibrationSession(self._lens, arguments.point_sigma)
         threading.Thread(target=self._watch, daemon=True).start()

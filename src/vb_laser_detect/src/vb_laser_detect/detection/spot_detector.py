@@ -74,10 +74,21 @@ class DetectorParams(Parameters):
 
 
 class SpotDetector:
-    """Finds the spots in one camera's images. Its knowledge of the scene is kept between frames."""
+    """Finds the spots in one camera's images. Its knowledge of the scene is kept between frames.
 
-    def __init__(self, params: Optional[DetectorParams] = None, classifier: Optional[SpotClassifier] = None) -> None:
+    Args:
+        may_rest: whether light that shows no colour may be a spot although it has never moved: only for a pointer that may
+            lie on something, as during calibration. Otherwise such light is taken for paper or a reflection.
+    """
+
+    def __init__(
+        self,
+        params: Optional[DetectorParams] = None,
+        classifier: Optional[SpotClassifier] = None,
+        may_rest: bool = False,
+    ) -> None:
         self.params = params or DetectorParams()
+        self._may_rest = may_rest
         self._classifier = classifier or features.packaged_classifier()
         self.reset()
 
@@ -99,7 +110,7 @@ class SpotDetector:
         self._shape: Optional[Tuple[int, ...]] = None
         self._background = Background()
         self._registration = ImageRegistration() if self.params.moving_camera else None
-        self._tracker = SpotTracker(self.params.confirm_frames, self.params.max_dwell_time)
+        self._tracker = SpotTracker(self.params.confirm_frames, self.params.max_dwell_time, self._may_rest)
 
     def detect(
         self, image: Union[np.ndarray, AnyPicture], stamp: float, geometry: Optional[ImageGeometry] = None

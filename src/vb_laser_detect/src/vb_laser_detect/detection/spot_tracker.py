@@ -39,6 +39,9 @@ _PALE = 0.25
 # [s] colourless light must last for longer to be confirmed: a glint on a shoe, a watch or a cup lasts for less than a
 # step, half a second. Nothing is lost, as the track's earlier spots are then published too
 _STEP_TIME = 0.6
+# [px] standard deviation by which light must have moved where it need not show colour: no hand holds a pointer so still, but
+# paper and reflections that came to stay move only by the noise of the camera and its compression
+_MIN_SPREAD = 0.25
 
 
 @dataclass(eq=False)
@@ -71,11 +74,13 @@ class SpotTracker:
 
     Attributes:
         confirm_frames, max_dwell_time: see config/stationary.yaml; they may be changed between images.
+        may_rest: see `SpotDetector`.
     """
 
-    def __init__(self, confirm_frames: int, max_dwell_time: float) -> None:
+    def __init__(self, confirm_frames: int, max_dwell_time: float, may_rest: bool = False) -> None:
         self.confirm_frames = confirm_frames
         self.max_dwell_time = max_dwell_time
+        self.may_rest = may_rest
         self._tracks: List[Track] = []
         self._last_track_number = 0
         self._periods: Deque[float] = deque(maxlen=_PERIODS)
@@ -147,13 +152,10 @@ class SpotTracker:
 
     def _end_tracks(self, lamps: Sequence[Spot]) -> int:
         """Ends the tracks of lights that turned out to be lamps, and returns how many of them had been published."""
-        published = 0
-        for track in list(self._tracks):
-            is_lamp = any(math.hypot(track.pixel[0] - lamp.u, track.pixel[1] - lamp.v) <= _SLACK_PX for lamp in lamps)
-            if is_lamp and track.lit_s > _STEP_TIME:
-                self._tracks.remove(track)
-                published += track.is_published
-        return published
+        resting = [track for track in self._tracks if track.lit_s > _STEP_TIME]
+        ended = [track for track in resting if any(math.dist(track.pixel, (s.u, s.v)) <= _SLACK_PX for s in lamps)]
+        self._tracks = [track for track in self._tracks if track not in ended]
+        return sum(track.is_published for track in ended)
 
     def _since(self, track: Track) -> float:
         """Returns the time [s] since a track was seen: at least a period, as images of a burst are stamped on arrival."""
@@ -161,9 +163,7 @@ class SpotTracker:
 
     def _assign(self, spots: Sequence[Spot]) -> List[Track]:
         """Returns a track for each spot: the nearest one within reach, or else a new one."""
-        if not spots:
-            return []
-        places = np.array([(spot.u, spot.v) for spot in spots])
+        places = np.reshape([(spot.u, spot.v) for spot in spots], (-1, 2))
         tracks: List[Optional[Track]] = [None] * len(spots)
         if self._tracks:
             positions = np.array([track.pixel for track in self._tracks])
@@ -190,36 +190,40 @@ class SpotTracker:
         if spot.tint is not None:
             track.tint_sum = spot.tint if track.tint_sum is None else track.tint_sum + spot.tint
         if track.hits >= self.confirm_frames and not track.is_confirmed:
-            track.is_confirmed = self._is_colored(track)
+            track.is_confirmed = self._is_laser(track)
         oldest = self._stamp - max(_RECALL_TIME, (self.confirm_frames + 1) * self._period)
         track.unpublished = [earlier for earlier in track.unpublished if earlier.stamp >= oldest]
         if not track.is_confirmed:
             track.unpublished.append(replace(spot, track=track.number))
 
-    def _is_colored(self, track: Track) -> bool:
-        """Returns whether a track has shown a laser's colour, or has lasted for so long that it needs none."""
+    def _is_laser(self, track: Track) -> bool:
+        """Returns whether a track has shown a laser's colour; or else has lasted, and shown some colour or moved."""
+        if self.confirm_frames <= 1:
+            return True
         # a white glint on one pixel of a Bayer pattern looks coloured; its mean over several images does not
         mean_chroma = 0.0 if track.tint_sum is None else chroma(track.tint_sum)
-        lasting = _PALE if self._mosaic else 0.0
-        min_chroma = lasting if self._stamp - track.created >= _STEP_TIME else _VIVID
-        return self.confirm_frames <= 1 or mean_chroma >= min_chroma
+        if mean_chroma >= _VIVID:
+            return True
+        if self._stamp - track.created < _STEP_TIME:
+            return False
+        if self._mosaic:
+            return mean_chroma >= _PALE
+        spread = np.std([(spot.u, spot.v) for spot in track.unpublished], axis=0)
+        return self.may_rest or math.hypot(*spread) > _MIN_SPREAD
 
     def _choose_published_track(self, tracks: Sequence[Track]) -> None:
         """Chooses the confirmed track to publish: the one already published, else the most certain.
 
         A moving track replaces a resting one, which may be a lamp, so that a drawing hand is not kept waiting.
         """
-        if self.confirm_frames <= 1:
-            for track in self._tracks:
-                track.is_published = False
         confirmed = [track for track in tracks if track.is_confirmed]
-        published = [track for track in self._tracks if track.is_published]
+        published = next((track for track in self._tracks if track.is_published), None)
         # tracks that were elsewhere for most of their time
         moving = [track for track in confirmed if track.lit_s < 0.5 * (self._stamp - track.created)]
-        if moving and published and all(track.lit_s > _STEP_TIME for track in published):
-            published[0].is_published = False
-            published = []
-        if confirmed and not published:
+        may_change = self.confirm_frames <= 1 or bool(moving and published and published.lit_s > _STEP_TIME)
+        if published and may_change:
+            published.is_published = False
+        if confirmed and (may_change or not published):
             (moving or confirmed)[0].is_published = True
 
 
