@@ -158,7 +158,7 @@ class CameraGeometry:
         depth: source of depth images; None: the floor is a plane.
         floor_projection: projection of this camera's spots.
         robots: namespaces of the robots that the camera sees; "/" for a robot without one.
-        report: receives faults.
+        report: receives faults, and knows the other cameras' frames.
 
     Attributes:
         focal: [px] focal length of the lens with which spots are located; 0 while it is not known.
