@@ -36,7 +36,7 @@ def start_page(stack: ExitStack, network: bool = False) -> Tuple[int, Path]:
     if network:
         subprocess.run(CERTIFICATE.split(), cwd=str(folder), check=True, stderr=subprocess.DEVNULL)
     launch = TOP / "bench" / "lab" / "page.launch"
-    nodes = start_roslaunch([launch], folder / "out.txt", master, state=folder, port=port, address=address)
+    nodes = start_roslaunch([launch], folder / "out.txt", master, state=folder, page_port=port, address=address)
     stack.callback(nodes.stop)
     wait_until(rosgraph.is_master_online, "the master")
     rospy.init_node("bench_page", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
