@@ -130,17 +130,17 @@ class SpotDetector:
 
         motion, motion_since_keyframe = self._estimate_motion(picture)
         expected = self._tracker.predict(stamp, motion)
-        changes = self._background.compare(picture, motion_since_keyframe, expected)
+        comparison = self._background.compare(picture, motion_since_keyframe, expected)
         min_level = _MIN_LEVEL * self._background.bright_level
         searched = SearchedImage(
             picture,
             diagonal=math.hypot(*picture.size),
             bright_level=self._background.bright_level,
             min_level=min_level,
-            regions=find_regions(picture, changes, min_level, expected),
-            reference=self._background.reference,
-            shifted=self._background.motion is not None,
-            changed=changes.brighter | changes.darker,
+            regions=find_regions(picture, comparison, min_level, expected),
+            reference=comparison.reference,
+            shifted=comparison.motion is not None,
+            changed=comparison.changed,
             ghost_s=self._background.ghost_s,
         )
         boxes = [box for region in searched.regions for box in region.boxes]
@@ -159,7 +159,7 @@ class SpotDetector:
         certain = max(_MIN_CERTAIN_PROBABILITY, self.params.min_probability)
         kept_out = [spot for spot in detection.candidates if spot.track and spot.confidence >= certain]
         # a pause must not make one frame outweigh all earlier ones
-        self._background.update(picture, searched.changed, kept_out, min(elapsed, 1.0))
+        self._background.update(picture, comparison, kept_out, min(elapsed, 1.0))
         return detection._replace(pose_error=pose_error)
 
     def _prepare(self, picture: AnyPicture) -> AnyPicture:

@@ -33,17 +33,26 @@ class ExpectedSpot(NamedTuple):
     max_width: float
 
 
-class Changes(NamedTuple):
-    """What an image changes in the background.
+class Comparison(NamedTuple):
+    """How an image differs from the background.
 
     Attributes:
-        rise: (rows, columns) uint8, each block's largest rise above the background.
+        rise: (rows, columns) uint8, each block's largest rise above the reference.
         brighter, darker: (rows, columns) bool, blocks that clearly became so.
+        reference: what the image was compared with: the background as moved and lit in it.
+        motion: (3, 3) maps the background's pixels to the image's; None if the camera was stationary.
     """
 
     rise: np.ndarray
     brighter: np.ndarray
     darker: np.ndarray
+    reference: np.ndarray
+    motion: Optional[np.ndarray] = None
+
+    @property
+    def changed(self) -> np.ndarray:
+        """(rows, columns) bool, blocks that became brighter or darker."""
+        return self.brighter | self.darker
 
 
 class ChangedRegion(NamedTuple):
