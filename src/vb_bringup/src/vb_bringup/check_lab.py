@@ -47,7 +47,6 @@ _STYLES = {Severity.INFO: "green", Severity.WARNING: "yellow", Severity.ERROR: "
 # nodes that must run if the launch file has set their parameters; camera_poses itself reports missing detectors
 _NODES = ("/border_fusion", "/interaction_manager", "/camera_poses", "/robot_monitor")
 _CONNECTION_TIMEOUT = 5.0  # [s]; a publisher that is not reached by then is a fault
-_DISPLAYS = ("smart_display", "rviz")  # names of nodes that show the map
 
 
 def observe_lab(seconds: float) -> List[Notice]:
@@ -108,18 +107,13 @@ def _check_cameras(graph: NodeGraph, statuses: Mapping[str, DetectorStatus], not
         detector = _parameters(f"/spot_detector_{camera}")
         lines.append(check_camera(graph, camera, detector, _has_delay(detector), status.rate_hz))
     cameras_in_notices = {notice.camera for notice in notices}
-
-    def is_contradicted(line: Notice) -> bool:
-        return line.severity is Severity.INFO and line.camera in cameras_in_notices
-
-    return [line for line in lines if not is_contradicted(line)]
+    return [line for line in lines if line.severity is not Severity.INFO or line.camera not in cameras_in_notices]
 
 
 def _has_delay(detector: Mapping[str, Any]) -> bool:
     """Returns whether a camera's own file has a delay. The parameter does not tell: a measured 0 equals the default."""
-    path = str(detector.get("settings", ""))
     with contextlib.suppress(CodedError):  # there is no file, or it is on another computer
-        settings = read_parameter_file("configs", path)
+        settings = read_parameter_file("configs", str(detector.get("settings", "")))
         return "delay_ms" in (settings.get("capture") or {})
     return False
 
@@ -181,7 +175,7 @@ def _check_borders(newest: Mapping[str, Any]) -> List[Notice]:
 
 
 def _check_display(running: Set[str]) -> List[Notice]:
-    displays = [node for node in sorted(running) if node.split("/")[-1] in _DISPLAYS]
+    displays = [node for node in sorted(running) if node.split("/")[-1] in ("smart_display", "rviz")]
     code = rospy.get_param(f"{displays[0]}/lacking", "") if displays else ""
     return [Notice(code, Severity.WARNING, values={"node": displays[0]})] if code else []
 
@@ -189,8 +183,7 @@ def _check_display(running: Set[str]) -> List[Notice]:
 def _check_storage() -> Notice:
     """Checks the folder in which borders are stored, or its nearest parent that exists."""
     database = Path(str(rospy.get_param("/map_integrator/database_dir", "~"))).expanduser()
-    existing = [path for path in (database, *database.parents) if path.exists()]
-    folder = str(existing[0])
+    folder = str(next(path for path in (database, *database.parents) if path.exists()))
     return check_disk(folder, shutil.disk_usage(folder).free / 2**20, os.access(folder, os.W_OK))
 
 
@@ -212,16 +205,12 @@ def print_table(lines: List[Notice], language: str, console: Console) -> None:
     """Prints the lines as a table. The faults come last, where people notice them."""
     table = Table(Column(overflow="fold"), Column(overflow="fold"), box=None, padding=(0, 2, 0, 0))
     for line in sorted(lines, key=lambda line: line.severity):
-        state = f"[{_STYLES[line.severity]}]{_STATES[line.severity]}[/]"
-        table.add_row(state, line.sentence(language))
+        table.add_row(f"[{_STYLES[line.severity]}]{_STATES[line.severity]}[/]", line.sentence(language))
     console.print(table)
 
 
 def print_camera(camera: str) -> None:
-    """Prints the report to send in about a camera, or the command that prints it on the detector's computer.
-
-    It prints nothing for a camera that its detector does not read directly.
-    """
+    """Prints the report to send in about a camera that a detector reads, or the command for it on that computer."""
     parameters = rospy.get_param(f"/spot_detector_{camera}", {})
     source = str(parameters.get("source", ""))
     if not source:
@@ -274,5 +263,4 @@ def main(arguments: Optional[List[str]] = None) -> int:
         print_table(lines, options.language, Console())
         for camera in sorted({line.camera for line in lines if line.code in REPORTED}):
             print_camera(camera)
-    has_errors = any(line.severity is Severity.ERROR for line in lines)
-    return FAULTS if has_errors else READY
+    return FAULTS if any(line.severity is Severity.ERROR for line in lines) else READY

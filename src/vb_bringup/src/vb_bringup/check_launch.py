@@ -62,11 +62,7 @@ def check_choice(argument: str, value: str, choices: Sequence[str]) -> None:
 def check_names(argument: str, value: str) -> None:
     """Raises CodedError "launch_bad_names" unless the value is empty or unique names separated by spaces."""
     names = value.split()
-
-    def is_valid(name: str) -> bool:
-        return NAME.fullmatch(name) is not None and names.count(name) == 1
-
-    invalid = [name for name in names if not is_valid(name)]
+    invalid = [name for name in names if not NAME.fullmatch(name) or names.count(name) > 1]
     if invalid:
         raise CodedError("launch_bad_names", argument=argument, value=value, wrong=" ".join(invalid))
 
@@ -118,11 +114,7 @@ def read_parameter_file(argument: str, path: str) -> Mapping[str, Any]:
 
 
 def check_detector(argument: str, value: str) -> None:
-    """Checks the file of a detector's parameters.
-
-    Raises:
-        CodedError: "bad_parameter", which names file and key, or an error of `read_parameter_file`.
-    """
+    """Checks a file of a detector's parameters. Raises CodedError "bad_parameter", or as `read_parameter_file` does."""
     from vb_laser_detect.spot_detector_node_params import SpotDetectorNodeParams
 
     SpotDetectorNodeParams.from_mapping(read_parameter_file(argument, value), value)
@@ -249,8 +241,7 @@ def find_roslaunch_call(process: int) -> Tuple[List[str], List[Path], str]:
     options, remaining = roslaunch._get_optparse().parse_args(after_program)
     if any([options.node_args, options.node_list, options.find_node, options.dump_params, options.file_list]):
         return [], [], ""
-    resolved = roslaunch.rlutil.resolve_launch_arguments(remaining)
-    files = [Path(name) for name in resolved if os.path.isfile(name)]
+    files = [Path(name) for name in roslaunch.rlutil.resolve_launch_arguments(remaining) if os.path.isfile(name)]
     assignments = [word for word in remaining if ":=" in word and not word.startswith("_")]
     names = [word.split(":=")[0] for word in assignments]
     uri = rosgraph.network.create_local_xmlrpc_uri(options.port) if options.port else rosgraph.get_master_uri()

@@ -68,8 +68,7 @@ def check_robot(
     Args:
         name: "" for the only robot.
         lacks_margin: whether it plans round borders, but not on its driver's map with a margin (keep_out).
-        scan_deg: [deg] angle that its scan covers. 0 if no scan arrived; None if it has no scanner, or no driver that
-            needs a scan.
+        scan_deg: [deg] angle that its scan covers; 0 if no scan arrived, None if nothing needs its scan.
         clears_plans: whether make_plan first clears the costmap around the robot, and the borders there.
     """
 
@@ -116,8 +115,7 @@ def check_map(
 def is_fully_known(cells: np.ndarray) -> bool:
     """Returns whether a map (H, W) int8 has hardly any unknown cells although free floor reaches its edge.
 
-    No robot records such a map. Its unknown cells were read as free, which happens to pixels of 205 if free_thresh is
-    0.25.
+    No robot records such a map: its unknown cells, pixels of 205, were read as free, as a free_thresh of 0.25 does.
     """
     edges = np.concatenate([cells[0], cells[-1], cells[:, 0], cells[:, -1]])
     reaches_edge = bool((edges == 0).any())

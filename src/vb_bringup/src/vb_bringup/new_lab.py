@@ -31,8 +31,7 @@ def write_lab(
 
     Args:
         folder: may exist, but must be empty.
-        cameras: each ceiling camera's source by name; "" for a camera whose images a driver publishes. Empty for a lab
-            with only a robot.
+        cameras: each ceiling camera's source by name; "" if a driver publishes its images. Empty without ceiling cameras.
         robot: a robot type with a profile in the stack; "" for a lab without a robot.
         map_file: a map in map_server's format, which is copied; None if another node publishes /map.
         profiles: folder of the robot types.

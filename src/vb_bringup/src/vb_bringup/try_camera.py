@@ -132,11 +132,8 @@ class CornerPage:
         self._source.start()
 
     def _set_fault(self, error: Optional[CodedError]) -> None:
-        if error is None:
-            self.fault = None
-            return
-        fault = CodedError(error.code, **{**error.values, "camera": "1"})
-        if str(fault) != str(self.fault):
+        fault = None if error is None else CodedError(error.code, **{**error.values, "camera": "1"})
+        if fault is not None and str(fault) != str(self.fault):
             print(f"  {fault.message}\n  If this does not help, end it with Ctrl-C, and report what this prints:")
             print(f"    . scripts/env.sh; {describe_camera_command(self._source.address)}", flush=True)
         self.fault = fault
@@ -341,8 +338,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
 
 def _wait_for_services(lab: ChildProcess) -> bool:
     """Waits for the lab's master and for the services that saving a border needs. Returns whether all of them answer."""
-    # roslaunch starts the master, unless it ends because of an error
-    wait_until(lambda: rosgraph.is_master_online() or not lab.running, _START_TIMEOUT)
+    wait_until(lambda: rosgraph.is_master_online() or not lab.running, _START_TIMEOUT)  # roslaunch starts the master
     if not lab.running:
         return False
     try:

@@ -79,7 +79,7 @@ class SpotCalibration:
         self._spot_finder = StillSpotFinder()
         self._lock = threading.Lock()
         self._camera = RunningCamera(arguments.camera, own_source=False)
-        # a held spot must not be taken for a lamp while the person finds the place in RViz
+        # a held spot must not become a lamp while the person finds the place in RViz
         self._detector = SpotDetector(self._camera.detector_params.replace(max_dwell_time=3600.0))
         self._lens = self._camera.read_lens()
         self._session = PoseCalibrationSession(self._lens, arguments.point_sigma)
@@ -198,7 +198,7 @@ def main() -> int:
     arguments = _parser().parse_args(rospy.myargv()[1:])
     cv2.setNumThreads(1)
     try:
-        if arguments.run is not _print_board:  # only this command needs no ROS master
+        if arguments.run is not _print_board:  # which is the only command that needs no ROS master
             # Ctrl-C interrupts the command, not the node, so that the camera's settings are restored first
             rospy.init_node("calibrate_camera", anonymous=True, disable_signals=True)
         return arguments.run(arguments)

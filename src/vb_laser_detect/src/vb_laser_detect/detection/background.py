@@ -16,7 +16,16 @@ import numpy as np
 from vb_core.image_format import AnyPicture
 from vb_laser_detect.detection.blocks import block_maxima, blocks_around, mask_of_blocks, max_channel, pixels_of
 from vb_laser_detect.detection.blocks import sample_blocks
-from vb_laser_detect.detection.stage_results import BLOCK, Box, ChangedRegion, Comparison, ExpectedSpot, Part, Spot
+from vb_laser_detect.detection.stage_results import (
+    BLOCK,
+    Box,
+    ChangedRegion,
+    Comparison,
+    ExpectedSpot,
+    Motion,
+    Part,
+    Spot,
+)
 
 # [grey levels] limits of `Background.bright_level`, in very dark and very bright rooms
 _DARKEST, _BRIGHTEST = 64.0, 191.0
@@ -24,17 +33,17 @@ _BRIGHT = 99.0  # [%] of the background are darker than what counts as bright
 _NOISE_DEVIATIONS = 6.0  # how far a rise must exceed a block's own noise
 _PERIOD = 1.0  # [s] between two keyframes of a stationary camera; a block's noise is averaged over it
 _WEIGHT = 0.25  # share of a new image in a stationary camera's keyframe: averaging reduces noise
-_ABSORPTION_TIME = 1.5  # [s] a change that lasts longer becomes background
-_GHOST_TIME = _ABSORPTION_TIME + _PERIOD  # [s] after this time a removed object has left the background
-_UNSEEN = 1.0  # [s] time between two images in which a hand could take something away
-_KEYFRAME = 6  # [images] for which a moving camera's background is kept: people walk on
-_KEYFRAME_PART = 0.1  # share of its width by which the image may have moved: floor new in view is not in the keyframe
+_ABSORPTION_TIME = 1.5  # [s] after which a change becomes background
+_GHOST_TIME = _ABSORPTION_TIME + _PERIOD  # [s] after which a removed object has left the background
+_UNSEEN = 1.0  # [s] between two images, in which a hand could take something away
+_KEYFRAME = 6  # [images] after which a moving camera's keyframe is replaced, because people walk on
+_KEYFRAME_PART = 0.1  # share of its width by which the image may move before the keyframe lacks too much floor
 _MIN_FLICKER = 0.1  # under flickering lamps, the light of an image's rows differs by at least this share
 _MIN_CHANGE = 0.15  # share of `bright_level`; smaller differences become part of the background
-_MAX_CHANGE = 0.15  # if this share of the image is brighter, or twice as much darker, the light was switched
+_MAX_CHANGE = 0.15  # share of the image: if more is brighter, or twice as much darker, the light was switched
 _HALF_LEVEL = 0.8  # a spot of few pixels keeps at least this share of its level in the halved image
-_MAX_REGIONS = 24  # walking people cause fewer, and examining more would take longer than an image period
-_LARGE = 14  # [blocks] larger regions are cut down to their brightest parts
+_MAX_REGIONS = 24  # walking people cause fewer; to examine more would take longer than an image period
+_LARGE = 14  # [blocks] side above which a region is cut down to its brightest parts
 _SQUARE = np.ones((3, 3), np.uint8)
 
 
@@ -90,13 +99,11 @@ class Background:
         self.bright_level = min(max(bright, _DARKEST), _BRIGHTEST)
         self._min_change = _MIN_CHANGE * self.bright_level
 
-    def compare(
-        self, picture: AnyPicture, motion: Optional[np.ndarray], expected: Sequence[ExpectedSpot]
-    ) -> Comparison:
+    def compare(self, picture: AnyPicture, motion: Motion, expected: Sequence[ExpectedSpot]) -> Comparison:
         """Compares a picture with the background. The first one begins a new scene, and so does switching the light.
 
         Args:
-            motion: (3, 3) maps the background's pixels to the searched ones; None: the camera is stationary.
+            motion: since the keyframe.
             expected: the spots that a new background should not include.
         """
         self.is_keyframe = False
@@ -106,7 +113,7 @@ class Background:
             comparison = self._compare(picture.search_pixels, None)
         return comparison
 
-    def _begin_scene(self, picture: AnyPicture, motion: Optional[np.ndarray], expected: Sequence[ExpectedSpot]) -> None:
+    def _begin_scene(self, picture: AnyPicture, motion: Motion, expected: Sequence[ExpectedSpot]) -> None:
         """Makes a picture the background and forgets the noise. Under an expected spot, the old background stays, relit."""
         keyframe = picture.search_pixels.copy()
         blocks = keyframe.shape[0] // BLOCK, keyframe.shape[1] // BLOCK
@@ -119,7 +126,7 @@ class Background:
         self._forget_blocks(blocks)
         self._adopt(keyframe)
 
-    def _compare(self, image: np.ndarray, motion: Optional[np.ndarray]) -> Comparison:
+    def _compare(self, image: np.ndarray, motion: Motion) -> Comparison:
         """Compares an image with the background, which flickering lamps may light row by row.
 
         While the camera moves, no block counts as darker, because a new keyframe soon includes the change.
@@ -133,17 +140,16 @@ class Background:
             brighter = self._exceeds_noise(rise, motion)
             return Comparison(rise, brighter, np.zeros(rise.shape, bool), reference, motion)
         sample = sample_blocks(image)
-        comparison = self._compare_stationary(image, sample, self._image, self._sample)
+        comparison = self._compare_stationary(image, sample, self._image)
         if _is_global(comparison):
             relit = self._relight_rows(sample)
             if relit is not None:
-                return self._compare_stationary(image, sample, relit, sample_blocks(relit))
+                return self._compare_stationary(image, sample, relit)
         return comparison
 
-    def _compare_stationary(
-        self, image: np.ndarray, sample: np.ndarray, reference: np.ndarray, sample_before: np.ndarray
-    ) -> Comparison:
-        """Compares an image with a reference, given the samples of the blocks of both."""
+    def _compare_stationary(self, image: np.ndarray, sample: np.ndarray, reference: np.ndarray) -> Comparison:
+        """Compares an image, with a sample of its blocks, with a reference."""
+        sample_before = self._sample if reference is self._image else sample_blocks(reference)
         rise = block_maxima(image, reference)
         fall = max_channel(cv2.subtract(sample_before, sample))
         return Comparison(rise, self._exceeds_noise(rise, None), fall > self._min_change, reference)
@@ -161,7 +167,7 @@ class Background:
             return None
         return _apply_row_gains(self._image, gains)
 
-    def _moved_part(self, part: Part, motion: Optional[np.ndarray], image: np.ndarray) -> np.ndarray:
+    def _moved_part(self, part: Part, motion: Motion, image: np.ndarray) -> np.ndarray:
         """Returns a part of the background as the camera sees it now, or of the image where the background ends."""
         if motion is None:
             return self._image[part]
@@ -169,7 +175,7 @@ class Background:
         shift = np.array([[1.0, 0.0, -columns.start], [0.0, 1.0, -rows.start], [0.0, 0.0, 1.0]])
         return _warp(self._image, shift @ motion, image[part].copy(), cv2.INTER_CUBIC)
 
-    def _exceeds_noise(self, rise: np.ndarray, motion: Optional[np.ndarray]) -> np.ndarray:
+    def _exceeds_noise(self, rise: np.ndarray, motion: Motion) -> np.ndarray:
         """Finds the blocks (rows, columns) bool whose rise is no small change, and exceeds the block's own noise."""
         if not self._noise_known:
             if self._images == 0:
@@ -195,7 +201,7 @@ class Background:
         Args:
             dt: [s] since the last image.
         """
-        changed = comparison.changed
+        changed = comparison.brighter | comparison.darker
         shows_spot = np.zeros_like(changed)
         for spot in spots:
             reach = 1.25 * spot.diameter + BLOCK * picture.scale
@@ -281,11 +287,11 @@ def _apply_row_gains(image: np.ndarray, gains: np.ndarray) -> np.ndarray:
 
 
 def match_lighting(background: np.ndarray, image: np.ndarray, max_width: float) -> np.ndarray:
-    """Returns a background with the brightness of an image, in which light narrower than `max_width` [px] is ignored."""
+    """Returns a background with the brightness of an image, except that of light narrower than `max_width` [px]."""
     half = 2 * math.ceil(max_width / 4)
     size = 2 * half + 1
     kernel = np.zeros((size, size), np.uint8)
-    # the colours of a Bayer image are not mixed
+    # every second pixel of a Bayer image has the same colour
     step = 2 if image.ndim == 2 else 1
     kernel[::step, ::step] = 1
     gain = (image + np.float32(1.0)) / (background + np.float32(1.0))
