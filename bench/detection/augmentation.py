@@ -110,7 +110,7 @@ class OtherCamera:
     def record(
         self, image: np.ndarray, spots: Sequence[Tuple[float, float]], paint: bool = False
     ) -> Tuple[np.ndarray, List[Tuple[float, float]], List[Tuple[float, float]]]:
-        """Returns a bgr picture (H, W, 3) as this camera records it, and the positions of spots painted into it.
+        """Returns a bgr picture (H, W, 3) as this camera records it, and the positions of the spots painted into it.
 
         The first list contains the visible spots, the second the hardly visible ones.
 
