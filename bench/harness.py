@@ -23,11 +23,11 @@ from vb_evaluation.repository_revision import revision
 from vb_evaluation.statistics import proportion
 
 TOP = Path(__file__).resolve().parents[1]
-HALVES = ("development", "judging")  # of recordings: for development, and unseen ones for the final measurement
+HALVES = ("development", "judging")  # of recordings; the second half is kept unseen for the final measurement
 
 
 def arguments(doc: Optional[str], seed: Optional[int] = None, other: bool = False) -> argparse.ArgumentParser:
-    """Returns a bench's argument parser with its docstring as help, --csv, and, if they apply, --seed and --other."""
+    """Returns a bench's argument parser. It has --csv, and --seed and --other if the bench needs them."""
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--csv", type=Path, metavar="FILE", help="append the rows to a table")
     if seed is not None:
@@ -46,17 +46,20 @@ class ResultTable:
     """Rows of results, which are printed at once, and appended with seed and revision to a CSV file if one is given."""
 
     def __init__(self, path: Optional[Path] = None, seed: Optional[int] = None) -> None:
-        self._path, self._source = path, {"revision": revision()} if path is not None else {}
+        self._path = path
+        self._source = {} if path is None else {"revision": revision()}
         if seed is not None:
             self._source["seed"] = str(seed)
         self.rows: List[Dict[str, Any]] = []
 
     def add(self, **row: Any) -> None:
         """Adds a row. Floats are rounded to four digits; lists, such as positions to inspect, are only printed."""
-        row = {key: float(f"{value:.4g}") if isinstance(value, float) else value for key, value in row.items()}
+        for key, value in row.items():
+            row[key] = float(f"{value:.4g}") if isinstance(value, float) else value
         self.rows.append(row)
-        words = (f"{key} {value}" if isinstance(value, (int, float)) else str(value) for key, value in row.items())
-        print("  ".join(words), flush=True)
+        # only a number needs its column's name beside it
+        texts = [f"{key} {value}" if isinstance(value, (int, float)) else str(value) for key, value in row.items()]
+        print("  ".join(texts), flush=True)
         if self._path is not None:
             new = {key: value for key, value in row.items() if not isinstance(value, list)}
             tables = [pandas.read_csv(self._path, dtype=str, keep_default_na=False)] if self._path.exists() else []
@@ -75,7 +78,7 @@ def share(hits: int, n: int) -> str:
 
 # ------------------------------------------------------------------ another version
 def source_of(name: str) -> Path:
-    """Returns the `src` folder of another version, given its path, or a revision, which is unpacked."""
+    """Returns the `src` folder of another version. `name` is such a folder, or a revision, which is unpacked."""
     if Path(name).is_dir():
         return Path(name).resolve()
     folder = Path(tempfile.mkdtemp(prefix="other_version_"))
@@ -94,7 +97,8 @@ def import_from(source: Optional[Path], *names: str) -> List[Any]:
     def ours() -> List[str]:
         return [name for name in sys.modules if name.split(".")[0] in packages]
 
-    saved_modules, saved_path = {name: sys.modules.pop(name) for name in ours()}, list(sys.path)
+    saved_modules = {name: sys.modules.pop(name) for name in ours()}
+    saved_path = list(sys.path)
     sys.path[:0] = [str(source / package / "src") for package in sorted(packages)]
     try:
         return [importlib.import_module(name) for name in names]
@@ -105,7 +109,7 @@ def import_from(source: Optional[Path], *names: str) -> List[Any]:
         sys.modules.update(saved_modules)
 
 
-def in_turns(actions: Dict[str, Callable[[], Any]], rounds: int) -> Dict[str, float]:
+def time_in_turns(actions: Dict[str, Callable[[], Any]], rounds: int) -> Dict[str, float]:
     """Times actions in turns; returns medians [ms] of thread time, and the ratio of the first action to each other.
 
     The first round is not counted, because it includes one-time work.
@@ -117,6 +121,7 @@ def in_turns(actions: Dict[str, Callable[[], Any]], rounds: int) -> Dict[str, fl
             start = time.thread_time()
             actions[name]()
             times[name].append(1e3 * (time.thread_time() - start))
-    table, first = pandas.DataFrame(times)[1:], next(iter(actions))
+    table = pandas.DataFrame(times)[1:]
+    first = next(iter(actions))
     ratios = table.rdiv(table[first], axis=0).drop(columns=first)
     return {**table.median().add_suffix("_ms"), **ratios.median().add_prefix(f"{first}_over_")}

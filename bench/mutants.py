@@ -1,16 +1,15 @@
 #!/usr/bin/env python3
-"""Mutation testing: inserts small faults into pure modules, which the modules' unit tests must detect.
+"""Mutation testing: inserts small faults into modules without ROS. Their unit tests must detect the faults.
 
     python3 bench/mutants.py                                         8 mutants of each module in MODULES
     python3 bench/mutants.py --modules vb_robot.driving.command_gate --each 100
     python3 bench/mutants.py --seed 2 --csv survivors.csv            other mutants, with which no test was developed
 
-A mutant is a module with one of the faults of mutations.py. A mutant that passes all tests is printed with its line; a
-person must judge whether it is equivalent to the original. The tests are all unit tests that import the module, and
-those of its package that import a module or helper that imports it. Tests that import most of the module run first, and
-the first failure ends the run. Tests that take five times the original's processor time count as failed. Each mutant
-runs in a fork that loads its source instead of the file, which stays unchanged. Hypothesis does not try one mutant's
-failing examples on another.
+A mutant is a module with one of the faults of mutations.py. If a mutant passes all tests, its line is printed, and a
+person must judge whether it is equivalent to the original. A module's tests are all unit tests that import it, and the
+tests of its package that import it through another module. Tests that import most of the module run first, and the
+first failure ends the run. Tests that take five times the original's processor time count as failed. Each mutant runs
+in a fork of its own, and no file is changed. Hypothesis does not try one mutant's failing examples on another.
 """
 
 import ast
@@ -30,8 +29,8 @@ import pytest
 from bench.harness import TOP, ResultTable, arguments, share
 from bench.mutations import mutants, parse_file
 
-# modules that tests need; they are imported once, not by every fork
-NEEDED = "hypothesis.strategies pandas scipy.ndimage scipy.optimize scipy.spatial scipy.stats shapely"
+# modules that tests import; they are loaded once, before the forks
+USED_BY_TESTS = "hypothesis.strategies pandas scipy.ndimage scipy.optimize scipy.spatial scipy.stats shapely"
 PATIENCE = 5  # times the processor time that the tests take on the original
 STUCK_S = 900  # [s] of wall time after which a fork is ended, even on a busy computer
 MODULES = (
@@ -89,7 +88,8 @@ def tests_of(name: str) -> List[str]:
     tests = sorted(TOP.glob("src/*/test/test_*.py"), key=order)
     own = [path for path in tests if path.parent.parent == package]
     direct = [path for paths in (own, tests) for path in paths if name in imports(path)]
-    return [str(path) for path in dict.fromkeys([*direct, *(path for path in own if users & imports(path))])]
+    indirect = [path for path in own if users & imports(path)]
+    return [str(path) for path in dict.fromkeys([*direct, *indirect])]
 
 
 def import_mutant(name: str, tree: ast.Module) -> None:
@@ -121,7 +121,7 @@ def run_tests(name: str, make: Callable[[], ast.Module], tests: List[str], limit
     return child
 
 
-def in_forks(starts: Iterable[Callable[[], int]], processes: int) -> Iterator[Tuple[int, bool, float]]:
+def run_forks(starts: Iterable[Callable[[], int]], processes: int) -> Iterator[Tuple[int, bool, float]]:
     """Runs forks in parallel, and yields each fork's number, whether its tests passed, and its processor time [s]."""
     running: Dict[int, int] = {}
     waiting = list(enumerate(starts))[::-1]
@@ -140,14 +140,15 @@ def main() -> None:
     parser.add_argument("--each", type=int, default=8, help="mutants of each module")
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     options = parser.parse_args()
-    table, tests = ResultTable(options.csv, options.seed), {name: tests_of(name) for name in options.modules}
-    for module in NEEDED.split():
+    table = ResultTable(options.csv, options.seed)
+    tests = {name: tests_of(name) for name in options.modules}
+    for module in USED_BY_TESTS.split():
         importlib.import_module(module)
     hypothesis.settings.register_profile("mutants", database=None, deadline=None)
     hypothesis.settings.load_profile("mutants")
     originals = [partial(run_tests, name, partial(parse_file, file_of(name)), tests[name]) for name in options.modules]
     limits = {}
-    for fork, passed, used_s in in_forks(originals, options.processes):
+    for fork, passed, used_s in run_forks(originals, options.processes):
         if not passed:
             sys.exit(f"{options.modules[fork]}: its tests fail without a fault in it")
         limits[options.modules[fork]] = PATIENCE * used_s
@@ -155,11 +156,12 @@ def main() -> None:
     for name in options.modules:
         pool = mutants(file_of(name))
         random = np.random.default_rng([options.seed, *name.encode()])
-        for index in sorted(random.permutation(len(pool))[: options.each]):
+        chosen = sorted(random.permutation(len(pool))[: options.each])
+        for index in chosen:
             line, change, make = pool[index]
             selection.append((name, line, change, partial(run_tests, name, make, tests[name], limits[name])))
-        print(f"{name}: {min(options.each, len(pool))} of {len(pool)}, {len(tests[name])} files of tests", flush=True)
-    for fork, passed, _ in in_forks((start for *_, start in selection), options.processes):
+        print(f"{name}: {len(chosen)} of {len(pool)} mutants, {len(tests[name])} files of tests", flush=True)
+    for fork, passed, _ in run_forks((start for *_, start in selection), options.processes):
         if passed:
             name, line, change, _ = selection[fork]
             source = file_of(name).read_text(encoding="utf-8").splitlines()[line - 1].strip()

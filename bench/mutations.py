@@ -1,9 +1,9 @@
 """The small faults that mutants.py inserts into a module.
 
 A mutant swaps a comparison, or `and` with `or`, changes a number, negates a condition, returns None, or omits a
-statement. Changes that no test should detect are not made: of texts for people (a raised error, a formatted string, a
-log or a warning), of numbers below a millionth, which guard against rounding, and between `<` and `<=` if neither side
-is an integer or zero, because a measured length never equals another bound exactly.
+statement. Three kinds of changes that no test should detect are not made: changes of texts for people (a raised error, a
+formatted string, a log or a warning); changes of numbers below a millionth, which guard against rounding; and swaps of
+`<` and `<=` if neither side is an integer or zero, because a measured length never equals such a bound exactly.
 """
 
 import ast
@@ -30,7 +30,7 @@ def mutations(node: ast.AST) -> Iterator[Tuple[str, Callable[[Any], None]]]:
     elif isinstance(node, (ast.BinOp, ast.BoolOp)) and type(node.op) in SWAPS:
         new = SWAPS[type(node.op)]
         yield new.__name__, lambda copy: setattr(copy, "op", new())
-    elif isinstance(node, ast.Constant) and type(node.value) in (int, float) and not 0 < abs(node.value) <= ROUNDING:
+    elif _is_number(node) and not 0 < abs(node.value) <= ROUNDING:
         others = (node.value * 2, -node.value) if node.value else (1, -1)
         for value in others:
             yield f"{node.value} is {value}", lambda copy, value=value: setattr(copy, "value", value)
@@ -40,13 +40,18 @@ def mutations(node: ast.AST) -> Iterator[Tuple[str, Callable[[Any], None]]]:
         yield "returns None", lambda copy: setattr(copy, "value", ast.Constant(None))
     is_call = isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)
     if is_call or isinstance(node, (ast.Assign, ast.AugAssign)):
-        yield "left out", lambda copy: copy.__dict__.update(value=ast.Constant(None)) or setattr(copy, "gone", True)
+        yield "left out", lambda copy: setattr(copy, "gone", True)
 
 
 def _is_exact(node: ast.AST) -> bool:
     """Returns whether a node seems to be a number that others can equal exactly: an integer, zero, or a length."""
-    called = getattr(getattr(node, "func", None), "id", "")
-    return called == "len" or (isinstance(node, ast.Constant) and (type(node.value) is int or node.value == 0.0))
+    if getattr(getattr(node, "func", None), "id", "") == "len":
+        return True
+    return isinstance(node, ast.Constant) and (type(node.value) is int or node.value == 0.0)
+
+
+def _is_number(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant) and type(node.value) in (int, float)
 
 
 def walk(node: ast.AST) -> Iterator[ast.AST]:

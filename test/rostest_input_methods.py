@@ -123,9 +123,8 @@ class InputMethods(unittest.TestCase):
         self.borders.wait(lambda message: not message.borders, f"{way}: the undone border")
         self.maps.wait(lambda message: (message.data == room().data.ravel()).all(), f"{way}: the map as it was")
         record = wait_until(lambda: self.record_of(identity), f"{way}: the record")
-        assert_fields(
-            record, outcome="saved", border_id=stored.id, sources=[way], cameras=["red", "green"], guide_s=0.0
-        )
+        expected = {"outcome": "saved", "border_id": stored.id, "sources": [way], "cameras": ["red", "green"]}
+        assert_fields(record, **expected, guide_s=0.0)
         self.assertAlmostEqual(record["border_s"], 1.0 + len(stroke) * FRAME_S, places=3)
         self.assertAlmostEqual(record["seed_s"], 1.0 + 30 * FRAME_S, places=3)
 

@@ -89,13 +89,10 @@ class WholeScenario(unittest.TestCase):
         self.assertGreater(min(self.state.border_s, self.state.seed_s), 0.0)
 
     def test_the_border_follows_the_spots(self):
-        """A busy computer's cameras may miss some, and spots after a pause may be reported as left out.
-
-        These are a glint, or an end of the line.
-        """
         line = resample_chain(np.array([(p.x, p.y) for p in self.border.points]), 0.02)
+        # a glint, or an end of the line that was drawn after a pause
         left_out = np.array([(p.x, p.y) for p in self.progress.left_out]).reshape(-1, 2)
-        # missing spots were left out by the extraction if they were collected, else they came after the state
+        # a spot that is missing was either left out by the extraction, or came after the state and was not collected
         collected = f"{self.progress.border_spots} of {len(self.spots)} spots were collected"
         self.assertLess(directed_hausdorff(self.spots, np.vstack([line, left_out]))[0], NEAR, collected)
         self.assertLess(self.progress.left_out_spots, 0.2 * len(self.spots))

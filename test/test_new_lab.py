@@ -16,25 +16,34 @@ from vb_core.map_files import read_map, write_map
 from vb_evaluation.user_study import conduct_run
 
 PROFILES = TOP / "robots"
-OWN = {"cameras", "configs", "calibration", "state", "map", "robot_types"}
+OWN = {"cameras", "configs", "calibration", "state", "robot_types"}  # arguments with a lab's own values
 
 
-def test_a_new_labs_files_can_be_read_and_are_complete(tmp_path):
+def arguments_of(launch_file):
+    """Returns the arguments of a launch file, and their defaults."""
+    return {arg.get("name"): arg.get("default") for arg in ElementTree.parse(str(launch_file)).getroot().findall("arg")}
+
+
+def test_a_new_labs_launch_file_has_the_stacks_defaults_and_what_other_programs_set(tmp_path):
+    write_lab(tmp_path / "lab", {"north": "", "south": ""}, "turtlebot2", None, PROFILES)
+    defaults = arguments_of(tmp_path / "lab" / "lab.launch")
+    stack_defaults = arguments_of(TOP / "launch" / "lab.launch")
+    assert {name for name in defaults if defaults[name] != stack_defaults[name]} == OWN
+    assert_fields(defaults, cameras="north south", robot="true")
+    assert len(defaults["configs"].split()) == 2
+    (container_call,) = re.findall(r"roslaunch /lab/lab.launch (.*)", (TOP / "scripts" / "container").read_text())
+    methods = yaml.safe_load(conduct_run.TEMPLATE)["methods"].values()
+    set_by_study = {name for arguments in methods for name in arguments}
+    assert {"record", *set_by_study, *re.findall(r"(\w+):=", container_call)} <= set(defaults)
+
+
+def test_a_new_lab_is_complete_without_the_original_map_file(tmp_path):
     lab = tmp_path / "lab"
     grid = GridMap(np.array([[0, 100], [100, -1]], np.int8), 0.05, (1.0, 2.0, 0.0))
     write_map(tmp_path / "room", grid)
     written = write_lab(lab, {"north": "/dev/video0", "south": ""}, "turtlebot2", tmp_path / "room.yaml", PROFILES)
     assert {lab / "robot.yaml", lab / "map.pgm"} <= set(written)
-    launch, stack = (ElementTree.parse(str(path / "lab.launch")).getroot() for path in (lab, TOP / "launch"))
-    given, common = ({arg.get("name"): arg.get("default") for arg in of.findall("arg")} for of in (launch, stack))
-    # apart from the lab's own values, the arguments have the stack's defaults
-    assert {name for name in given if given[name] != common[name]} == OWN
-    (of_container,) = re.findall(r"roslaunch /lab/lab.launch (.*)", (TOP / "scripts" / "container").read_text())
-    kit = {name for arguments in yaml.safe_load(conduct_run.TEMPLATE)["methods"].values() for name in arguments}
-    assert {"record", *kit, *re.findall(r"(\w+):=", of_container)} <= set(given)
-    assert_fields(given, cameras="north south", map="$(dirname)/map.yaml", robot="true")
-    assert len(given["configs"].split()) == 2
-    # the lab's folder is complete without the original map file
+    assert arguments_of(lab / "lab.launch")["map"] == "$(dirname)/map.yaml"
     (tmp_path / "room.pgm").unlink()
     copy = read_map(lab / "map.yaml")
     assert copy.origin == grid.origin

@@ -16,7 +16,6 @@ import pytest
 
 from vb_testing import TOP
 
-# .868<!-- docs/results/study/hand.md "Carpet exclusion | people | robust" 6 -->
 MARK = re.compile(
     r"(?P<figure>[-−]?[\d,]*\.?\d+)(?P<percent> ?%)?<!-- (?P<file>\S+) \"(?P<row>[^\"]+)\" (?P<column>\d+) -->"
 )

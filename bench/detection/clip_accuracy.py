@@ -4,16 +4,17 @@
     python3 bench/detection/clip_accuracy.py DIR [--roles stationary mobile window] [--left-out EXAMPLES]
                                      [--other REVISION|SRC] [--csv FILE]
 
-DIR contains labels.json and clips/. Roles are stationary, a fixed camera; mobile, a robot's camera that sees the same
-pictures while the robot stands; and window, a robot's camera that looks around, simulated by a window that pans, tilts
-and rolls over the pictures by a few pixels per image. Detectors know neither focal length nor pose.
+DIR contains labels.json and clips/. There are three roles: stationary, a fixed camera; mobile, a robot's camera that
+sees the same pictures while the robot stands; and window, a robot's camera that looks about. A window that pans, tilts
+and rolls over the pictures by a few pixels per image simulates the last one. Detectors know neither focal length nor pose.
 
-All versions see the same pictures in turns, without confirming spots: the packaged detector, and with `--left-out`
-(examples stored by training.py), a detector whose classifier was fitted without clips of the same camera or room.
+All versions see the same pictures in turns, and spots need no confirmation by a second image. With `--left-out`
+(examples stored by training.py), a detector whose classifier was fitted without clips of the same camera or room is
+measured too.
 
-A spot is right within 10 px (of 640 x 480) of a label of its frame. False spots are counted strictly, and *off fringe*,
-without spots near a label up to 2 frames earlier or later, where a pulse's first or last light is seen, and without
-frames with unlabelled pulses. Frames are not independent, so Wilson's intervals are too narrow.
+A spot within 10 px (of 640 x 480) of a label of its frame is right. False spots are counted in all, and *off fringe*:
+without frames with unlabelled pulses, and without spots near a label of up to 2 frames earlier or later, where a
+pulse's first or last light is seen. Frames are not independent, so Wilson's intervals are too narrow.
 """
 
 from __future__ import annotations

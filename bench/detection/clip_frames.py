@@ -13,9 +13,11 @@ import numpy as np
 from bench.detection.augmentation import PAINT_EVERY, OtherCamera, CameraSettings
 from bench.detection.detector_under_test import LabeledFrame
 
-REACH_PX, FRINGE = 10.0, 2
+REACH_PX = 10.0  # [px] of 640 px
+FRINGE = 2  # [frames] before and after a label, in which its spot may show too
 ROLES = ("stationary", "mobile", "window")
-NEAR_FRAMES, FIRST_FRAMES = 8, 60  # in long clips, only frames near a shot and the first frames are used
+# in long clips, only the first frames and those near a shot are used
+NEAR_FRAMES, FIRST_FRAMES = 8, 60
 # frames with unlabelled pulses, found by eye; in 115 and 116 on a wall that is white anyway
 UNLABELED = {"logitech-indoor-tree-green.mp4": (43, 44, 70, 71, 87, 88, 115, 116, 126, 127, 222, 223)}
 # parts of the clips' names
@@ -41,14 +43,13 @@ def reach_in(video: dict) -> float:
 
 def left_out_with(groups: Sequence[str]) -> Dict[str, List[str]]:
     """Returns the groups left out with each: with a clip those of its camera or room, with a scene a fifth of all."""
-    parts = np.random.default_rng(1).permutation(np.arange(len(groups)) % 5)
+    folds = dict(zip(groups, np.random.default_rng(1).permutation(np.arange(len(groups)) % 5)))
     traits = {group: set(camera_and_room(group)) for group in groups if is_clip(group)}
-    return {
-        group: [other for other in traits if traits[other] & traits[group]]
-        if group in traits
-        else [other for other, fold in zip(groups, parts) if fold == part and other not in traits]
-        for group, part in zip(groups, parts)
-    }
+    scenes = [group for group in groups if group not in traits]
+    left_out = {group: [other for other in scenes if folds[other] == folds[group]] for group in groups}
+    for group in traits:
+        left_out[group] = [other for other in traits if traits[other] & traits[group]]
+    return left_out
 
 
 def window_at(index: int, width: int, height: int, seed: int) -> np.ndarray:
@@ -74,7 +75,9 @@ def frames_of(clip: Path, video: dict, role: str) -> Iterator[LabeledFrame]:
     for label in video["labels"]:
         by_frame.setdefault(label["frame"], []).append(label)
     capture = cv2.VideoCapture(str(clip))
-    rate, seed, index = capture.get(cv2.CAP_PROP_FPS) or 25.0, zlib.crc32(clip.name.encode()), -1
+    rate = capture.get(cv2.CAP_PROP_FPS) or 25.0
+    seed = zlib.crc32(clip.name.encode())
+    index = -1
     while True:
         success, image = capture.read()
         index += 1
@@ -96,28 +99,31 @@ def frames_of(clip: Path, video: dict, role: str) -> Iterator[LabeledFrame]:
             for label in by_frame.get(index + offset, []):
                 x, y = transform @ (label["x"], label["y"], 1.0)
                 # a spot at the window's edge is neither required nor wrong
-                inside = 4.0 < x < width - 5.0 and 4.0 < y < height - 5.0 or role != "window"
-                (spots if offset == 0 and inside else unclear).append((x, y))
-                shots += [label["event"]] if offset == 0 and inside else []
+                is_clear = role != "window" or (4.0 < x < width - 5.0 and 4.0 < y < height - 5.0)
+                if offset == 0 and is_clear:
+                    spots.append((x, y))
+                    shots.append(label["event"])
+                else:
+                    unclear.append((x, y))
         yield LabeledFrame(index / rate, image, spots, unclear, shots=shots)
 
 
 def frames_near_shots(
-    folder: Path, name: str, video: dict, group: str, taken: Optional[CameraSettings] = None
+    folder: Path, name: str, video: dict, group: str, settings: Optional[CameraSettings] = None
 ) -> Iterator[LabeledFrame]:
     """Yields the informative frames of one clip for a stationary camera: those near a shot, and the first frames.
 
     Args:
         group: the clip's name and augmentation.
-        taken: settings of another camera that records the same pictures, into which spots are then painted.
+        settings: of another camera that records the same pictures; spots are then painted into them too.
     """
-    labeled_frames = np.array([label["frame"] for label in video["labels"]])
-    other = OtherCamera(taken, zlib.crc32(group.encode())) if taken else None
+    labeled = np.array([label["frame"] for label in video["labels"]])
+    other = OtherCamera(settings, zlib.crc32(group.encode())) if settings else None
     for number, frame in enumerate(frames_of(folder / "clips" / name, video, "stationary")):
-        far = not len(labeled_frames) or np.abs(labeled_frames - number).min() > NEAR_FRAMES
-        if far and len(labeled_frames) and number > FIRST_FRAMES:
+        is_far = not len(labeled) or np.abs(labeled - number).min() > NEAR_FRAMES
+        if is_far and len(labeled) and number > FIRST_FRAMES:
             continue
         if other is not None:
-            image, seen, unseen = other.take(frame.image, frame.spots, paint=far and number > PAINT_EVERY)
+            image, seen, unseen = other.record(frame.image, frame.spots, paint=is_far and number > PAINT_EVERY)
             frame = frame._replace(image=image, spots=frame.spots + seen, unclear=frame.unclear + unseen)
         yield frame

@@ -20,9 +20,9 @@ from vb_laser_detect.detection.features import SpotClassifier
 
 _QUANTILES = (0.01, 0.1, 0.3, 0.6, 0.9, 0.99)  # of spots and of others; a curve may bend there
 _WEIGHT = 1500.0  # total weight of the spots of a kind
-_FALSE_COSTS = 3.0  # cost of a false spot; that of a missed spot is 1, as the next image shows it again
+_FALSE_SPOT_COST = 3.0  # relative to the cost of a missed spot, which the next image shows again
 _STRENGTH = 0.3  # inverse strength of the regularisation, which limits the ramps
-# high values of these features indicate a spot, and of these only up to a value; those of all others indicate no spot
+# higher values of these features indicate a spot; of those in _UP_TO only up to a value; of all others, no spot
 _FOR = ("peak", "level", "edge", "chroma_mosaic")
 _UP_TO = {"diameter": math.log(0.01)}
 
@@ -36,28 +36,30 @@ def load_examples(files: Iterable[Path]) -> pandas.DataFrame:
 def fit(examples: pandas.DataFrame) -> SpotClassifier:
     """Fits the curves by logistic regression over ramps with fixed signs, a convex problem with one solution.
 
-    Within a kind (clips; each kind of rendered scene, "kind: name") all examples have the same weight, except that a
-    false spot counts as three missed ones; the spots of each kind have the same total weight. Classes are not balanced
-    within a kind, because in a kind with few other bright objects each would weigh as much as dozens of spots.
+    Clips are one kind of examples, and each kind of rendered scene ("kind: name") is another. The spots of each kind
+    have the same total weight. Within a kind all examples weigh the same, except that a false spot counts as three
+    missed ones. Classes are not balanced, because one of a few bright objects would then weigh as much as many spots.
     """
     names, truth = examples.columns[:-1], examples.truth.to_numpy()
     columns = examples[names].to_numpy().T
     kinds = np.array([kind_of(group) for group in examples.index])
-    weights = np.where(truth, 1.0, _FALSE_COSTS)
+    weights = np.where(truth, 1.0, _FALSE_SPOT_COST)
     for kind in np.unique(kinds):
         of_kind = kinds == kind
         weights[of_kind] *= _WEIGHT / (np.count_nonzero(of_kind & truth) or np.count_nonzero(of_kind))
     # an unknown feature has the value of a usual spot
     known_values = [column[truth & ~np.isnan(column)] for column in columns]
-    usual_values = np.array([np.median(column) if len(column) else np.nan for column in known_values])
+    usual_values = np.array([np.median(known) if len(known) else np.nan for known in known_values])
     values = np.where(np.isnan(columns.T), usual_values, columns.T)
     # a feature that indicates no spot counts only above a usual spot's value, as lower values do not indicate a spot
     against = np.array([name not in _FOR and name not in _UP_TO for name in names])
     values = np.where(against, np.maximum(values, usual_values), values)
-    knots = [_knots(np.where(np.isnan(column), np.nan, x), truth) for column, x in zip(columns, values.T)]
+    known_only = np.where(np.isnan(columns.T), np.nan, values)
+    knots = [_knots(column, truth) for column in known_only.T]
     signs = np.concatenate([_signs(name, x) for name, x in zip(names, knots)] + [[1.0]])
     ramps = [_ramps(column, x) for column, x in zip(values.T, knots)]
-    design = np.hstack(ramps + [np.ones((len(truth), 1))]) * signs * np.where(truth, 1.0, -1.0)[:, None]
+    outcomes = np.where(truth, 1.0, -1.0)
+    design = np.hstack(ramps + [np.ones((len(truth), 1))]) * signs * outcomes[:, None]
     penalty = np.full(len(signs), 1.0 / _STRENGTH)
     penalty[-1] = 0.0
 
@@ -72,7 +74,9 @@ def fit(examples: pandas.DataFrame) -> SpotClassifier:
     limits = {"maxiter": 5000, "maxfun": 10000, "ftol": 0.0, "gtol": 1e-6}
     solution = minimize(loss, np.zeros(len(signs)), jac=True, method="L-BFGS-B", bounds=bounds, options=limits)
     heights = solution.x * signs
-    intercept, curves, first = float(heights[-1]), {}, 0
+    intercept = float(heights[-1])
+    curves = {}
+    first = 0
     for name, x, usual_value in zip(names, knots, usual_values):
         ramp_heights = heights[first : first + max(0, len(x) - 1)]
         first += len(ramp_heights)
@@ -125,7 +129,9 @@ def leave_out(examples: pandas.DataFrame, only_clips: bool = False) -> Dict[str,
 
 def calibrate_classifier(classifier: SpotClassifier, left_out: Iterable[LeftOut]) -> SpotClassifier:
     """Calibrates a classifier's probabilities for unseen cameras and rooms (Platt scaling)."""
-    truth, scores = (np.concatenate(arrays) for arrays in zip(*((result.truth, result.logits) for result in left_out)))
+    results = list(left_out)
+    truth = np.concatenate([result.truth for result in results])
+    scores = np.concatenate([result.logits for result in results])
 
     def loss(scaling: np.ndarray) -> float:
         margins = scaling[0] * scores + scaling[1]

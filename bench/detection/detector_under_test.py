@@ -24,7 +24,7 @@ class LabeledFrame(NamedTuple):
         image: as from a camera driver, in `encoding`, or the bytes of a "jpeg", as from a camera read directly.
         spots: positions of its spots, (u, v) [px] unless stated otherwise.
         unclear: positions that are not scored: a pulse's first or last light, unlabelled pulses, half-hidden spots.
-        geometry: returns the `ImageGeometry` for a version's module `projection`; None if it is unknown.
+        geometry: makes the `ImageGeometry`, given the module `projection` of a version; None if it is unknown.
         shots: in a clip, the shot to which each spot belongs.
     """
 
@@ -77,7 +77,7 @@ class DetectionScore:
         found: (stamp, index) of each labelled spot that was found.
         errors: distances of right spots from the labelled ones.
         false_spots: (frame number, u, v [px]) of the other spots.
-        unclear_count: how many of these are at positions where the label is unclear.
+        unclear_count: number of false spots at positions where the label is unclear.
     """
 
     def __init__(
@@ -140,10 +140,12 @@ class DetectionScore:
 
 def figures(scores: Sequence[DetectionScore], unit: str = "px") -> Dict[str, Any]:
     """Computes the figures of one or several scores."""
-    sums: Dict[str, int] = {key: sum(score.sums()[key] for score in scores) for key in scores[0].sums()}
+    all_sums = [score.sums() for score in scores]
+    sums: Dict[str, int] = {key: sum(one[key] for one in all_sums) for key in all_sums[0]}
     errors = [error for score in scores for error in score.errors] or [math.nan]
-    wrong = sum(len({number for number, *_ in score.false_spots}) for score in scores)  # images with a false spot
-    recall, false = proportion(sums["found"], sums["labels"]), proportion(wrong, sums["frames"]).scaled(1e3)
+    wrong_images = sum(len({number for number, *_ in score.false_spots}) for score in scores)
+    recall = proportion(sums["found"], sums["labels"])
+    false = proportion(wrong_images, sums["frames"]).scaled(1e3)
     return {
         **sums,
         "recall": sums["found"] / max(1, sums["labels"]),

@@ -3,8 +3,8 @@
 
     python3 bench/detection/scene_accuracy.py [WORD ...] [--share PART] [--jpeg] [--other REVISION|SRC] [--csv FILE]
 
-Runs only scenes with a WORD in their name, and this PART of each scene's time; other versions see the same images. With
---jpeg, the ceiling cameras are webcams that the detector reads directly.
+Runs only scenes with a WORD in their name, and this PART of each scene's time. Another version sees the same images.
+With --jpeg, the ceiling cameras are webcams that the detector reads directly.
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ def main() -> None:
     parser.add_argument("--jpeg", action="store_true")
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    table, room, rooms, scores_by_version = ResultTable(options.csv, options.seed), lab(), Rooms(options.seed), {}
+    table = ResultTable(options.csv, options.seed)
+    room, rooms = lab(), Rooms(options.seed)
+    scores_by_version = {}
     scenes = ceiling_scenes(room)
     if not options.jpeg:
         scenes += mobile_scenes(room)

@@ -70,8 +70,8 @@ class SceneConditions:
     """The conditions in a room at one time, by default without disturbances.
 
     Attributes:
-        light: of the lamps, as a multiple of the rendered light; does not change a laser's.
-        exposure: of the camera, as a multiple of the rendered exposure; brightens a laser too.
+        light: of the lamps, as a multiple of the rendered light. It does not change a laser's light.
+        exposure: of the camera, as a multiple of the rendered exposure. It brightens a laser too.
         sun: (x, y) [m] corners of the sun patch on the floor; empty without sun.
         sun_gain: factor of the floor's brightness in the sun.
     """
@@ -102,6 +102,7 @@ def with_disturbances(view_class: Type[Any]) -> Type[Any]:
             ]
 
         def _add_light(self, image: np.ndarray, snapshot: DisturbedSnapshot, _exposure: float = 1.0) -> None:
+            # the conditions give the exposure, so the argument is ignored
             conditions, pose = snapshot.conditions, self.camera_pose(snapshot)
             if conditions != SceneConditions():
                 self._before_change(image, (slice(None), slice(None)))
@@ -157,6 +158,8 @@ def add_glint(
     if (high <= low).any():
         return
     u, v = (np.arange(low[axis], high[axis]) - center[axis] for axis in (0, 1))
-    light = glint.brightness * exposure * np.exp(-0.5 * (u[None, :] ** 2 + v[:, None] ** 2) / sigma**2)
+    squared_distances = u[None, :] ** 2 + v[:, None] ** 2  # [px^2] from the glint's centre
+    light = glint.brightness * exposure * np.exp(-0.5 * squared_distances / sigma**2)
     part = image[low[1] : high[1], low[0] : high[0]]
-    part[...] = np.minimum(part + apply_color_filters(light, np.ones(3), encoding, low[0], low[1]) + 0.5, 255.0)
+    filtered = apply_color_filters(light, np.ones(3), encoding, low[0], low[1])
+    part[...] = np.minimum(part + filtered + 0.5, 255.0)

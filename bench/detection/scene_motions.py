@@ -18,7 +18,7 @@ WALK_S = 60.0  # [s] for which people walk
 ScenePoint = Tuple[float, float]  # (x, y) [m]
 
 
-def along(chain: np.ndarray, speed: float, closed: bool = True) -> Callable[[float], ScenePoint]:
+def motion_along(chain: np.ndarray, speed: float, closed: bool = True) -> Callable[[float], ScenePoint]:
     """Returns a spot's motion round a chain (N, 2) [m], or back and forth, at a speed [m/s], with a tremor of 1 cm."""
     points = np.vstack([chain, chain[:1] if closed else chain[-2::-1]])
     arc = arc_lengths(points)
@@ -31,7 +31,7 @@ def along(chain: np.ndarray, speed: float, closed: bool = True) -> Callable[[flo
     return at
 
 
-def still(x: float, y: float, tremor: float = 0.0) -> Callable[[float], ScenePoint]:
+def motion_at(x: float, y: float, tremor: float = 0.0) -> Callable[[float], ScenePoint]:
     """Returns the motion of a spot held at one point, with a tremor [m]."""
     return lambda t: (x + tremor * math.sin(5.0 * t), y + tremor * math.sin(7.3 * t + 0.5))
 
@@ -45,21 +45,23 @@ class Walk:
 
     def __init__(self, world: World, seed: int, shirt: Any = DARK, shoes: Any = DARK, glint: float = 0.0) -> None:
         self._shirt, self._shoes, self._glint = tuple(shirt), tuple(shoes), glint
-        clearance, random = DistanceField(physical_map(world)).clearance, np.random.default_rng(seed)
+        clearance = DistanceField(physical_map(world)).clearance
+        random = np.random.default_rng(seed)
 
-        def free(points: np.ndarray) -> bool:
+        def is_free(points: np.ndarray) -> bool:
             return all(clearance(*point) > 0.25 for point in points)
 
         def place() -> np.ndarray:
             while True:
                 point = random.uniform((0.3, 0.3), np.array(world.room.size) - 0.3)
-                if free(point[None]):
+                if is_free(point[None]):
                     return point
 
         stations = [place()]
         while len(stations) < 2 + WALK_S / 1.2:
             point = place()
-            if free(stations[-1] + np.linspace(0, 1, 20)[:, None] * (point - stations[-1])):
+            way = stations[-1] + np.linspace(0, 1, 20)[:, None] * (point - stations[-1])
+            if is_free(way):
                 stations.append(point)
         self._stations = np.array(stations)
         self._arc = arc_lengths(self._stations)
@@ -81,8 +83,8 @@ class Walk:
         return person, (Glint(toe, 0.012, self._glint),)
 
 
-def walking(*walks: Walk) -> Callable[[float], SceneConditions]:
-    """Returns the conditions with several people walking, as a function of time [s]."""
+def conditions_with_people(*walks: Walk) -> Callable[[float], SceneConditions]:
+    """Returns a function of time [s] that gives the conditions while several people walk."""
 
     def at(t: float) -> SceneConditions:
         people, glints = zip(*(walk.at(t) for walk in walks))
@@ -91,8 +93,8 @@ def walking(*walks: Walk) -> Callable[[float], SceneConditions]:
     return at
 
 
-def every(period: float, *values: Any) -> Callable[[float], Any]:
-    """Returns a function of time with one value after another, each for a period [s]."""
+def alternate(period: float, *values: Any) -> Callable[[float], Any]:
+    """Returns a function of time [s] that gives one value after another, each for a period [s]."""
     return lambda t: values[int(t / period) % len(values)]
 
 

@@ -20,9 +20,10 @@ from vb_sim.floor_plan import physical_map
 from vb_sim.world import World
 
 RATE = 25.0
-LEARN_S, QUIET_S, DRAW_S = 1.0, 8.0, 10.0  # [s] with the empty room, with the disturbance, and also with the laser
+# [s] with the empty room, then with the disturbance, then with the laser too
+LEARN_S, QUIET_S, DRAW_S = 1.0, 8.0, 10.0
 NEAR_MM = 100.0  # [mm] from the laser, beyond which a spot is false
-SEEN = 0.5  # share of its light at which a camera sees a spot
+SEEN = 0.5  # share of its light at which a spot counts as seen by a camera
 
 
 @dataclass(frozen=True)
@@ -30,9 +31,9 @@ class Scene:
     """One case; its functions take a time [s].
 
     Attributes:
-        worlds: the rooms, between which objects are moved; `world_at` returns the index of the current one.
+        worlds: the room before and after objects are moved; `world_at` returns the index of the current one.
         laser_at: returns (x, y) [m] of the spot.
-        around_at: returns the conditions in the room.
+        conditions_at: returns the conditions in the room.
         robot_at: returns (x, y, yaw) of the robot, whose camera is used if `mobile`; otherwise the ceiling camera is.
     """
 
@@ -40,7 +41,7 @@ class Scene:
     laser_at: Callable[[float], ScenePoint]
     worlds: Tuple[World, ...]
     world_at: Callable[[float], int] = lambda t: 0
-    around_at: Callable[[float], SceneConditions] = lambda t: SceneConditions()
+    conditions_at: Callable[[float], SceneConditions] = lambda t: SceneConditions()
     color: str = "red"
     mobile: bool = False
     camera: str = "green"
@@ -69,8 +70,8 @@ def course(scene: Scene, share: float = 1.0, learn_s: float = LEARN_S) -> Iterat
             # the person stands beside the drawing, so that neither body nor shadow always hides it
             target = laser or scene.laser_at(0.0)
             person = (4.6, 2.9, math.atan2(target[1] - 2.9, target[0] - 4.6))
-        around = scene.around_at(t) if t >= learn_s else SceneConditions()
-        snapshot = DisturbedSnapshot(t, {"robot": scene.robot_at(t)}, laser, scene.color, velocity, person, around)
+        conditions = scene.conditions_at(t) if t >= learn_s else SceneConditions()
+        snapshot = DisturbedSnapshot(t, {"robot": scene.robot_at(t)}, laser, scene.color, velocity, person, conditions)
         world = scene.world_at(t) if t >= learn_s else 0
         yield world, snapshot
 
@@ -82,7 +83,7 @@ def frames(
 
     Args:
         clear: share of a spot's light below which it counts as unclear.
-        on_floor: whether spots' positions are on the floor [mm], as those of `floor_place`, or in the image [px].
+        on_floor: whether the spots' positions are on the floor [mm], like those of `floor_place`, or in the image [px].
     """
     config = yaml.safe_load((TOP / f"src/vb_laser_detect/config/{scene.role}.yaml").read_text())["projection"]
     floor = physical_map(scene.worlds[0])
@@ -103,13 +104,15 @@ def frames(
         if not scene.mobile:
             view.image(first)
     for index, snapshot in course(scene, share, learn_s):
-        view, places = views[index], []
+        view = views[index]
+        places = []
         image = view.image(snapshot)
         if snapshot.laser is not None and on_floor:
             places = [(1e3 * snapshot.laser[0], 1e3 * snapshot.laser[1])]
         elif view.spot(snapshot) is not None:
             places = [tuple(view.spot(snapshot).center)]
-        seen, unclear = (places, []) if view.spot_share(snapshot) >= clear else ([], places)
+        is_clear = view.spot_share(snapshot) >= clear
+        seen, unclear = (places, []) if is_clear else ([], places)
         # depth is rendered with random noise, hence only if needed, and once for all versions
         draw = lru_cache(maxsize=None)(lambda: (view.depth(snapshot), view.depth_model))
         frame_geometry = partial(geometry, view, snapshot, draw if scene.mobile else None)

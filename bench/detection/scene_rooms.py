@@ -28,10 +28,13 @@ def tiles(room: World, color: Sequence[int], contrast: float = 0.06) -> World:
 
 def with_camera(world: World, **changes: Any) -> World:
     """Returns the world with changes to the ceiling camera that the scenes use."""
-    return replace(world, cameras=tuple(replace(c, **changes) if c.name == "green" else c for c in world.cameras))
+    cameras = [replace(camera, **changes) if camera.name == "green" else camera for camera in world.cameras]
+    return replace(world, cameras=tuple(cameras))
 
 
-def printed(world: World, places: Sequence[ScenePoint], colors: Sequence[Sequence[int]], size: float = 0.018) -> World:
+def with_dots(
+    world: World, places: Sequence[ScenePoint], colors: Sequence[Sequence[int]], size: float = 0.018
+) -> World:
     """Returns a world with printed dots of a size [m] on the floor."""
     dots = (
         {"name": "dot", "x": x, "y": y, "size": [size, size], "color": list(color), "contrast": 0.0}
@@ -49,7 +52,7 @@ class Rooms:
         self._floors: List[Tuple[World, FloorTexture]] = []
 
     def view(self, world: World, camera: str) -> Any:
-        """Returns the view of a ceiling camera, or, if the name is empty, of the robot's camera."""
+        """Returns a ceiling camera's view, or the robot camera's if the name is empty."""
         for cached, name, view in self._views:
             if cached is world and name == camera:
                 return view
@@ -58,8 +61,8 @@ class Rooms:
             floor = render_floor(world, self.seed)
             self._floors.append((world, floor))
         mesh, radii = world_mesh(world), world.robot_radii()
-        kind, owner = (CeilingView, world.camera(camera)) if camera else (RobotView, world.robots[0])
-        view = with_disturbances(kind)(owner, radii, floor, mesh, Models(), self.seed)
+        kind, device = (CeilingView, world.camera(camera)) if camera else (RobotView, world.robots[0])
+        view = with_disturbances(kind)(device, radii, floor, mesh, Models(), self.seed)
         self._views.append((world, camera, view))
         return view
 

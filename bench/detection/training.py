@@ -5,14 +5,14 @@
                                                         clip_accuracy.py, and its clips are not part of the project
     python3 bench/detection/training.py --out FILE                  trains on rendered scenes only, as the file then
                                                         says; this classifier is worse on real pictures
-    ... --examples FOLDER                               stores the examples of each scene and clip, in a file each
-                                                        (default: out/spot_examples); existing files are used. Delete
-                                                        the folder when the detector has changed
+    ... --examples FOLDER                               stores the examples, one file for each scene and clip
+                                                        (default: out/spot_examples); existing files are used, so
+                                                        delete the folder when the detector has changed
 
-Each clip is also augmented as other cameras would record it (augmentation.py). Validates on held-out examples: with a
-clip, all clips of its camera and room are held out; with a scene, a fifth of all scenes. Probabilities are calibrated
-on the same examples. Everything is seeded, so that the file is reproducible on one machine; another processor may round
-rendered images differently.
+Each clip is also augmented as other cameras would record it (augmentation.py). The classifier is validated on held-out
+examples: with a clip, all clips of its camera and room are held out; with a scene, a fifth of all scenes. The same
+examples calibrate its probabilities. Everything is seeded, so the file can be reproduced on one machine; another
+processor may round rendered images differently.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ import numpy as np
 import pandas
 
 from bench.detection import clip_frames, curve_fitting
-from bench.detection.augmentation import CameraSettings, takes
+from bench.detection.augmentation import CameraSettings, draw_augmentations
 from bench.detection.detector_under_test import DetectorRunner, LabeledFrame
 from bench.detection.scene_rendering import Scene, frames
 from bench.detection.scene_rooms import Rooms, lab
@@ -38,15 +38,18 @@ from bench.detection.scene_list import ceiling_scenes, mobile_scenes, training_s
 from bench.harness import TOP, ResultTable, arguments, share
 from vb_laser_detect.detection.features import Blob, SpotClassifier
 
-SCENES_SHARE, SCENES_SEED, LEARN_S = 0.2, 7, 0.5  # of each scene's time; rooms differ from scene_accuracy.py's
-SCENE_REACH_PX, CLEAR = 14.0, 0.7  # [px], and share of a spot's light that an example needs
+SCENES_SHARE = 0.2  # of each scene's time
+SCENES_SEED = 7  # of the rooms, which differ from those of scene_accuracy.py
+LEARN_S = 0.5  # [s] with the empty room
+SCENE_REACH_PX = 14.0  # [px] from a spot's position, below which a blob is the spot
+CLEAR = 0.7  # share of its light at which a spot becomes an example
 
 
 class Oracle(SpotClassifier):
-    """Replaces the classifier: answers with the current frame's labels, and records the candidates.
+    """Takes the classifier's place: answers with the current frame's labels, and records the candidates.
 
-    The detector proposes and measures as usual, and the background adopts what a perfect classifier would leave to it.
-    In images with a labelled spot only the spot is recorded, because other candidates are similar in all of them.
+    The detector finds and measures blobs as usual, and its background learns those that a perfect classifier would
+    reject. In an image with a labelled spot only the spot is recorded, because the other blobs hardly change.
     """
 
     def __init__(self, reach: float) -> None:
@@ -89,50 +92,50 @@ def collect(labeled_frames: Iterable[LabeledFrame], role: str, group: str, reach
     return pandas.DataFrame(values, index=[group] * len(values), columns=names).assign(truth=oracle.truth)
 
 
-def from_clip(
-    folder: Path, name: str, video: dict, group: str, taken: Optional[CameraSettings] = None
+def collect_from_clip(
+    folder: Path, name: str, video: dict, group: str, settings: Optional[CameraSettings] = None
 ) -> pandas.DataFrame:
     """Collects the examples of one clip for a stationary camera; moving cameras are used for evaluation only."""
-    labeled_frames = clip_frames.frames_near_shots(folder, name, video, group, taken)
+    labeled_frames = clip_frames.frames_near_shots(folder, name, video, group, settings)
     return collect(labeled_frames, "stationary", group, clip_frames.reach_in(video))
 
 
-def from_scene(scene: Scene, rooms: Rooms) -> pandas.DataFrame:
+def collect_from_scene(scene: Scene, rooms: Rooms) -> pandas.DataFrame:
     """Collects the examples of the first part of a rendered scene."""
     shown = frames(scene, rooms, SCENES_SHARE, LEARN_S, CLEAR, on_floor=False)
     return collect(shown, scene.role, scene.title, SCENE_REACH_PX)
 
 
-def parts_of(clips: Optional[Path], words: Sequence[str]) -> Iterator[Tuple[str, Callable[[], pandas.DataFrame]]]:
+def list_sources(clips: Optional[Path], words: Sequence[str]) -> Iterator[Tuple[str, Callable[[], pandas.DataFrame]]]:
     """Yields the names of the selected scenes and clips, and functions that collect their examples."""
     room, rooms = lab(), Rooms(SCENES_SEED)
     for scene in ceiling_scenes(room) + mobile_scenes(room) + training_scenes(room):
         if any(word in scene.title for word in words):
-            yield scene.title, partial(from_scene, scene, rooms)
+            yield scene.title, partial(collect_from_scene, scene, rooms)
     if clips:
         for name, video in sorted(json.loads((clips / "labels.json").read_text())["videos"].items()):
-            yield name, partial(from_clip, clips, name, video, name)
-            for group, taken in takes(name, np.random.default_rng(zlib.crc32(name.encode()))):
-                yield group, partial(from_clip, clips, name, video, group, taken)
+            yield name, partial(collect_from_clip, clips, name, video, name)
+            random = np.random.default_rng(zlib.crc32(name.encode()))
+            for group, settings in draw_augmentations(name, random):
+                yield group, partial(collect_from_clip, clips, name, video, group, settings)
 
 
 def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--clips", type=Path, metavar="DIR")
-    about_scenes = "only scenes with a WORD in their name"
-    parser.add_argument("--scenes", nargs="+", default=[""], metavar="WORD", help=about_scenes)
+    parser.add_argument("--scenes", nargs="+", default=[""], metavar="WORD", help="only scenes with a WORD in the name")
     parser.add_argument("--examples", type=Path, metavar="FOLDER", default=TOP / "out" / "spot_examples")
     parser.add_argument("--out", type=Path, help="write the classifier")
     options = parser.parse_args()
     cv2.setNumThreads(1)
     options.examples.mkdir(parents=True, exist_ok=True)
     files = []
-    for name, make in parts_of(options.clips, options.scenes):
+    for name, make in list_sources(options.clips, options.scenes):
         file = options.examples / (re.sub(r"\W+", "_", name) + ".csv")
         if not file.exists():
-            part = file.with_suffix(".part")  # the file appears only once it is complete
-            make().to_csv(part)
-            part.replace(file)
+            unfinished = file.with_suffix(".part")  # the file appears only once it is complete
+            make().to_csv(unfinished)
+            unfinished.replace(file)
             print(f"made {file.name}", flush=True)
         files.append(file)
     examples = curve_fitting.load_examples(files)
@@ -145,8 +148,8 @@ def main() -> None:
         spots, others = (int(selected.sum()) for selected in (truth, ~truth))
         table.add(left_out=group, spots=spots, found=found, others=others, taken_for_spots=false_spots)
     groups = pandas.DataFrame(table.rows)
-    for kind, part in groups.groupby(groups.left_out.map(curve_fitting.kind_of)):
-        spots, found, others, false_spots = part[["spots", "found", "others", "taken_for_spots"]].sum()
+    for kind, rows in groups.groupby(groups.left_out.map(curve_fitting.kind_of)):
+        spots, found, others, false_spots = rows[["spots", "found", "others", "taken_for_spots"]].sum()
         table.add(left_out=f"each {kind}", found=share(found, spots), taken_for_spots=share(false_spots, others))
     if options.out:
         kinds = [curve_fitting.kind_of(name) for name in names]

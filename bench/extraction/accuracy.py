@@ -8,8 +8,8 @@
 By default, the development half of people's strokes and seeds below 1,000 are used; with --judge, the other half and
 seeds from 100,000 or --seed. A generated stroke is bad if its chain is more than 0.25 m (Hausdorff distance) from the
 intended chain, or if extraction fails. A person's stroke is bad if the extracted line is more than 0.25 m from the
-drawn one; for a polygon, only the distance of the extracted line from the drawn one counts, and a Jaccard index below
-0.8 is bad too. Times are processor time.
+drawn one. Of a polygon, only the distance of the extracted line from the drawn one counts, not the reverse; but a
+Jaccard index below 0.8 is bad too. Times are processor time.
 """
 
 from __future__ import annotations
@@ -73,8 +73,8 @@ def strokes_of_people(half: str, draws: int, base: int) -> Iterator[Group]:
 
 def generated(name: str, count: int, base: int) -> Iterator[Group]:
     """Yields cells with strokes of all shapes in one setting."""
-    for shape in (shape for shape in SHAPES if shape != "circle"):
-        if SHAPES[shape][1] or not name.startswith(CLOSED_ONLY):
+    for shape in SHAPES:
+        if shape != "circle" and (SHAPES[shape][1] or not name.startswith(CLOSED_ONLY)):
             shape_index = sorted(SHAPES).index(shape)
             seeds = (np.random.default_rng([base + k, shape_index]) for k in range(count))
             yield f"{name}, {shape}", (draw(shape, SETTINGS[name], seed) for seed in seeds)
@@ -103,7 +103,7 @@ def disturbed_strokes(count: int, base: int) -> Iterator[Group]:
             yield f"false spots {when}, {away} m away", strokes
 
 
-def extracting(module: Any, mode: str, with_stamps: bool) -> Extract:
+def make_extraction(module: Any, mode: str, with_stamps: bool) -> Extract:
     """Returns a version's extraction, which uses stamps and cameras if `with_stamps`."""
 
     def extract(stroke: Stroke) -> Any:
@@ -147,7 +147,8 @@ def add_rows(table: ResultTable, group: str, cell: str, strokes: Iterator[Stroke
         for method, extract in tools.items():
             results_by_method[method].append(measure_stroke(stroke, extract, group == "people"))
     for method, results in results_by_method.items():
-        index, distances = np.array([r["jaccard"] for r in results]), [r["distance"] for r in results]
+        index = np.array([result["jaccard"] for result in results])
+        distances = [result["distance"] for result in results]
         table.add(
             group=group,
             cell=cell,
@@ -171,9 +172,12 @@ def main() -> None:
     parser.add_argument("--methods", nargs="*", help="measure only these")
     parser.add_argument("--only", nargs="*", choices=groups, default=groups)
     options = parser.parse_args()
-    tools = {"robust": extracting(extraction, "robust", True), "paper": extracting(extraction, "paper", False)}
+    tools = {
+        "robust": make_extraction(extraction, "robust", True),
+        "paper": make_extraction(extraction, "paper", False),
+    }
     if options.other:
-        tools["other"] = extracting(import_from(options.other, "vb_fusion.extraction")[0], "robust", True)
+        tools["other"] = make_extraction(import_from(options.other, "vb_fusion.extraction")[0], "robust", True)
     tools = {name: tools[name] for name in (options.methods or tools)}
     half, base = ("judge", 100_000) if options.judge else ("develop", 0)
     base = base if options.seed is None else options.seed

@@ -35,7 +35,8 @@ def move_straight(start, end, speed: float, rng: np.random.Generator) -> np.ndar
     offset = np.subtract(end, start)
     length = float(np.hypot(*offset))
     u = np.linspace(0.0, 1.0, max(2, int(length / speed / STEP)))
-    progress = u**3 * (10.0 - 15.0 * u + 6.0 * u * u) if speed > SLOW else u
+    minimum_jerk = u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
+    progress = minimum_jerk if speed > SLOW else u
     bend = rng.normal(0.0, BEND) * np.sin(np.pi * progress)
     across = np.array([-offset[1], offset[0]])
     return start + progress[:, None] * offset + bend[:, None] * across
@@ -82,7 +83,7 @@ def draw_ring(size: float, rng: np.random.Generator, sweep: float = 2.0 * np.pi,
 
 
 def draw_with_hidden_piece(width: float, rng: np.random.Generator) -> DrawnScene:
-    """Draws a box, of which no camera sees a piece."""
+    """Draws a box with a piece that no camera sees."""
     scene = draw_polygon(np.roll(BOX, rng.integers(4), axis=0), True, rng)
     arc = geometry.arc_lengths(scene.path)
     scene.shown = np.abs(arc - rng.uniform(0.6, arc[-1] - 0.6)) > 0.5 * width
@@ -90,12 +91,13 @@ def draw_with_hidden_piece(width: float, rng: np.random.Generator) -> DrawnScene
 
 
 def draw_with_lifted_pointer(rng: np.random.Generator) -> DrawnScene:
-    """Draws a box and switches the pointer off once, and continues some centimetres before or after that point."""
+    """Draws a box and switches the pointer off once; the line goes on some centimetres before or after that point."""
     scene = draw_polygon(BOX, True, rng)
     off = int(rng.uniform(0.2, 0.8) * len(scene.path))
     pause = int(rng.uniform(0.5, 3.0) / STEP)
     on = max(0, off + int(rng.uniform(-0.4, 0.4) / STEP))
-    scene.path = np.vstack([scene.path[:off], np.repeat(scene.path[off : off + 1], pause, axis=0), scene.path[on:]])
+    waiting = np.repeat(scene.path[off : off + 1], pause, axis=0)
+    scene.path = np.vstack([scene.path[:off], waiting, scene.path[on:]])
     scene.shown = np.ones(len(scene.path), bool)
     scene.shown[off : off + pause] = False
     return scene
@@ -103,7 +105,8 @@ def draw_with_lifted_pointer(rng: np.random.Generator) -> DrawnScene:
 
 def draw_sides_apart(rng: np.random.Generator) -> DrawnScene:
     """Draws the sides of a box in the order 1-3-2-4, with the pointer off between them."""
-    speed, parts, shown, drawn = rng.uniform(0.2, 0.5), [], [], {}
+    speed = rng.uniform(0.2, 0.5)
+    parts, shown, drawn = [], [], {}
     for number in (0, 2, 1, 3):
         ends = miss(BOX[[number, (number + 1) % 4]], rng)
         if parts:
@@ -112,7 +115,8 @@ def draw_sides_apart(rng: np.random.Generator) -> DrawnScene:
         drawn[number] = move_straight(ends[0], ends[1], speed, rng)
         parts.append(drawn[number])
         shown.append(np.ones(len(drawn[number]), bool))
-    return DrawnScene(np.vstack([drawn[number] for number in range(4)]), True, np.vstack(parts), np.concatenate(shown))
+    truth = np.vstack([drawn[number] for number in range(4)])
+    return DrawnScene(truth, True, np.vstack(parts), np.concatenate(shown))
 
 
 def draw_random_figure(rng: np.random.Generator) -> DrawnScene:
@@ -131,17 +135,20 @@ def draw_random_figure(rng: np.random.Generator) -> DrawnScene:
 
 def draw_slowly(rng: np.random.Generator) -> DrawnScene:
     """Draws a line or a small box at 5 cm/s."""
-    small = rng.random() < 0.5
-    return draw_polygon(0.6 * BOX if small else np.array([[0.0, 0.0], [0.9, 0.0]]), bool(small), rng, (0.05, 0.05))
+    is_box = rng.random() < 0.5
+    corners = 0.6 * BOX if is_box else np.array([[0.0, 0.0], [0.9, 0.0]])
+    return draw_polygon(corners, is_box, rng, (0.05, 0.05))
 
 
 def hold_twice(rng: np.random.Generator) -> DrawnScene:
-    """Holds the pointer at a wrong point, then shorter at the intended one, switched on or off in between."""
+    """Holds the pointer at a wrong point, then for a shorter time at the right one; it is on or off in between."""
     seconds = ((6.0, 1.5), (10.0, 2.0), (20.0, 3.0))[rng.integers(3)]
-    wrong_point, angle = rng.uniform(-1.0, 1.0, 2), rng.uniform(0.0, 2.0 * np.pi)
+    wrong_point = rng.uniform(-1.0, 1.0, 2)
+    angle = rng.uniform(0.0, 2.0 * np.pi)
     right_point = wrong_point + rng.uniform(0.4, 1.6) * np.array([np.cos(angle), np.sin(angle)])
-    parts = [np.repeat([point], int(time / STEP), axis=0) for point, time in zip((wrong_point, right_point), seconds)]
-    parts.insert(1, move_straight(wrong_point, right_point, rng.uniform(0.3, 1.0), rng))
+    before, after = (int(time / STEP) for time in seconds)
+    way = move_straight(wrong_point, right_point, rng.uniform(0.3, 1.0), rng)
+    parts = [np.repeat([wrong_point], before, axis=0), way, np.repeat([right_point], after, axis=0)]
     shown = [np.ones(len(part), bool) for part in parts]
     shown[1][:] = rng.random() < 0.5
     return DrawnScene(right_point[None], False, np.vstack(parts), np.concatenate(shown))

@@ -21,16 +21,8 @@ from typing import Any, Callable, Dict, List, NamedTuple, Tuple
 import numpy as np
 from scipy.signal import lfilter
 
-from bench.extraction.hand_movements import (
-    BOX,
-    STEP,
-    DrawnScene,
-    draw_random_figure,
-    draw_polygon,
-    draw_ring,
-    draw_sides_apart,
-)
-from bench.extraction.hand_movements import draw_slowly, draw_with_hidden_piece, draw_with_lifted_pointer, hold_twice
+from bench.extraction import hand_movements
+from bench.extraction.hand_movements import BOX, STEP, DrawnScene, draw_polygon, draw_ring, draw_with_hidden_piece
 from bench.harness import TOP, ResultTable, arguments, import_from, share, versions
 
 sys.path.insert(0, str(TOP / "src" / "vb_fusion" / "test"))
@@ -41,14 +33,15 @@ from vb_core import geometry  # noqa: E402
 MODULES = "vb_fusion.extraction", "vb_fusion.spot_collector"
 BAD_M = 0.25
 MARGIN = 0.5  # [m] around the drawing, in which strays appear
-# errors of the cameras and the hand
 RATES = (25.0, 30.0)  # [1/s] of the cameras
-BIAS, NOISE, TREMOR = 0.03, 0.005, 0.012  # [m]
-DROPPED, BURSTS, STRAYS = 0.2, 0.3, 0.03  # share, [1/s], share
+BIAS, NOISE = 0.03, 0.005  # [m] errors of the cameras
+TREMOR = 0.012  # [m] of the hand
+DROPPED, STRAYS = 0.2, 0.03  # shares of the images that are dropped, and of the spots that are strays
+BURSTS = 0.3  # [1/s] rate of bursts of dropped images
 
 
 class Judgement(NamedTuple):
-    """Whether a border or seed is bad, and that silently; whether a warning was given; and the error [m]."""
+    """Whether a border or seed is bad, whether it is bad without a warning, whether one was given, and the error [m]."""
 
     bad: bool
     silent: bool
@@ -60,7 +53,8 @@ def observe(scene: DrawnScene, rng: np.random.Generator):
     """Simulates the cameras' observation of a scene; returns points, stamps and cameras, in order of arrival."""
     end = len(scene.path) * STEP
     decay = np.exp(-STEP / 0.25)
-    hand = lfilter([1.0], [1.0, -decay], rng.normal(0.0, TREMOR * np.sqrt(1 - decay**2), scene.path.shape), axis=0)
+    pushes = rng.normal(0.0, TREMOR * np.sqrt(1 - decay**2), scene.path.shape)
+    hand = lfilter([1.0], [1.0, -decay], pushes, axis=0)
     rows = []
     for camera, rate in enumerate(RATES):
         t = np.arange(rng.uniform(0.0, 1.0 / rate), end, 1.0 / rate)
@@ -118,14 +112,14 @@ def judge_border(make: Callable, modules: List[Any], rng: np.random.Generator) -
 
 
 ROWS: Dict[str, Tuple[Callable, int]] = {
-    "figures and lines": (draw_random_figure, 120),
+    "figures and lines": (hand_movements.draw_random_figure, 120),
     "hidden piece of 0.5, 0.6, 0.8 m": (lambda rng: draw_with_hidden_piece(rng.choice([0.5, 0.6, 0.8]), rng), 120),
-    "sides in the order 1-3-2-4": (draw_sides_apart, 30),
-    "pointer lifted once": (draw_with_lifted_pointer, 60),
-    "5 cm/s": (draw_slowly, 80),
+    "sides in the order 1-3-2-4": (hand_movements.draw_sides_apart, 30),
+    "pointer lifted once": (hand_movements.draw_with_lifted_pointer, 60),
+    "5 cm/s": (hand_movements.draw_slowly, 80),
     **{f"ring of {size:g} m": (lambda rng, size=size: draw_ring(size, rng), 40) for size in (0.2, 0.3)},
     "clocks set back by 5 s": (lambda rng: replace(draw_polygon(BOX, True, rng), setback=5.0), 12),
-    "seed, held longer at a wrong place before": (hold_twice, 60),
+    "seed, held longer at a wrong place before": (hand_movements.hold_twice, 60),
 }
 
 
@@ -137,11 +131,13 @@ def main() -> None:
     table = ResultTable(options.csv, options.seed)
     for number, (name, (make, count)) in enumerate(ROWS.items()):
         for version, source in versions(options).items():
-            modules, seeds = import_from(source, *MODULES), range(max(1, int(count * options.times)))
-            judge_stroke = judge_seed if make is hold_twice else judge_border
-            judgements = [judge_stroke(make, modules, np.random.default_rng([options.seed + k, number])) for k in seeds]
+            modules = import_from(source, *MODULES)
+            stroke_count = max(1, int(count * options.times))
+            judge_stroke = judge_seed if make is hand_movements.hold_twice else judge_border
+            rngs = [np.random.default_rng([options.seed + k, number]) for k in range(stroke_count)]
+            judgements = [judge_stroke(make, modules, rng) for rng in rngs]
             bad, silent, reported, errors = np.array(judgements, float).T
-            shares = {key: share(int(flags.sum()), len(flags)) for key, flags in (("bad", bad), ("silent", silent))}
+            shares = {"bad": share(int(bad.sum()), len(bad)), "silent": share(int(silent.sum()), len(silent))}
             median_m = float(np.nanmedian(errors))
             table.add(row=name, version=version, **shares, warned=int(reported.sum()), median_m=median_m)
 

@@ -1,7 +1,7 @@
 """Renders and serves the clip for camera_load.py: 20 s of 1080p motion JPEG.
 
-It shows the simulated lab with a tiled floor and a camera's denoising; an image has about 51 kB. A person is always
-present, and draws in a quarter of the images.
+The clip shows the simulated lab with a tiled floor, denoised as by a camera; an image has about 51 kB. A person is
+always present, and draws in a quarter of the images.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import psutil
 import simplejpeg
 
 from bench.detection.scene_disturbances import DisturbedSnapshot
-from bench.detection.scene_motions import along, place_and_velocity
+from bench.detection.scene_motions import motion_along, place_and_velocity
 from bench.detection.scene_rooms import Rooms, lab, tiles
 from bench.detection.scene_list import CARPET
 from bench.harness import TOP
@@ -32,19 +32,22 @@ from vb_core.image_format import PixelReader
 sys.path.append(str(TOP / "src/vb_laser_detect/test"))
 from mjpeg_server import MjpegServer  # noqa: E402
 
-RATE, FRAMES, DRAWN = 25.0, 500, range(125, 250)
-QUALITY, DENOISED_PX = 60, 0.8
+RATE, FRAMES = 25.0, 500
+DRAWN = range(125, 250)  # the frames with a spot
+QUALITY = 60  # of the JPEG
+DENOISED_PX = 0.8  # [px] standard deviation of the blur
 
 
 @lru_cache(maxsize=1)
-def scene() -> Any:
+def carpet_view() -> Any:
     """Returns the view of the camera above the carpet."""
     return Rooms(1).view(tiles(lab(), (150, 145, 138)), "green")
 
 
 def clip() -> List[bytes]:
     """Returns 20 s of JPEG images, of which a quarter show a spot."""
-    border, view, jpegs = along(CARPET, 0.4), scene(), []
+    border, view = motion_along(CARPET, 0.4), carpet_view()
+    jpegs = []
     for number in range(FRAMES):
         t, laser, velocity = number / RATE, None, (0.0, 0.0)
         if number in DRAWN:
@@ -66,7 +69,7 @@ def write_files(jpegs: List[bytes], folder: Path) -> List[str]:
     for number, path in enumerate(paths):
         with av.open(path, "w") as container:
             stream = container.add_stream("mjpeg", rate=int(RATE))
-            camera = scene().model
+            camera = carpet_view().model
             stream.width, stream.height, stream.pix_fmt = camera.width, camera.height, "yuvj420p"
             for index in range(FRAMES):
                 packet = av.Packet(jpegs[(index + number * FRAMES // 4) % FRAMES])
@@ -81,7 +84,7 @@ def serve(jpegs: List[bytes], port: int) -> None:
     signal.pause()
 
 
-def serving(stack: ExitStack, jpegs: List[bytes]) -> Tuple[str, psutil.Process]:
+def start_server(stack: ExitStack, jpegs: List[bytes]) -> Tuple[str, psutil.Process]:
     """Starts the HTTP server; returns its address and process."""
     port = free_port()
     child = multiprocessing.get_context("fork").Process(target=serve, args=(jpegs, port))

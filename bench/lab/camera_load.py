@@ -4,9 +4,9 @@
     python3 bench/lab/camera_load.py --cameras 1 6 12 24            from a local HTTP server
     python3 bench/lab/camera_load.py --cameras 24 --files           from video files, which wait for their detector
 
-Fusion and page run too. Each camera starts at another point of the clip of camera_clip.py, so that at any time a
-quarter of them see the spot; a real pointer is seen by no more of 24 cameras. Images are stamped on arrival, so the
-delays do not include a real camera's exposure, readout and network.
+Fusion and page run too. Each camera starts at a different point of the clip of camera_clip.py, so that a quarter of
+the cameras see the spot at any time, as many as would see a real pointer. Images are stamped on arrival, so the delays
+do not include a real camera's exposure, readout and network.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ import tf2_ros
 import yaml
 
 from bench.harness import TOP, ResultTable, arguments
-from bench.lab.camera_clip import FRAMES, clip, scene, serving, write_files
+from bench.lab.camera_clip import FRAMES, carpet_view, clip, start_server, write_files
 from bench.lab.page_lab import node_process, start_page
 from vb_core import names
 from vb_core.child_processes import ChildProcess
@@ -48,20 +48,18 @@ class Running:
     """
 
     def __init__(self, stack: ExitStack, folder: Path, addresses: List[str]) -> None:
-        self.cameras, self.status = [f"c{number}" for number in range(len(addresses))], {}
+        self.cameras = [f"c{number}" for number in range(len(addresses))]
+        self.status: Dict[str, DetectorStatus] = {}
         self._children: List[ChildProcess] = []
         self._delays: List[float] = []
-        for topic, message_type, callback in (
-            (names.SPOTS, LaserSpot, lambda m: self._delays.append(time.time() - m.header.stamp.to_sec())),
-            (names.DETECTORS, DetectorStatus, lambda m: self.status.update({m.camera: m})),
-        ):
-            rospy.Subscriber(topic, message_type, callback, queue_size=1000)
+        rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=1000)
+        rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_status, queue_size=1000)
         self._poses = tf2_ros.StaticTransformBroadcaster()
-        pose, stamp = scene().pose, rospy.Time.now()
+        pose, stamp = carpet_view().pose, rospy.Time.now()
         frames = [f"{name}_optical_frame" for name in self.cameras]
         self._poses.sendTransform([message_from_transform(pose, names.MAP_FRAME, frame, stamp) for frame in frames])
         for number, name in enumerate(self.cameras):
-            save_lens(folder / "lenses" / f"{name}.yaml", name, scene().model)
+            save_lens(folder / "lenses" / f"{name}.yaml", name, carpet_view().model)
             (folder / "detectors").mkdir(exist_ok=True)
             (folder / "detectors" / f"{name}.yaml").write_text(yaml.safe_dump({"source": addresses[number]}))
         configs = " ".join(f"{name}={folder}/detectors/{name}.yaml" for name in self.cameras)
@@ -71,6 +69,12 @@ class Running:
         for number, command in enumerate((["rosrun", "vb_fusion", "border_fusion"], detectors)):
             self._children.append(ChildProcess(command, folder / f"{number}.txt"))
             stack.callback(self._children[-1].stop, 30.0)
+
+    def _on_spot(self, message: LaserSpot) -> None:
+        self._delays.append(time.time() - message.header.stamp.to_sec())
+
+    def _on_status(self, message: DetectorStatus) -> None:
+        self.status[message.camera] = message
 
     def watch(self, seconds: float, others: Dict[str, psutil.Process]) -> Dict[str, float]:
         """Measures for some seconds; returns a row of shares, processor time [ms, cores] and delays [ms]."""
@@ -82,14 +86,16 @@ class Running:
         time.sleep(WARM_S)
         nodes = [name for name in rosnode.get_node_names() if name.startswith("/spot_detectors")]
         processes = {**{name: node_process(name) for name in nodes}, **others}
-        start_times, start, initial = self._read_times(processes), time.monotonic(), dict(self.status)
+        start_times, start = self._read_times(processes), time.monotonic()
+        initial = dict(self.status)
         self._delays.clear()
         time.sleep(seconds)
         # detectors report their counts once a second
         wait_until(
             lambda: all(self.status[c].header.stamp > initial[c].header.stamp for c in initial), "detectors' status"
         )
-        end_status, delays, duration = dict(self.status), list(self._delays), time.monotonic() - start
+        end_status, delays = dict(self.status), list(self._delays)
+        duration = time.monotonic() - start
         cores = {name: (now - start_times[name]) / duration for name, now in self._read_times(processes).items()}
         searched, received, spans = (
             np.array([read(end_status[name]) - read(initial[name]) for name in self.cameras])
@@ -121,7 +127,7 @@ def measure_cameras(csv: Optional[Path], count: int, files: bool, seconds: float
             quarters = write_files(jpegs, folder)
             addresses = [quarters[4 * number // count] for number in range(count)]
         else:
-            address, others["server"] = serving(stack, jpegs)
+            address, others["server"] = start_server(stack, jpegs)
             addresses = [f"{address}?{FRAMES * number // count}" for number in range(count)]
         running = Running(stack, folder, addresses)
         others.update({"fusion": node_process("/border_fusion"), "page": node_process()})

@@ -1,6 +1,6 @@
-"""The attacks of page_under_attack.py, each of which runs until it is killed, and what people and attackers send.
+"""The attacks of page_under_attack.py, and the requests that people and attackers send.
 
-Attackers have other addresses (127.0.x.y) than the operator.
+Each attack runs until it is killed. Attackers' addresses (127.0.x.y) differ from the operator's.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ async def nothing(_page):
     await asyncio.sleep(1e6)
 
 
-async def for_ever(opens):
-    """Keeps connections open. Each of `opens` opens one and waits for its end, and is then called again."""
+async def keep_open(opens):
+    """Keeps connections open. Each function in `opens` opens one and waits for its end; it is then called again."""
 
     async def hold(open_connection):
         while True:
@@ -88,7 +88,7 @@ async def slow_headers(page):
         writer.write(b"GET / HTTP/1.1\r\nHost: x\r\n")
         await reader.read()
 
-    await for_ever([make] * 250)
+    await keep_open([make] * 250)
 
 
 async def hanging_handshakes(page):
@@ -96,7 +96,7 @@ async def hanging_handshakes(page):
         reader, _writer = await page.connect(address(number % 5), None)
         await reader.read()
 
-    await for_ever([partial(make, number) for number in range(300)])
+    await keep_open([partial(make, number) for number in range(300)])
 
 
 async def hold_link(page, cookie, address):
@@ -107,12 +107,12 @@ async def hold_link(page, cookie, address):
 
 async def one_viewers_links(page):
     _, cookie = await page.log_in(page.codes["viewer"], address(0))
-    await for_ever([partial(hold_link, page, cookie, address(0))] * 60)
+    await keep_open([partial(hold_link, page, cookie, address(0))] * 60)
 
 
 async def many_viewers(page):
     cookies = [(await page.log_in(page.codes["viewer"], address(number)))[1] for number in range(50)]
-    await for_ever([partial(hold_link, page, cookies[n % 50], address(n)) for n in range(500)])
+    await keep_open([partial(hold_link, page, cookies[n % 50], address(n)) for n in range(500)])
 
 
 async def wrong_codes(page):

@@ -17,19 +17,9 @@ import rospy
 
 from bench.harness import TOP
 from vb_core import names
-from vb_core.child_processes import ChildProcess, free_port
+from vb_core.child_processes import free_port, start_roslaunch
 from vb_testing import wait_until
 
-LAUNCH = """<launch>
-  <node pkg="vb_sim" type="map_server" name="map_server"><param name="world" value="{top}/src/vb_sim/worlds/lab.yaml"/></node>
-  <node pkg="vb_map_integration" type="map_integrator" name="map_integrator" output="log">
-    <param name="database_dir" value="{state}/borders"/><param name="map_dir" value="{state}/maps"/></node>
-  <node pkg="vb_interaction" type="interaction_manager" name="interaction_manager" output="log">
-    <param name="log_file" value="{state}/i.jsonl"/><param name="stop_file" value="{state}/robots.stop"/></node>
-  <node pkg="vb_web" type="page" name="page" output="log">
-    <param name="port" value="{port}"/>
-    <param name="address" value="{address}"/><param name="codes_file" value="{state}/page_codes.yaml"/></node>
-</launch>"""
 # as in docs/how-to/use-the-page.md
 CERTIFICATE = (
     "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 2 -subj /CN=lab"
@@ -42,12 +32,12 @@ def start_page(stack: ExitStack, network: bool = False) -> Tuple[int, Path]:
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bench_page_")))
     master, port = free_port(), free_port()
     os.environ.update({"ROS_MASTER_URI": f"http://127.0.0.1:{master}", "ROS_LOG_DIR": str(folder / "log")})
-    launch = folder / "bench.launch"
     address = "0.0.0.0" if network else "127.0.0.1"
-    launch.write_text(LAUNCH.format(top=TOP, state=folder, port=port, address=address))
     if network:
         subprocess.run(CERTIFICATE.split(), cwd=str(folder), check=True, stderr=subprocess.DEVNULL)
-    stack.callback(ChildProcess(["roslaunch", "-p", str(master), str(launch)], folder / "out.txt").stop)
+    launch = TOP / "bench" / "lab" / "page.launch"
+    nodes = start_roslaunch([launch], folder / "out.txt", master, state=folder, page_port=port, address=address)
+    stack.callback(nodes.stop)
     wait_until(rosgraph.is_master_online, "the master")
     rospy.init_node("bench_page", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
     wait_until(lambda: socket.socket().connect_ex(("127.0.0.1", port)) == 0, "the page")

@@ -25,8 +25,8 @@ from bench.lab.page_lab import start_page
 LIMIT = 5.0  # [s] after which a stop counts as lost
 
 
-async def timed(work):
-    """Awaits work; returns its duration [s], infinity if it failed."""
+async def measure_duration(work):
+    """Awaits work; returns its duration [s], or infinity if it failed."""
     start = time.monotonic()
     try:
         await asyncio.wait_for(work, LIMIT)
@@ -46,14 +46,16 @@ async def measure_operator(page, cookie, link, seconds, number):
         new_link.close()
 
     async def log_in():
-        if (await page.log_in(page.codes["operator"], f"127.99.{number}.{len(results['login']) + 1}"))[0] != 200:
+        status, _ = await page.log_in(page.codes["operator"], f"127.99.{number}.{len(results['login']) + 1}")
+        if status != 200:
             raise OSError("not let in")
 
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         cancel = answer(link, **{**stop, "command": "cancel"})
-        for times, work in zip(results.values(), (answer(link, **stop), stop_from_a_new_link(), cancel, log_in())):
-            times.append(await timed(work))
+        requests = (answer(link, **stop), stop_from_a_new_link(), cancel, log_in())
+        for times, request in zip(results.values(), requests):
+            times.append(await measure_duration(request))
         await asyncio.sleep(0.3)
     return results
 

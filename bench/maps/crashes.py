@@ -3,10 +3,10 @@
 
     python3 bench/maps/crashes.py --crashes 1000 --seed 1
 
-In each crash, a child process opens the database, makes random changes, reports those acknowledged to the parent, and
-is killed at a random instant. After half of the kills, up to three bytes or a block of 512 bytes of a file are changed
-(flip). The parent starts an integrator on the files, and compares all borders with the acknowledged ones; a change
-under way may or may not have been made. Exits non-zero after a loss or a failed start. Unit tests cover a full disk.
+In each crash, a child process opens the database and makes random changes. It reports each acknowledged change to the
+parent, until it is killed at a random instant. After half of the kills, up to three bytes or a block of 512 bytes of a
+file are changed (flip). The parent starts an integrator on the files, and compares all borders with the acknowledged
+ones; a change under way may or may not have been made. Exits non-zero after a loss or a failed start.
 """
 
 from __future__ import annotations
@@ -153,11 +153,11 @@ def judge(row: Dict[str, Any], folder: Path, before: str) -> str:
     if restored == acknowledged:
         row["outcome"] = "same"
         return restored
-    old = {notice["properties"]["id"]: notice for notice in json.loads(acknowledged)}
-    new = {notice["properties"]["id"]: notice for notice in json.loads(restored)}
+    old = {border["properties"]["id"]: border for border in json.loads(acknowledged)}
+    new = {border["properties"]["id"]: border for border in json.loads(restored)}
     different = [(key in old, key in new) for key in {*old, *new} if old.get(key) != new.get(key)]
-    made = len(different) == 1 and different[0] in EFFECTS[row["under_way"]]
-    row["outcome"] = "change under way was made" if made else "LOST OR MOVED"
+    is_under_way = len(different) == 1 and different[0] in EFFECTS[row["under_way"]]
+    row["outcome"] = "change under way was made" if is_under_way else "LOST OR MOVED"
     return restored
 
 
@@ -165,7 +165,8 @@ def main() -> int:
     parser = arguments(__doc__, seed=1)
     parser.add_argument("--crashes", type=int, default=1000)
     options = parser.parse_args()
-    rows, root = [], Path(tempfile.mkdtemp(prefix="border_crashes_"))
+    rows = []
+    root = Path(tempfile.mkdtemp(prefix="border_crashes_"))
     for number in range(options.crashes):
         if number % 60 == 0:  # starts again in an empty folder
             folder = root / str(number)
@@ -180,7 +181,8 @@ def main() -> int:
     table = ResultTable(options.csv, options.seed)
     for kind in (*KINDS, "all"):
         part = [row for row in rows if kind in (row["kind"], "all")]
-        outcomes, notes = Counter(row["outcome"] for row in part), Counter(row["said"] or "nothing" for row in part)
+        outcomes = Counter(row["outcome"] for row in part)
+        notes = Counter(row["said"] or "nothing" for row in part)
         endings = {end.lower().replace(" ", "_"): outcomes[end] for end in ("same", "change under way was made", *BAD)}
         changes = sum(row["changes"] for row in part)
         table.add(kind=kind, crashes=len(part), changes=changes, **endings, said_at_start=str(dict(notes)))

@@ -4,8 +4,8 @@
     python3 bench/maps/integration_time.py [--sizes 320x200 4000x4000] [--borders 10 500] [--other REVISION|SRC]
 
 The map is a house of many rooms with doors and table legs, in which flood fills take longer than in a single room.
-Times are medians [ms] of thread time over --rounds; versions do the same operations in turns. *There* is the number of
-borders on the map before. The time of a change includes its check, the files and the composed map.
+Times are medians [ms] of thread time over --rounds; versions do the same operations in turns. The column `there` gives
+the number of borders on the map before. The time of a change includes its check, the files and the composed map.
 """
 
 from __future__ import annotations
@@ -16,14 +16,15 @@ from typing import Any, Callable, Dict
 
 import numpy as np
 
-from bench.harness import ResultTable, arguments, import_from, in_turns, versions
+from bench.harness import ResultTable, arguments, import_from, time_in_turns, versions
 from vb_core.grid_map import GridMap
 
 
 def house(width: int, height: int) -> GridMap:
     """Returns a map of rooms of 160 x 100 cells, with doors and table legs."""
     data = np.zeros((height, width), np.int8)
-    data[::100], data[:, ::160], data[[-1]], data[:, [-1]] = 100, 100, 100, 100
+    for wall in (data[::100], data[:, ::160], data[-1], data[:, -1]):
+        wall[...] = 100
     for row in range(50, height - 1, 100):
         data[row : row + 30, 160 : width - 1 : 160] = 0
     for column in range(80, width - 1, 160):
@@ -54,7 +55,8 @@ def polygon(grid: GridMap, random: np.random.Generator, share: float) -> Dict[st
 def curve(grid: GridMap, random: np.random.Generator) -> Dict[str, Any]:
     """Returns a curve of 100 points across half of the map, whose extensions cross rooms and doors."""
     height, width = grid.shape
-    x, rows = width * random.uniform(0.3, 0.7), np.linspace(0.25, 0.75, 100) * height
+    x = width * random.uniform(0.3, 0.7)
+    rows = np.linspace(0.25, 0.75, 100) * height
     points = np.column_stack([x + 3.0 * np.sin(rows / 20.0), rows])
     seed_center = np.array([x - 0.2 * width, 0.5 * height])
     return border(grid, points, lambda: seed_center + random.uniform(-5.0, 5.0, 2), closed=False)
@@ -68,7 +70,8 @@ class Version:
         modules = [f"{package}.{name}" for name in ("border", "border_region", "map_integrator")]
         self.border, self.regions, self.keeping, maps = import_from(source, *modules, "vb_core.grid_map")
         self.grid = maps.GridMap(grid.data, grid.resolution, grid.origin)
-        self.random, self.folder = np.random.default_rng(1), Path(tempfile.mkdtemp(prefix="bench_integration_"))
+        self.random = np.random.default_rng(1)
+        self.folder = Path(tempfile.mkdtemp(prefix="bench_integration_"))
         self.keeper: Any = None
         self.start()
         for number in range(count):
@@ -113,7 +116,9 @@ def main() -> None:
             actions = {name: Version(source, grid, count).operations() for name, source in versions(options).items()}
             for operation in actions["this"]:
                 version_actions = {name: operations[operation] for name, operations in actions.items()}
-                table.add(cells=size, there=count, operation=operation, **in_turns(version_actions, options.rounds))
+                table.add(
+                    cells=size, there=count, operation=operation, **time_in_turns(version_actions, options.rounds)
+                )
 
 
 if __name__ == "__main__":

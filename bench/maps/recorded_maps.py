@@ -3,12 +3,12 @@
 
     python3 bench/maps/recorded_maps.py FOLDER [--half development|judging] [--csv FILE]
 
-FOLDER contains map_server's files, NAME.yaml and an image each, and pairs.json, pairs of maps of one place, every
-second for development: {"old": NAME, "new": NAME, "transform": [x, y, yaw]}, from the old map's frame to the new one's,
-judged by eye. Borders on the older map are a square at the point with the largest clearance, and lines across doorways.
-A line is *the same* if the areas that it restricted on the old map and, moved by the right transform, restricts on the
-new map overlap by half of their union; a square, if three quarters of its floor are known there. *Without a word*:
-without a question about the border itself, even if it is asked which place it is. The last rows list such errors.
+FOLDER contains map_server's files, NAME.yaml and an image each. Its pairs.json lists pairs of maps of one place, every
+second one for development: {"old": NAME, "new": NAME, "transform": [x, y, yaw]}. The transform, judged by eye, leads
+from the old map's frame to the new one's. The borders are a square where the old map has the largest clearance, and
+lines across its doorways. A line is *the same* if the area that it restricted and the area that it restricts after the
+right transform overlap by half of their union; a square, if the new map knows three quarters of its floor. *Without a
+word* means without a question about the border itself. The last rows list such errors.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def replace_map(old: GridMap, new: GridMap, borders: Sequence[VirtualBorder]) ->
 
 
 def draw_borders(grid: GridMap, random: np.random.Generator) -> List[VirtualBorder]:
-    """Draws a square, and up to 8 lines, 1 m apart, that restrict the smaller side, over 2 m^2, without a warning."""
+    """Draws a square, and up to 8 lines, 1 m apart. Each restricts its smaller side, over 2 m^2, without a warning."""
     clearance = clearance_grid(~free_cells(grid), grid.resolution)
     roomiest = grid.cell_to_world(np.argwhere(clearance == clearance.max())[:1])[0]
     corners = roomiest + 0.4 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
@@ -59,22 +59,26 @@ def draw_borders(grid: GridMap, random: np.random.Generator) -> List[VirtualBord
     angles, steps = np.arange(48) * np.pi / 24.0, np.arange(0.0, max_width, 0.5 * grid.resolution)
     rays = np.column_stack([np.cos(angles), np.sin(angles)])
     for center in grid.cell_to_world(centers[:1500]):
-        if len(borders) == 9 or any(np.linalg.norm(other.points.mean(axis=0) - center) < 1.0 for other in borders[1:]):
+        to_lines = [np.linalg.norm(line.points.mean(axis=0) - center) for line in borders[1:]]
+        if len(to_lines) == 8 or min(to_lines, default=np.inf) < 1.0:
             continue
-        cells = sample(grid, grid.data, (center + steps[:, None, None] * rays).reshape(-1, 2), -1.0).reshape(-1, 48)
+        along_rays = center + steps[:, None, None] * rays
+        cells = sample(grid, grid.data, along_rays.reshape(-1, 2), -1.0).reshape(-1, 48)
         ends = np.argmax((cells < 0) | (cells >= OCCUPIED_THRESHOLD), axis=0)
         distances = np.where(cells[ends, range(48)] >= OCCUPIED_THRESHOLD, steps[ends], np.inf)
         best = int(np.argmin(distances[:24] + distances[24:]))
         if not min_width < distances[best] + distances[best + 24] < max_width:
             continue
-        points, sides = [center + rays[other] * (distances[other] - 0.05) for other in (best, best + 24)], {}
+        points = [center + rays[ray] * (distances[ray] - 0.05) for ray in (best, best + 24)]
+        sides = {}
         for side in (rays[best + 12], -rays[best + 12]):
             line = VirtualBorder(points, center + 0.25 * side, closed=False)
             with suppress(IntegrationError):  # it does not separate anything, or this side has no floor
                 integrated = compute_region(grid, line)
                 if integrated.area_m2 > 2.0 and not integrated.issues:
                     sides[integrated.area_m2] = line
-        borders += [sides[min(sides)]] if sides else []
+        if sides:
+            borders.append(sides[min(sides)])
     return borders
 
 
@@ -87,15 +91,18 @@ def judge_pair(name: str, pair: Dict[str, Any], folder: Path, random: np.random.
     free = free_cells(new)
     floor = truth.inverse.apply(new.cell_to_world(np.argwhere(free)))  # of the newer map, in the older map's frame
     for border, status in zip(borders, statuses):
-        restricted, silent, same = compute_region(old, border).restricted_cells, not status.code, False
+        restricted = compute_region(old, border).restricted_cells
+        silent, same = not status.code, False
         if border.closed:
             error = float(np.linalg.norm(status.map_border.seed - truth.apply(border.seed)[0]))
             case = f"{name}: the square is {error:.2f} m off" if silent else ""
             yield "squares in the wrong place, by over 0.25 m, certain or while it asked", error > 0.25, case
-            same = sample(new, new.data >= 0, truth.apply(old.cell_to_world(np.argwhere(restricted)))).mean() >= 0.75
+            moved_floor = truth.apply(old.cell_to_world(np.argwhere(restricted)))
+            same = sample(new, new.data >= 0, moved_floor).mean() >= 0.75
         else:
             old_cells = sample(old, restricted, floor) > 0
-            new_cells = apply_regions(new.with_data(0 * new.data), [status.region] if silent else []).data[free] > 0
+            regions_in_force = [status.region] if silent else []
+            new_cells = apply_regions(new.with_data(0 * new.data), regions_in_force).data[free] > 0
             overlap = jaccard(old_cells, new_cells)
             yield SILENT, silent and overlap < 0.5, f"{name}: line at {border.seed.round(1)}, {overlap:.2f} in common"
             with suppress(IntegrationError):
@@ -112,14 +119,16 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--half", choices=HALVES, default=HALVES[0])
     options = parser.parse_args()
-    table, half, outcomes = ResultTable(options.csv, options.seed), HALVES.index(options.half), []
+    table = ResultTable(options.csv, options.seed)
     pairs = json.loads((options.folder / "pairs.json").read_text(encoding="utf-8"))
-    for number, pair in list(enumerate(pairs, 1))[half::2]:
+    selected = list(enumerate(pairs, 1))[HALVES.index(options.half) :: 2]
+    outcomes: List[CaseOutcome] = []
+    for number, pair in selected:
         outcomes += judge_pair(f"pair {number}", pair, options.folder, np.random.default_rng([options.seed, number]))
     trials: Dict[str, List[bool]] = defaultdict(list)
     for figure, holds, _ in outcomes:
         trials[figure].append(bool(holds))
-    rows: Dict[str, Any] = {"pairs of maps": len(pairs[half::2]), "lines across doorways": len(trials[SILENT])}
+    rows: Dict[str, Any] = {"pairs of maps": len(selected), "lines across doorways": len(trials[SILENT])}
     rows.update({figure: share(sum(holds_list), len(holds_list)) for figure, holds_list in trials.items()})
     for figure, value in rows.items():
         table.add(half=options.half, what=figure, share=value)

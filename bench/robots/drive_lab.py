@@ -62,9 +62,10 @@ class Lab:
         self._pace = rospy.Publisher(names.PACE, Float64, queue_size=1, latch=True)
         self.set_slow(False)
         self.runner = GoalRunner()
-        wait_until(lambda: self.observer.posterior is not None and self.observer.lab is not None, f"maps, see {state}")
-        self._truth, self._max_pose_error, self._codes, self._recoveries = deque(maxlen=500), 0.0, Counter(), 0
-        self._stand, self._longest_stand = (0.0, 0.0, 0.0), 0.0  # start [s] and position [m]; longest [s]
+        observer = self.observer
+        wait_until(lambda: observer.posterior is not None and observer.lab is not None, f"maps, see {state}")
+        self._truth = deque(maxlen=500)
+        self._begin_measuring()
         self.plan = np.zeros((0, 2))
         self._participant = rospy.Publisher(names.PARTICIPANT, ParticipantState, queue_size=1, latch=True)
         self._subscribers = [
@@ -74,6 +75,13 @@ class Lab:
             rospy.Subscriber("/amcl_pose", PoseWithCovarianceStamped, self._on_amcl),
             rospy.Subscriber(names.DRIVERS, DriverState, self._on_driver),
         ]
+
+    def _begin_measuring(self) -> None:
+        self._codes = Counter()
+        self._recoveries = 0
+        self._max_pose_error = 0.0
+        self._stand = (rospy.get_time(), *self.pose()[:2])  # its start [s] and position [m]
+        self._longest_stand = 0.0  # [s]
 
     def _on_lab(self, message) -> None:
         pose, now = message.robot_poses[0], message.header.stamp.to_sec()
@@ -104,9 +112,8 @@ class Lab:
 
     def drive(self, goal):
         """Sends the robot to a goal; returns the outcome, and the values that every drive's row has."""
-        self._codes.clear()
-        self._recoveries, self._longest_stand, self._max_pose_error, start = 0, 0.0, 0.0, time.monotonic()
-        self._stand = (rospy.get_time(), *self.pose()[:2])
+        start = time.monotonic()
+        self._begin_measuring()
         driven = self.runner.drive((goal[0], goal[1], math.radians(goal[2])), LIMIT_S)
         return driven, {
             "goal": goal,

@@ -10,11 +10,9 @@ here. Drives are judged by the robot's true position. Goals are random, determin
 form a chain in which, if possible, the straight line from one goal to the next crosses the border's area. The chain is
 driven in both directions.
 
-Simulated time waits for the driving nodes and for AMCL (the simulator's ~lockstep), so that it runs as fast as possible
-and drives on a busy computer last longer, but do not change. A border is added in front of the robot while time runs
-slowly, because the services take real time; the row gives the simulated time that passed.
-
-Each drive is a row.
+Each drive is a row. Simulated time runs as fast as possible, but waits for the driving nodes and for AMCL (the
+simulator's ~lockstep): on a busy computer a drive takes longer, but does not change. A border is added in front of the
+robot while time runs slowly, because the services take real time; the row gives the simulated time that passed.
 """
 
 import functools
@@ -46,13 +44,14 @@ SURPRISES = {"nose": drive_nose, "box": drive_box}
 STUCK = 60.0  # [s] without moving, with a goal
 SCENARIOS = ("carpet", "corner", "room")
 RADIUS = 0.18  # [m] of the larger robot, as both drive to the same goals
-ROUNDS, NOSES = 40, 20  # goals round each border; borders added in front of the robot, and also boxes on the path
+ROUNDS = 40  # goals round each border
+NOSES = 20  # borders added in front of the robot; as many boxes are put on its path
 INSIDE = 2  # goals inside each border
 MIN_LEG = 0.6  # [m] minimum between two poses
 
 
 class Drive(NamedTuple):
-    """A drive of a kind in WANTED; poses are (x, y, yaw) [m, m, deg]. A surprise has no scenario and chooses its goal."""
+    """A drive of a kind in WANTED; poses are (x, y, yaw) [m, m, deg]. A surprise has neither scenario nor goal."""
 
     kind: str
     scenario: str
@@ -92,14 +91,15 @@ def places(scenario: str, seed: int):
     is_deep = distance_transform(~restricted) * posterior.resolution > RADIUS
     inside = posterior.cell_to_world(np.argwhere(restricted & is_deep))
     inside = [(*inside[rng.integers(len(inside))], 0) for _ in range(INSIDE)]
-    return [tuple(float(round(value, 3)) for value in place) for place in (*chain, *inside)]
+    return [tuple(float(round(value, 3)) for value in pose) for pose in (*chain, *inside)]
 
 
 def tasks(seed: int):
     """Yields the drives, with kinds and scenarios alternating."""
     for first in range(0, ROUNDS, 10):
         for scenario in SCENARIOS:
-            chain, inside = places(scenario, seed)[:-INSIDE], places(scenario, seed)[-INSIDE:]
+            poses = places(scenario, seed)
+            chain, inside = poses[:-INSIDE], poses[-INSIDE:]
             tour = chain + chain[-2::-1]
             yield from (Drive("round", scenario, i, tour[i], tour[i + 1]) for i in range(first, first + 10))
             if first == 0:
@@ -138,7 +138,8 @@ def main() -> None:
     lab = Lab(options.robot, drives[0].start, options.seed)
 
     def record(drive, row) -> None:
-        entered, added = (row["entered_m"] or -1.0) > 0.0, row.get("border", "added") == "added"
+        entered = (row["entered_m"] or -1.0) > 0.0
+        added = row.get("border", "added") == "added"
         good = row["outcome"] in WANTED[drive.kind] and not entered and row["still_s"] <= STUCK
         counts[drive.kind, "done"] += added
         counts[drive.kind, "as wanted"] += added and good

@@ -7,9 +7,9 @@
 
 FOLDER contains people's recordings of "stop" in stop/, of other words and sentences in other folders, and a kitchen's
 noise in kitchen.flac; with --talk, recordings without commands, also in subfolders. Speakers are identified by file
-name and split by a checksum. In each room, all recordings pass through one CommandListener like a microphone's samples:
-in pieces, with a clock, together with the system's sounds, and without a reset. The last rows list the utterances that
-were mistaken for a command.
+name and split by a checksum. In each room, one CommandListener hears all recordings as it hears a microphone: in
+pieces, with a clock, together with the system's sounds, and without a reset. The last rows list the utterances that were
+mistaken for a command.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import Dict, List
 import numpy as np
 
 from bench.harness import HALVES, ResultTable, arguments, share
-from bench.voice.room_recordings import RATE, Clip, RecordedRoom, load_sound, read_people, trimmed
+from bench.voice.room_recordings import RATE, Clip, RecordedRoom, load_sound, read_people, trim_silence
 from vb_core.sounds import SOUNDS, TICK
 from vb_core.vocabulary import ANSWERS
 from vb_voice_wizard.voice.recognizer import CommandRecognizer, RecognitionResult
@@ -34,31 +34,36 @@ class Tally:
         self.figures: Dict[str, List[bool]] = defaultdict(list)
         self.wrong: List[str] = []
 
-    def other(self, place: str, clip: Clip, results: List[RecognitionResult]) -> None:
+    def count_other_speech(self, place: str, clip: Clip, results: List[RecognitionResult]) -> None:
         """Counts an utterance that is not a command, and whether it was accepted as one or carried out as one."""
         mattering = [r for r in results if r.certain and r.command in ANSWERS.values()]
         self.figures[f"other speech taken, {place}"].append(bool(results))
         self.figures["other speech done at once, that matters"].append(bool(mattering))
-        self.wrong += [f"{clip.kind}/{clip.name}, {place}: {r.command}, confidence {r.confidence:.2f}" for r in results]
+        for result in results:
+            heard_as = f"{result.command}, confidence {result.confidence:.2f}"
+            self.wrong.append(f"{clip.kind}/{clip.name}, {place}: {heard_as}")
 
 
 def judge_people(folder: Path, half: str, tally: Tally) -> None:
     """Plays people's recordings in rooms."""
-    clips, random = read_people(folder, half), np.random.default_rng(1)
+    clips = read_people(folder, half)
+    random = np.random.default_rng(1)
     kitchen = np.array_split(load_sound(folder / "kitchen.flac"), 2)[HALVES.index(half)]
-    stops, others = ([clip for clip in clips if (clip.kind == "stop") == stop] for stop in (True, False))
+    stops = [clip for clip in clips if clip.kind == "stop"]
+    others = [clip for clip in clips if clip.kind != "stop"]
     others = [others[index] for index in random.permutation(len(others))]
     talk = [clip.pcm for clip in others if clip.kind == "sentences"]
     recognizer = CommandRecognizer()
     quiet, noisy, crowd = (RecordedRoom(recognizer, noise) for noise in ([], [kitchen], talk[:4]))
     for number, clip in enumerate(stops):
         other_clip = others[number % len(others)]
-        recordings = [trimmed(other_clip.pcm), np.zeros(RATE // 10), trimmed(clip.pcm)]
+        recordings = [trim_silence(other_clip.pcm), np.zeros(RATE // 10), trim_silence(clip.pcm)]
         for place, room in (("quiet", quiet), ("kitchen", noisy)):
-            tally.other(place, other_clip, room.hear(other_clip.pcm))
+            tally.count_other_speech(place, other_clip, room.hear(other_clip.pcm))
             tally.figures[f"stop, {place}"].append(room.hears_stop(clip.pcm))
             tally.figures[f"stop, 0.1 s after other speech, {place}"].append(room.hears_stop(*recordings))
-        sound, start = str(random.choice([name for name in SOUNDS if name != TICK])), float(random.uniform(-0.8, 1.2))
+        sound = str(random.choice([name for name in SOUNDS if name != TICK]))
+        start = float(random.uniform(-0.8, 1.2))
         heard = quiet.hears_stop(clip.pcm, before=1.0, sound=sound, at=start)
         if quiet.hears_stop(clip.pcm, before=1.0):
             tally.figures["stop, beside a sound of ours"].append(heard)
@@ -67,16 +72,17 @@ def judge_people(folder: Path, half: str, tally: Tally) -> None:
             tally.figures["stop, after a minute of talk"].append(quiet.hears_stop(clip.pcm, before=2.0))
         tally.figures["stop, four people talking"].append(crowd.hears_stop(clip.pcm))
     for clip in others[len(stops) :]:
-        tally.other("quiet", clip, quiet.hear(clip.pcm))
-        tally.other("kitchen", clip, noisy.hear(clip.pcm))
+        tally.count_other_speech("quiet", clip, quiet.hear(clip.pcm))
+        tally.count_other_speech("kitchen", clip, noisy.hear(clip.pcm))
 
 
 def judge_talk(folder: Path, tally: Tally) -> float:
-    """Plays recordings one after the other, with short pauses; returns their total length [h]."""
-    room, random = RecordedRoom(CommandRecognizer()), np.random.default_rng(1)
+    """Plays recordings one after another, with short pauses; returns their total length [h]."""
+    room = RecordedRoom(CommandRecognizer())
+    random = np.random.default_rng(1)
     for path in sorted(path for path in folder.rglob("*") if path.suffix in (".g722", ".flac", ".wav", ".ogg")):
         clip = Clip(path.parent.name, path.stem, load_sound(path))
-        tally.other("talk", clip, room.hear(clip.pcm, before=float(random.uniform(0.0, 0.5))))
+        tally.count_other_speech("talk", clip, room.hear(clip.pcm, before=float(random.uniform(0.0, 0.5))))
     return room.seconds / 3600.0
 
 

@@ -54,7 +54,7 @@ def read_people(folder: Path, half: str) -> List[Clip]:
     ]
 
 
-def trimmed(pcm: np.ndarray) -> np.ndarray:
+def trim_silence(pcm: np.ndarray) -> np.ndarray:
     """Returns a recording without the silence before and after it."""
     loudness = np.convolve(np.abs(pcm), np.ones(320) / 320, "same")
     loud = np.flatnonzero(loudness > 0.08 * loudness.max())

@@ -14,10 +14,10 @@ from vb_core.errors import CodedError
 from vb_core.image_format import Picture
 from vb_laser_detect.detection import features
 from vb_laser_detect.detection.spot_detector import DetectorParams
-from vb_laser_detect.detection.background import Background, block_maxima, blocks_around, find_boxes, match_lighting
-from vb_laser_detect.detection.background import find_regions, max_channel
+from vb_laser_detect.detection.background import Background, find_boxes, find_regions, match_lighting
+from vb_laser_detect.detection.blocks import block_maxima, blocks_around, max_channel
 from vb_laser_detect.detection.projection import ProjectionParams
-from vb_laser_detect.detection.stage_results import Changes, ExpectedSpot, Spot
+from vb_laser_detect.detection.stage_results import Comparison, ExpectedSpot, Spot
 from vb_laser_detect.detection.detector_counts import DetectorCounts, InputWatch
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -78,11 +78,11 @@ def test_what_a_spot_hides_stays_in_its_place_while_the_camera_moves():
         image = seen(i)
         left = 100 - 0.6 * i  # left side of the hidden part in this image
         image[40:56, int(left) : int(left) + 16] = 255
-        changes = background.compare(Picture(image, "mono"), motion, [])
+        comparison = background.compare(Picture(image, "mono"), motion, [])
         hidden = (slice(42, 54), slice(int(left) + 2, int(left) + 14))
         known = cv2.dilate(seen(i), np.ones((3, 3)))[hidden].astype(int)
-        assert np.abs(background.reference[hidden] - known).mean() < 6.0, i
-        background.update(Picture(image, "mono"), changes.brighter, [Spot(left + 8.0, 48.0, 0.0)], 0.04)
+        assert np.abs(comparison.reference[hidden] - known).mean() < 6.0, i
+        background.update(Picture(image, "mono"), comparison, [Spot(left + 8.0, 48.0, 0.0)], 0.04)
         keyframe = i if background.is_keyframe else keyframe
 
 
@@ -91,8 +91,8 @@ def test_a_camera_that_has_moved_far_shows_another_floor(moved, becomes_keyframe
     picture = Picture(np.full((96, 160), 90, np.uint8), "mono")
     background = Background()
     background.compare(picture, None, [])
-    changes = background.compare(picture, np.array([[1.0, 0, -moved], [0, 1, 0], [0, 0, 1]]), [])
-    background.update(picture, changes.darker, [], 0.04)
+    comparison = background.compare(picture, np.array([[1.0, 0, -moved], [0, 1, 0], [0, 0, 1]]), [])
+    background.update(picture, comparison, [], 0.04)
     assert background.is_keyframe == becomes_keyframe
 
 
@@ -141,11 +141,11 @@ def test_regions_part_a_bright_spot_from_what_it_touches():
 def test_a_region_is_searched_again_where_a_spot_is_expected(u, parts):
     rise = np.zeros((12, 20), np.uint8)
     rise[4:6, 8:12] = 50
-    changes = Changes(rise, rise > 0, rise > 50)
+    comparison = Comparison(rise, rise > 0, rise > 50, reference=np.zeros((96, 160), np.uint8))
     picture = Picture(np.full((96, 160), 200, np.uint8), "mono")
     expected = ExpectedSpot((u, 40.0), reach=6.0, max_width=20.0)
     for min_level, boxes in ((100.0, [(64, 32, 96, 48), *parts]), (201.0, [])):
-        (region,) = find_regions(picture, changes, min_level, [expected])
+        (region,) = find_regions(picture, comparison, min_level, [expected])
         assert region.boxes == boxes
         assert region.expected == (expected if parts else None)
 

@@ -1,4 +1,4 @@
-"""Checks a running lab before people use it. Prints one line per check: what is wrong, and how to fix it."""
+"""Checks a running lab before people use it. Each line of the output says what is wrong, and how to fix it."""
 
 from __future__ import annotations
 
@@ -44,16 +44,17 @@ from vb_laser_detect.camera.v4l2_controls import CaptureParams
 READY, FAULTS, NO_MASTER = 0, 1, 3
 _STATES = {Severity.INFO: "ok", Severity.WARNING: "warning", Severity.ERROR: "error"}
 _STYLES = {Severity.INFO: "green", Severity.WARNING: "yellow", Severity.ERROR: "bold red"}
-# nodes that must run if the launch file has set their parameters; the node camera_poses reports missing detectors
+# nodes that must run if the launch file has set their parameters; camera_poses itself reports missing detectors
 _NODES = ("/border_fusion", "/interaction_manager", "/camera_poses", "/robot_monitor")
-_CONNECTION_TIMEOUT = 5.0  # [s] a publisher that is not reached within this is a fault to report
+_CONNECTION_TIMEOUT = 5.0  # [s]; a publisher that is not reached by then is a fault
 
 
 def observe_lab(seconds: float) -> List[Notice]:
-    """Listens to the nodes for some seconds, inspects everything else, and judges the result."""
+    """Listens to the nodes for some seconds, inspects the rest of the lab, and returns a notice for each check."""
     graph = read_graph()
     newest, statuses, notices = _listen(seconds)
-    running = graph.nodes | read_graph().nodes  # while a node restarts, the master does not list it
+    # looks twice, because the master does not list a node while it restarts
+    running = graph.nodes | read_graph().nodes
     lines = [
         *_check_nodes(running),
         *_check_cameras(graph, statuses, notices),
@@ -67,10 +68,11 @@ def observe_lab(seconds: float) -> List[Notice]:
 
 
 def _listen(seconds: float) -> Tuple[Dict[str, Any], Dict[str, DetectorStatus], List[Notice]]:
-    """Returns the newest message of each topic, the newest status of each camera, and the notices that hold."""
+    """Returns the newest message of each topic, the newest status of each camera, and the notices in force."""
     newest: Dict[str, Any] = {}
     statuses: Dict[str, DetectorStatus] = {}
-    scans = {_scan_topic(robot) for robot in rospy.get_param("/robot_monitor/robots", []) or [""]} - {""}
+    robots = rospy.get_param("/robot_monitor/robots", []) or [""]
+    scans = {_scan_topic(robot) for robot in robots} - {""}
     topics = {
         names.PHYSICAL_MAP: NumpyOccupancyGrid,
         names.MAP_WITH_BORDERS: NumpyOccupancyGrid,
@@ -97,21 +99,22 @@ def _check_nodes(running: Set[str]) -> List[Notice]:
 
 
 def _check_cameras(graph: NodeGraph, statuses: Mapping[str, DetectorStatus], notices: List[Notice]) -> List[Notice]:
-    """Checks how the cameras' images arrive. A camera that is named in a notice does not count as working."""
+    """Checks how the cameras' images arrive. No line says that a camera works if a notice names it."""
     if rospy.has_param("/border_fusion") and not statuses:
         return [Notice("lab_no_cameras", Severity.WARNING)]
     lines = []
     for camera, status in sorted(statuses.items()):
         detector = _parameters(f"/spot_detector_{camera}")
         lines.append(check_camera(graph, camera, detector, _has_delay(detector), status.rate_hz))
-    noticed = {notice.camera for notice in notices}
-    return [line for line in lines if line.severity is not Severity.INFO or line.camera not in noticed]
+    cameras_in_notices = {notice.camera for notice in notices}
+    return [line for line in lines if line.severity is not Severity.INFO or line.camera not in cameras_in_notices]
 
 
 def _has_delay(detector: Mapping[str, Any]) -> bool:
-    """Returns whether a camera's own file has a delay: as a parameter, a measured 0 cannot be told from the default."""
-    with contextlib.suppress(CodedError):  # there is none, or it is on another computer
-        return "delay_ms" in (read_parameter_file("configs", str(detector.get("settings", ""))).get("capture") or {})
+    """Returns whether a camera's own file has a delay. The parameter does not tell: a measured 0 equals the default."""
+    with contextlib.suppress(CodedError):  # there is no file, or it is on another computer
+        settings = read_parameter_file("configs", str(detector.get("settings", "")))
+        return "delay_ms" in (settings.get("capture") or {})
     return False
 
 
@@ -119,7 +122,7 @@ def _scan_topic(robot: str) -> str:
     """Returns the topic of a robot's scanner, or "" if it has none."""
     try:
         scanner = robot_profile.read(robot).scanner
-    except CodedError:  # the driver that uses this profile says what is wrong with it
+    except CodedError:  # the driver uses this profile too, and says what is wrong with it
         scanner = Scanner()
     return ns_join(f"/{robot}", scanner.topic) if scanner.present else ""
 
@@ -136,14 +139,16 @@ def _check_robot(status: RobotStatus, newest: Mapping[str, Any]) -> List[Notice]
     navigation = _parameters(status.move_base) if status.move_base else {}
     scan_topic = _scan_topic(status.robot)
     scan: Optional[LaserScan] = newest.get(scan_topic)
-    covered = 0.0 if scan is None else float(np.degrees(scan.angle_max - scan.angle_min))
+    covered_deg = 0.0 if scan is None else float(np.degrees(scan.angle_max - scan.angle_min))
+    needs_scan = status.driver and scan_topic != ""
     has_margin = any(topic.endswith(names.MAP_WITH_MARGIN) for topic in status.maps)
+    is_move_base = "global_costmap" in navigation
     return check_robot(
         status.robot,
         lacks_margin=status.driver and status.plans_round_borders and not has_margin,
         scan_topic=scan_topic,
-        scan_deg=covered if status.driver and scan_topic else None,
-        clears_plans=bool(navigation.get("make_plan_clear_costmap", True)) and "global_costmap" in navigation,
+        scan_deg=covered_deg if needs_scan else None,
+        clears_plans=is_move_base and bool(navigation.get("make_plan_clear_costmap", True)),
     )
 
 
@@ -152,7 +157,8 @@ def _check_map(graph: NodeGraph, newest: Mapping[str, Any]) -> List[Notice]:
     size = None
     lacks_unknown = False
     if physical is not None:
-        size = physical.info.width * physical.info.resolution, physical.info.height * physical.info.resolution
+        info = physical.info
+        size = info.width * info.resolution, info.height * info.resolution
         with contextlib.suppress(CodedError):  # the map integrator reports a map of the wrong size
             lacks_unknown = is_fully_known(grid_from_message(physical).data)
     publishers = graph.publishers.get(names.PHYSICAL_MAP, [])
@@ -169,23 +175,24 @@ def _check_borders(newest: Mapping[str, Any]) -> List[Notice]:
 
 
 def _check_display(running: Set[str]) -> List[Notice]:
-    display = next((node for node in sorted(running) if node.split("/")[-1] in ("smart_display", "rviz")), "")
-    lacking = rospy.get_param(f"{display}/lacking", "") if display else ""
-    return [Notice(lacking, Severity.WARNING, values={"node": display})] if lacking else []
+    displays = [node for node in sorted(running) if node.split("/")[-1] in ("smart_display", "rviz")]
+    code = rospy.get_param(f"{displays[0]}/lacking", "") if displays else ""
+    return [Notice(code, Severity.WARNING, values={"node": displays[0]})] if code else []
 
 
 def _check_storage() -> Notice:
-    """Checks the folder in which borders are stored, or its parent that exists."""
+    """Checks the folder in which borders are stored, or its nearest parent that exists."""
     database = Path(str(rospy.get_param("/map_integrator/database_dir", "~"))).expanduser()
     folder = str(next(path for path in (database, *database.parents) if path.exists()))
     return check_disk(folder, shutil.disk_usage(folder).free / 2**20, os.access(folder, os.W_OK))
 
 
 def _find_further(notices: List[Notice], lines: List[Notice]) -> List[Notice]:
-    """Returns the notices that say more than the lines: what a line repeats or explains is left out."""
+    """Returns the notices that add something to the lines: neither repeated nor explained by one of them."""
     reported = {(line.code, line.camera, line.robot) for line in lines}
-    # a fault of a camera's topic says why the camera is silent
-    reported |= {("camera_silent", line.camera, line.robot) for line in lines if line.severity is Severity.ERROR}
+    # an error of a camera's topic explains why the camera is silent
+    errors = [line for line in lines if line.severity is Severity.ERROR]
+    reported |= {("camera_silent", line.camera, line.robot) for line in errors}
     return [notice for notice in notices if (notice.code, notice.camera, notice.robot) not in reported]
 
 
@@ -195,7 +202,7 @@ def _parameters(node: str) -> Mapping[str, Any]:
 
 
 def print_table(lines: List[Notice], language: str, console: Console) -> None:
-    """Prints the lines as a table, with the faults last, where they are noticed."""
+    """Prints the lines as a table. The faults come last, where people notice them."""
     table = Table(Column(overflow="fold"), Column(overflow="fold"), box=None, padding=(0, 2, 0, 0))
     for line in sorted(lines, key=lambda line: line.severity):
         table.add_row(f"[{_STYLES[line.severity]}]{_STATES[line.severity]}[/]", line.sentence(language))
@@ -203,12 +210,12 @@ def print_table(lines: List[Notice], language: str, console: Console) -> None:
 
 
 def print_camera(camera: str) -> None:
-    """Prints the report to send in about a camera that its detector reads directly, or how to get it on that computer."""
+    """Prints the report to send in about a camera that a detector reads, or the command for it on that computer."""
     parameters = rospy.get_param(f"/spot_detector_{camera}", {})
     source = str(parameters.get("source", ""))
     if not source:
         return
-    # a detector that has just ended has no address, and is taken for one of this computer
+    # a detector that has just ended has no address, and is assumed to run on this computer
     service = rosservice.get_service_uri(f"/spot_detector_{camera}/capture/set_parameters")
     host = urlparse(service or "").hostname
     lines = [f"what this prints on {host}:", describe_camera_command(source)]
@@ -218,7 +225,7 @@ def print_camera(camera: str) -> None:
 
 
 def to_json(lines: List[Notice], language: str) -> str:
-    """Formats the lines for programs: for each, its state, code, camera, robot, values, and the sentence for people."""
+    """Formats the lines for programs: each with state, code, camera, robot, values, and the sentence for people."""
     rows = []
     for line in lines:
         fields = {name: getattr(line, name) for name in ("code", "camera", "robot", "values")}

@@ -1,8 +1,8 @@
 """Refuses a launch that cannot work, before roslaunch starts its first node.
 
-A wrong value of an argument of the stack's launch files is refused in one sentence. Otherwise several nodes would start
-and die again and again. The launch files begin with `<param command="python3 -m
-vb_bringup.check_launch ...">`; roslaunch runs that command while it reads the file.
+A wrong value of a launch argument is refused in one sentence; without this check, several nodes would start and die
+again and again. The launch files begin with `<param command="python3 -m vb_bringup.check_launch ...">`, and roslaunch
+runs that command while it reads the file.
 
     check_launch lab cameras:="north south" robot:=false      as lab.launch and borders_only.launch call it
     check_launch simulation navigation:=standin               as simulation.launch calls it
@@ -32,28 +32,29 @@ from vb_core.parameters import NAME
 from vb_core.robot_profile import RobotProfile, find_profile
 
 STARTED, REFUSED = 0, 1
-ANSWER_TIMEOUT = 3.0  # [s] for a running node to answer with its process id
-UNIQUE_NODE = "/map_integrator"  # every lab has exactly one, since two would publish to the same topic
+ANSWER_TIMEOUT = 3.0  # [s] in which a running node must answer with its process id
+UNIQUE_NODE = "/map_integrator"  # every lab has exactly one, because two would publish to the same topic
 _CALLER = "/check_launch"
 
 
 def check_arguments(arguments: Iterable[str], declared: Sequence[str]) -> None:
-    """Refuses arguments that the launch files do not declare: roslaunch would ignore them silently.
+    """Refuses arguments that the launch files do not declare. roslaunch would ignore them without a word.
 
     Raises:
         CodedError: "launch_mistyped_argument" if one resembles a declared one, else "launch_unknown_argument".
     """
     for name in arguments:
-        if name not in declared:
-            matches = difflib.get_close_matches(name, declared, 1)
-            if matches:
-                raise CodedError("launch_mistyped_argument", argument=name, nearest=matches[0])
-            raise CodedError("launch_unknown_argument", argument=name, known=", ".join(sorted(declared)) or "-")
+        if name in declared:
+            continue
+        matches = difflib.get_close_matches(name, declared, 1)
+        if matches:
+            raise CodedError("launch_mistyped_argument", argument=name, nearest=matches[0])
+        raise CodedError("launch_unknown_argument", argument=name, known=", ".join(sorted(declared)) or "-")
 
 
 # ------------------------------------------------------------ values of arguments
 def check_choice(argument: str, value: str, choices: Sequence[str]) -> None:
-    """Raises CodedError "launch_bad_choice" for a value that would mean the default, or make a node fail."""
+    """Raises CodedError "launch_bad_choice" for any other value: a node would use its default or fail."""
     if value not in choices:
         raise CodedError("launch_bad_choice", argument=argument, value=value, choices=", ".join(choices))
 
@@ -67,16 +68,20 @@ def check_names(argument: str, value: str) -> None:
 
 
 def parse_pairs(argument: str, value: str) -> Dict[str, str]:
-    """Parses NAME=VALUE pairs separated by spaces to values by name. Raises CodedError "launch_bad_pairs"."""
-    pairs = [word.partition("=") for word in value.split()]
-    invalid = ["".join(parts) for parts in pairs if not (NAME.fullmatch(parts[0]) and parts[2])]
+    """Parses words of the form NAME=VALUE to values by name. Raises CodedError "launch_bad_pairs"."""
+    values, invalid = {}, []
+    for word in value.split():
+        name, _, text = word.partition("=")
+        if not NAME.fullmatch(name) or not text:
+            invalid.append(word)
+        values[name] = text
     if invalid:
         raise CodedError("launch_bad_pairs", argument=argument, wrong=" ".join(invalid))
-    return {name: text for name, _, text in pairs}
+    return values
 
 
 def check_file(argument: str, value: str) -> None:
-    """Raises CodedError "launch_no_file" unless the value is empty or names a readable file."""
+    """Raises CodedError "launch_no_file" unless the value is empty or the path of a readable file."""
     try:
         if value:
             Path(value).open("rb").close()
@@ -86,7 +91,7 @@ def check_file(argument: str, value: str) -> None:
 
 
 def check_map_file(_argument: str, value: str) -> None:
-    """Raises CodedError "bad_map_file" unless the value is empty or a map that map_server can read."""
+    """Raises CodedError "bad_map_file" unless the value is empty or the path of a map that map_server can read."""
     if value:
         from vb_core.map_files import path_from_caller, read_map
 
@@ -109,14 +114,14 @@ def read_parameter_file(argument: str, path: str) -> Mapping[str, Any]:
 
 
 def check_detector(argument: str, value: str) -> None:
-    """Raises CodedError "bad_parameter", which names file and key, and the errors of `read_parameter_file`."""
+    """Checks a file of a detector's parameters. Raises CodedError "bad_parameter", or as `read_parameter_file` does."""
     from vb_laser_detect.spot_detector_node_params import SpotDetectorNodeParams
 
     SpotDetectorNodeParams.from_mapping(read_parameter_file(argument, value), value)
 
 
 def check_detectors(argument: str, value: str) -> None:
-    """Checks the files of single cameras as `check_detector` does. Also raises "launch_bad_pairs"."""
+    """Checks each camera's own file as `check_detector` does. Raises "launch_bad_pairs" too."""
     for path in parse_pairs(argument, value).values():
         check_detector(argument, path)
 
@@ -139,7 +144,7 @@ def check_robot_types(argument: str, value: str) -> List[RobotProfile]:
 
 
 ArgumentCheck = Callable[[str, str], Any]
-# roslaunch or a node checks the other arguments, such as a condition or a port
+# roslaunch or a node checks the arguments that are not listed, such as conditions and ports
 ARGUMENT_CHECKS: Dict[str, ArgumentCheck] = {
     "robot": partial(check_choice, choices=("true", "false", "1", "0")),
     "cameras": check_names,
@@ -175,19 +180,20 @@ def check_values(values: Mapping[str, str], checks: Mapping[str, ArgumentCheck] 
 
 # ------------------------------------------------------------ what is installed, and what runs
 def declared_arguments(files: Iterable[Path]) -> List[str]:
-    """Lists the arguments that launch files declare without a fixed value. Included files do not count."""
+    """Lists the arguments that launch files declare without a fixed value, but not those of included files."""
     names = set()
     for path in files:
         root = ElementTree.parse(str(path)).getroot()
         arguments = [*root.findall("arg"), *root.findall(".//group/arg")]
-        names.update(str(argument.get("name")) for argument in arguments if argument.get("value") is None)
+        settable = [argument for argument in arguments if argument.get("value") is None]
+        names.update(str(argument.get("name")) for argument in settable)
     return sorted(names)
 
 
 def check_installed(programs: Iterable[str]) -> None:
     """Raises CodedError "launch_not_installed" if a program of ROS's navigation stack is not installed.
 
-    Each program is in a package of the same name.
+    Each of these programs is in a package of its own name.
     """
     import rospkg
     from roslib.packages import find_node
@@ -219,9 +225,9 @@ def check_no_other_lab(master_uri: str) -> None:
 
 
 def find_roslaunch_call(process: int) -> Tuple[List[str], List[Path], str]:
-    """Finds roslaunch's arguments: names of the launch arguments, launch files, URI of the master that it will use.
+    """Reads how roslaunch was called: names of launch arguments, launch files, and the URI of the master that it uses.
 
-    All are empty if the process starts nothing, or is another program, such as a test that runs its own master.
+    All three are empty if roslaunch only prints something, or if the process is another program, such as a test.
     """
     command_line = Path(f"/proc/{process}/cmdline").read_bytes()
     words = [os.fsdecode(word) for word in command_line.split(b"\0")[:-1]]
@@ -236,9 +242,10 @@ def find_roslaunch_call(process: int) -> Tuple[List[str], List[Path], str]:
     if any([options.node_args, options.node_list, options.find_node, options.dump_params, options.file_list]):
         return [], [], ""
     files = [Path(name) for name in roslaunch.rlutil.resolve_launch_arguments(remaining) if os.path.isfile(name)]
-    arguments = [word.split(":=")[0] for word in remaining if ":=" in word and not word.startswith("_")]
+    assignments = [word for word in remaining if ":=" in word and not word.startswith("_")]
+    names = [word.split(":=")[0] for word in assignments]
     uri = rosgraph.network.create_local_xmlrpc_uri(options.port) if options.port else rosgraph.get_master_uri()
-    return arguments, files, uri
+    return names, files, uri
 
 
 def main() -> int:
@@ -258,7 +265,8 @@ def main() -> int:
         if options.launch_file == "navigation":
             check_installed(options.words)
         else:
-            values = {name: value for name, _, value in (word.partition(":=") for word in options.words)}
+            assignments = [word.partition(":=") for word in options.words]
+            values = {name: value for name, _, value in assignments}
             checks = SIMULATION_CHECKS if options.launch_file == "simulation" else ARGUMENT_CHECKS
             check_values(values, checks)
             if master_uri:
@@ -266,8 +274,8 @@ def main() -> int:
     except CodedError as error:
         print(f"\n[FATAL] Nothing was started. {error.message} [{error.code}]\n", file=sys.stderr, flush=True)
         if files:
-            # The exit status would end roslaunch too, but with a page of red text below the important sentence.
-            # roslaunch has not started anything yet that it would have to end.
+            # The exit status alone would end roslaunch too, but with a page of red text below the important sentence.
+            # The signal does no harm, because roslaunch has not started any node yet.
             os.kill(process, signal.SIGTERM)
         return REFUSED
     print("ok")  # the parameter's value

@@ -1,9 +1,9 @@
-"""Judges whether a lab is ready, from what its nodes report and what no node can know. No ROS.
+"""Checks whether a lab is ready, as far as its nodes cannot check it themselves. No ROS.
 
-Each fault belongs to one node, which reports it in a notice as long as it lasts. A detector reports that its camera is
-silent, camera_poses that a calibration does not fit, robot_monitor that a robot drives through borders. check_lab
-repeats these notices. This module checks what shows only from outside: a node that does not run, topics that do not
-match, a map that was read wrongly.
+A node that detects a fault reports it in a notice as long as it lasts: a detector reports that its camera is silent,
+camera_poses that a calibration does not fit, robot_monitor that a robot drives through borders. check_lab repeats these
+notices. This module finds the faults that only an observer sees: a node that does not run, topics that do not match, a
+map that was read wrongly.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from vb_core.node_graph import NodeGraph
 from vb_core.notices import Notice, Severity
 from vb_laser_detect.spot_detector_node_params import image_topic
 
-MIN_DISK_MB = 500  # room for a day of logs and recordings
-MIN_SCAN_DEG = 60.0  # a robot that drives by its scan should see at least the floor ahead
+MIN_DISK_MB = 500  # [MB] for a day of logs and recordings
+MIN_SCAN_DEG = 60.0  # [deg]; a robot that drives by its scan should see at least the floor ahead
 _IMAGE = "sensor_msgs/Image"
-_HARDLY_ANY = 0.01  # share of unknown cells; shades in between may still be unknown where all else was read as free
+# share of unknown cells; a few shades of grey may be read as unknown even where the unknown area was read as free
+_HARDLY_ANY = 0.01
 
 
 def check_camera(graph: NodeGraph, name: str, parameters: Mapping[str, Any], has_delay: bool, rate: float) -> Notice:
@@ -28,8 +29,8 @@ def check_camera(graph: NodeGraph, name: str, parameters: Mapping[str, Any], has
 
     Args:
         parameters: the detector's parameters; empty if the camera is on a robot.
-        has_delay: whether a source's delay was measured, even if it is 0.
-        rate: [1/s] searched images per second.
+        has_delay: whether the source's delay was measured, even if it is 0.
+        rate: [1/s] images that the detector searches per second.
     """
     source = str(parameters.get("source", ""))
     delay = parameters.get("capture", {}).get("delay_ms", 0.0)
@@ -40,8 +41,8 @@ def check_camera(graph: NodeGraph, name: str, parameters: Mapping[str, Any], has
             topic += "/compressed"
     publishers = graph.publishers.get(topic, [])
     namespace = f"/{topic.strip('/').split('/')[0]}/"
-    image_topics = [other for other, nodes in graph.publishers.items() if nodes and graph.types.get(other) == _IMAGE]
-    other_topics = sorted(other for other in image_topics if other.startswith(namespace))
+    published = sorted(other for other, nodes in graph.publishers.items() if nodes)
+    other_topics = [other for other in published if graph.types.get(other) == _IMAGE and other.startswith(namespace)]
 
     def line(severity: Severity, code: str, **values: str) -> Notice:
         return Notice(code, severity, camera=name, values={"camera": name, "topic": topic, **values})
@@ -67,8 +68,8 @@ def check_robot(
     Args:
         name: "" for the only robot.
         lacks_margin: whether it plans round borders, but not on its driver's map with a margin (keep_out).
-        scan_deg: [deg] what its scan covers; 0: no scan arrived, None: it has no scanner, or no driver that needs it.
-        clears_plans: whether make_plan clears the costmap around the robot first, and borders with it.
+        scan_deg: [deg] angle that its scan covers; 0 if no scan arrived, None if nothing needs its scan.
+        clears_plans: whether make_plan first clears the costmap around the robot, and the borders there.
     """
 
     def line(severity: Severity, code: str, **values: str) -> Notice:
@@ -89,13 +90,13 @@ def check_robot(
 def check_map(
     size: Optional[Tuple[float, float]], publishers: Sequence[str], with_borders: bool, file: str, lacks_unknown: bool
 ) -> List[Notice]:
-    """Checks whether there is one physical map, and one with the borders.
+    """Checks whether there is exactly one physical map, and a map with the borders.
 
     Args:
-        size: (width, height) [m] of /map; None: no map arrived.
+        size: (width, height) [m] of /map; None if no map arrived.
         publishers: nodes that publish /map.
-        with_borders: whether there is /virtual_borders/map.
-        file: the map file that the lab was given, or "".
+        with_borders: whether /virtual_borders/map arrived.
+        file: the map file in the lab's launch arguments, or "".
         lacks_unknown: see `is_fully_known`.
     """
     if size is None:
@@ -112,23 +113,25 @@ def check_map(
 
 
 def is_fully_known(cells: np.ndarray) -> bool:
-    """Returns whether a map (H, W) int8 has hardly any unknown cell although free floor reaches its edge.
+    """Returns whether a map (H, W) int8 has hardly any unknown cells although free floor reaches its edge.
 
-    No robot records such a map: its unknown cells were read as free, as pixels of 205 are with a free_thresh of 0.25.
+    No robot records such a map: its unknown cells, pixels of 205, were read as free, as a free_thresh of 0.25 does.
     """
     edges = np.concatenate([cells[0], cells[-1], cells[:, 0], cells[:, -1]])
-    return bool((edges == 0).any()) and float((cells < 0).mean()) < _HARDLY_ANY
+    reaches_edge = bool((edges == 0).any())
+    unknown_share = float((cells < 0).mean())
+    return reaches_edge and unknown_share < _HARDLY_ANY
 
 
 def check_nodes(missing: Sequence[str]) -> List[Notice]:
-    """Checks whether the nodes that belong to the lab are running. `missing` names those that are not."""
+    """Checks whether the lab's nodes are running. `missing` lists those that are not."""
     if not missing:
         return [Notice("lab_node_ok", Severity.INFO)]
     return [Notice("lab_node_missing", Severity.ERROR, values={"node": node}) for node in missing]
 
 
 def check_disk(folder: str, free_mb: float, writable: bool = True) -> Notice:
-    """Checks whether the folder of borders and records has room and is writable."""
+    """Checks whether the folder of borders and records has enough space and can be written to."""
     code = "lab_disk_full" if free_mb < MIN_DISK_MB else "lab_disk_ok"
     if not writable:
         code = "lab_disk_read_only"

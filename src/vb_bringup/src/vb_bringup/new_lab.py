@@ -1,6 +1,6 @@
-"""Writes a folder for your own lab: the only files that you edit, and keep under version control.
+"""Writes a folder for your own lab, whose files are the only ones that you edit and keep under version control.
 
-The stack itself stays unchanged, so that a newer version never changes a lab's settings.
+The stack itself stays unchanged, so that an update never changes a lab's settings.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ def write_lab(
 
     Args:
         folder: may exist, but must be empty.
-        cameras: each ceiling camera's source by name, "" if a driver publishes it; empty for a lab with only a robot.
-        robot: a robot type with a profile in the stack; "" without a robot.
-        map_file: a map in map_server's format, to be copied; None if others publish /map.
+        cameras: each ceiling camera's source by name; "" if a driver publishes its images. Empty without ceiling cameras.
+        robot: a robot type with a profile in the stack; "" for a lab without a robot.
+        map_file: a map in map_server's format, which is copied; None if another node publishes /map.
         profiles: folder of the robot types.
 
     Raises:
         CodedError: "folder_with_space", "folder_not_empty", "bad_camera_name", "unknown_robot_type" or "bad_map_file"
-            before anything is written; or "cannot_write_lab".
+            before anything is written; "cannot_write_lab" if writing fails.
     """
     if len(str(folder).split()) != 1:  # arguments of launch files are separated by spaces
         raise CodedError("folder_with_space", folder=folder)
@@ -89,20 +89,23 @@ def parse_source(text: str) -> str:
 
 
 def parse_cameras(text: str) -> Dict[str, str]:
-    """Parses NAME or NAME=SOURCE separated by spaces, with sources as in `parse_source`.
+    """Parses words of the form NAME or NAME=SOURCE to sources by name; see `parse_source`.
 
     Raises:
-        CodedError: "bad_camera_name" if two have the same name.
+        CodedError: "bad_camera_name" if two cameras have the same name.
     """
-    words = [word.partition("=")[::2] for word in text.split()]
-    cameras = dict(words)
+    words = text.split()
+    cameras = {}
+    for word in words:
+        name, _, source = word.partition("=")
+        cameras[name] = parse_source(source) if source else ""
     if len(cameras) != len(words):
-        raise CodedError("bad_camera_name", name=", ".join(name for name, _ in words))
-    return {name: source and parse_source(source) for name, source in cameras.items()}
+        raise CodedError("bad_camera_name", name=", ".join(word.partition("=")[0] for word in words))
+    return cameras
 
 
 def _copy_map(map_file: Path, folder: Path) -> None:
-    """Copies a readable map as map.yaml, with its image."""
+    """Copies a map, which must be readable, to map.yaml, together with its image."""
     description = yaml.safe_load(map_file.read_text(encoding="utf-8"))
     image = map_file.parent / description["image"]
     image_copy = folder / f"map{image.suffix}"

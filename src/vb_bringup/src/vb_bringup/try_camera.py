@@ -1,10 +1,10 @@
-"""Tries any camera: mark four corners of something on the floor, and draw borders in metres. Needs no knowledge of ROS.
+"""Tries any camera: you mark four corners of something on the floor, then draw borders, without knowledge of ROS.
 
     make try CAMERA=0        a webcam; also a device, an address (rtsp://, http://), or a video file
     make try                 plays the supplied video, unattended
 
-A page shows the camera's picture and asks for the corners, from which the camera's pose is computed. It is written into
-the folder of an ordinary lab, which is then started, with the same detector, fusion, integration and page.
+A page shows the camera's picture and asks for the corners, from which the camera's pose is computed. The pose is
+written into the folder of an ordinary lab, which then starts with its usual detector, fusion, integration and page.
 """
 
 from __future__ import annotations
@@ -55,11 +55,10 @@ CAMERA = "camera"
 PORT = 8420
 _PACKAGE = Path(rospkg.RosPack().get_path("vb_bringup"))
 _CELL = 0.025  # [m] of the map
-_FAR = 10.0  # [m] floor that is farther from the camera is left out
+_FAR = 10.0  # [m] from the camera, beyond which the floor is left out
 _GRID = 0.5  # [m] between the lines that the page draws
-# [s] without a spot in the video
-_SEED_PAUSE = 1.0  # between a line and its seed
-_REPEAT_PAUSE = 2.9  # before the video begins again
+_SEED_PAUSE = 1.0  # [s] without a spot between a line and its seed in the video
+_REPEAT_PAUSE = 2.9  # [s] without a spot before the video begins again
 _START_TIMEOUT, _PLAY_TIMEOUT = 60.0, 90.0  # [s]
 _INSTRUCTIONS = (
     "On it: press Define border and draw; press Mark what is off limits and hold the spot there; press Save."
@@ -72,13 +71,14 @@ _REPEAT_NOTE = (
 
 # ------------------------------------------------------------- the floor
 def draw_seen_floor(view: PosedCamera) -> GridMap:
-    """Returns an empty map of the floor that a camera sees. Raises CodedError "bad_rectangle" if all is far away."""
+    """Returns an empty map of the floor that a camera sees. Raises CodedError "bad_rectangle" if it sees no near floor."""
     camera = view.camera
     u, v = np.meshgrid(np.linspace(0, camera.width - 1, 60), np.linspace(0, camera.height - 1, 40))
     pixels = np.column_stack([u.ravel(), v.ravel()])
     positions = project_to_floor(camera, view.T_map_camera, pixels)[:, :2]
-    with np.errstate(invalid="ignore"):
-        positions = positions[np.linalg.norm(positions - view.T_map_camera[:2, 3], axis=1) < _FAR]
+    with np.errstate(invalid="ignore"):  # a pixel above the horizon has no position
+        distances = np.linalg.norm(positions - view.T_map_camera[:2, 3], axis=1)
+        positions = positions[distances < _FAR]
     if not len(positions):
         raise CodedError("bad_rectangle")
     low = positions.min(axis=0)
@@ -90,12 +90,13 @@ def draw_seen_floor(view: PosedCamera) -> GridMap:
 
 
 def grid_lines(view: PosedCamera, floor: GridMap) -> List[List[List[float]]]:
-    """Returns lines on the floor every half metre, as the camera sees them [px], to be drawn over its picture."""
+    """Returns lines on the floor every half metre, in pixels of the camera's picture, over which the page draws them."""
     low = floor.corners().min(axis=0)
     high = floor.corners().max(axis=0)
     lines = []
     for axis, other in ((0, 1), (1, 0)):
-        for number in np.arange(np.ceil(low[axis] / _GRID), np.floor(high[axis] / _GRID) + 1):
+        first, last = np.ceil(low[axis] / _GRID), np.floor(high[axis] / _GRID)
+        for number in np.arange(first, last + 1):
             positions = np.empty((40, 2))
             positions[:, axis] = number * _GRID
             positions[:, other] = np.linspace(low[other], high[other], 40)
@@ -107,7 +108,7 @@ def grid_lines(view: PosedCamera, floor: GridMap) -> List[List[List[float]]]:
 
 
 def write_camera_lab(folder: Path, source: str, view: PosedCamera) -> None:
-    """Deletes what is in the lab's folder, and writes camera, lens, pose and an empty map into it.
+    """Empties the lab's folder, and writes camera, lens, pose and an empty map into it.
 
     Raises:
         CodedError: "cannot_write_lab"
@@ -122,10 +123,10 @@ def write_camera_lab(folder: Path, source: str, view: PosedCamera) -> None:
 
 # ------------------------------------------------------------- the page that asks for the corners
 class CornerPage:
-    """Shows the camera's picture, and asks for the four corners of a rectangle on it."""
+    """Shows the camera's picture, and asks for the four corners of a rectangle on the floor."""
 
     def __init__(self, source: str) -> None:
-        self.fault: Optional[CodedError] = None  # why the camera sends no pictures, if it is known
+        self.fault: Optional[CodedError] = None  # why the camera sends no pictures, if that is known
         self._newest: Deque[CapturedImage] = deque(maxlen=1)
         self._source = CameraSource(source, CaptureParams(), self._newest.append, self._set_fault)
         self._source.start()
@@ -138,14 +139,14 @@ class CornerPage:
         self.fault = fault
 
     async def ask(self, port: int) -> PosedCamera:
-        """Serves the page until somebody accepts a floor. Returns the camera's view of it."""
+        """Serves the page until somebody accepts the floor that it shows. Returns the camera's view of that floor."""
         self._accepted: asyncio.Queue = asyncio.Queue()
         handlers = {r"/": _Page, r"/image\.jpg": _Picture, r"/(floor|start)": _Floor}
         routes = [(path, handler, {"page": self}) for path, handler in handlers.items()]
         application = tornado.web.Application(routes, log_function=lambda _handler: None)
         server = application.listen(port, "127.0.0.1")
         view = await self._accepted.get()
-        await asyncio.sleep(0.3)  # the browser still needs the answer
+        await asyncio.sleep(0.3)  # until the browser has the answer
         server.stop()
         await server.close_all_connections()
         self._source.close()
@@ -190,7 +191,8 @@ class _Picture(_Handler):
             self.write(fault.message)
             return
         self.set_header("Content-Type", "image/jpeg")
-        self.write(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes())
+        _, jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 85])
+        self.write(jpeg.tobytes())
 
 
 class _Floor(_Handler):
@@ -204,8 +206,8 @@ class _Floor(_Handler):
             size = float(request["width"]), float(request["depth"])
             view = estimate_camera_from_rectangle(corners, size, (width, height))
             floor = draw_seen_floor(view)
-            positions = floor.cell_to_world(np.argwhere(floor.data == 0)[:: max(1, floor.data.size // 400)])
-            pixels = project(view.camera, view.T_map_camera, positions)
+            some_cells = np.argwhere(floor.data == 0)[:: max(1, floor.data.size // 400)]
+            pixels = project(view.camera, view.T_map_camera, floor.cell_to_world(some_cells))
             worst = click_uncertainty(corners, size, (width, height), pixels)
             if step == "start":
                 self.page.accept(view)
@@ -231,7 +233,8 @@ class TryLab:
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         borders = [border_from_message(border) for border in message.borders]
-        new_borders = [border for border in borders if border.id not in {previous.id for previous in self.borders}]
+        known_ids = {border.id for border in self.borders}
+        new_borders = [border for border in borders if border.id not in known_ids]
         if borders != self.borders:
             write_atomically(self._file, borders_to_geojson(borders).encode("utf-8"))
         self.borders = borders
@@ -244,17 +247,17 @@ class TryLab:
         self._spots += 1
 
     def play(self) -> None:
-        """Gives the commands that go with the video: for a line, its seed, and its end.
+        """Gives the commands that the video needs: before its line, before its seed, and at its end.
 
         Raises:
-            CodedError: "no_response" if the lab does not take them, or nothing was drawn.
+            CodedError: "no_response" if the lab does not accept them, or if nothing was drawn.
         """
-        self._wait(lambda: self._quiet(_REPEAT_PAUSE))
+        self._wait(lambda: self._has_paused(_REPEAT_PAUSE))
         for command in ("define_border", "define_seed"):
             self._give(command)
-            count = self._spots
-            self._wait(lambda count=count: self._spots > count + 5 and self._quiet(_SEED_PAUSE))
-        if self._give("save") == "confirm_save":  # what was drawn is not quite certain
+            enough = self._spots + 5
+            self._wait(lambda enough=enough: self._spots > enough and self._has_paused(_SEED_PAUSE))
+        if self._give("save") == "confirm_save":  # the extraction was not quite certain of the line
             self._give("save")
         self._wait(lambda: bool(self.borders))
 
@@ -264,7 +267,8 @@ class TryLab:
         print(f"  {command}: {answer.message}", flush=True)
         return answer.code
 
-    def _quiet(self, seconds: float) -> bool:
+    def _has_paused(self, seconds: float) -> bool:
+        """Returns whether no spot has been seen for some seconds."""
         return time.monotonic() - self._spot_at > seconds
 
     @staticmethod
@@ -276,7 +280,7 @@ class TryLab:
 def find_view(camera: str, port: int) -> Tuple[str, PosedCamera]:
     """Returns the source of a camera's images, and the camera's view of the floor.
 
-    Somebody marks the floor on a page at the port. The supplied video, which "" stands for, has a known one.
+    For a camera, somebody marks the floor on a page at the port. The supplied video ("") comes with its floor.
     """
     if not camera:
         truth = yaml.safe_load((_PACKAGE / "example_video/room.yaml").read_text(encoding="utf-8"))
@@ -291,7 +295,7 @@ def find_view(camera: str, port: int) -> Tuple[str, PosedCamera]:
 
 
 def start_lab(folder: Path, port: int) -> ChildProcess:
-    """Starts the lab in a folder with its own master, which this process uses too, and its page at a port."""
+    """Starts the lab in a folder, with its page at a port and with its own master, which this process then uses too."""
     master_port = free_port()
     os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{master_port}", ROS_LOG_DIR=str(folder / "log"))
     print("Starting the detector, the map and the page ...", flush=True)
@@ -333,7 +337,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
 
 
 def _wait_for_services(lab: ChildProcess) -> bool:
-    """Waits for the lab's master and for the services that a border passes. Returns whether all of them answer."""
+    """Waits for the lab's master and for the services that saving a border needs. Returns whether all of them answer."""
     wait_until(lambda: rosgraph.is_master_online() or not lab.running, _START_TIMEOUT)  # roslaunch starts the master
     if not lab.running:
         return False

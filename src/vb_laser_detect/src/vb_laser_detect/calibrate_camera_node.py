@@ -199,7 +199,7 @@ def main() -> int:
     arguments = _parser().parse_args(rospy.myargv()[1:])
     cv2.setNumThreads(1)
     try:
-        if arguments.run is not _print_board:  # only this command needs no ROS master
+        if arguments.run is not _print_board:  # which is the only command that needs no ROS master
             # Ctrl-C interrupts the command, not the node, so that the camera's settings are restored first
             rospy.init_node("calibrate_camera", anonymous=True, disable_signals=True)
         return arguments.run(arguments)

@@ -20,10 +20,10 @@ from vb_laser_detect.calibration import pose_file
 from vb_laser_detect.calibration.pose_file import CameraPose
 from vb_laser_detect.detection.detector_counts import MAX_CLOCK_OFFSET
 
-_SILENCE_TIMEOUT = 3.0  # [s] a detector reports each second; two reports may be late on a busy computer
-_START_TIMEOUT = 60.0  # [s] a lab's nodes start one after the other, which takes a minute on a small computer
-_CLOCK_REPORTS = 10  # the quickest of them counts: a busy computer delays some, clocks that differ shift all of them
-_MAX_FOCAL_CHANGE = 0.01  # lenses of one model differ by more, two calibrations of one lens by less
+_SILENCE_TIMEOUT = 3.0  # [s] without a report; detectors report each second, and a busy computer may delay two reports
+_START_TIMEOUT = 60.0  # [s] in which all nodes of a lab start, one after another, even on a small computer
+_CLOCK_REPORTS = 10  # of which the quickest counts: a busy computer delays some, but a wrong clock shifts all of them
+_MAX_FOCAL_CHANGE = 0.01  # share; lenses of one model differ by more, two calibrations of one lens by less
 # [m] extraction assumes that cameras agree within the hand's tremor; calibrated ones differ by one or two centimetres
 _MAX_DISAGREEMENT = 0.05
 _MAX_SIGHTINGS = 200  # per camera: enough for a median
@@ -32,10 +32,9 @@ _MIN_COMMON = 20  # sightings that two cameras must share before they are compar
 # positions are interpolated over at most one lost image, and no longer than a straight part of a slow drawing lasts
 _MAX_GAP_PERIODS = 2.5  # in multiples of a camera's usual interval between sightings
 _MAX_GAP = 0.5  # [s]
-# [s] a detector looks up a fixed camera's pose twice a second: until then, spots may be located with the former one
-_POSE_LATENCY = 5.0
+_POSE_LATENCY = 5.0  # [s] after a change of pose, in which spots may still be located with the former pose
 
-PoseFile = Union[CameraPose, CodedError]  # a calibration, or why it cannot be read
+PoseFile = Union[CameraPose, CodedError]  # a calibration, or the reason why it cannot be read
 
 
 @dataclass(frozen=True)
@@ -44,8 +43,8 @@ class DetectorReport:
 
     Attributes:
         arrival: [s] time at which it arrived.
-        frame: frame of the images; "": not known.
-        focal: [px] focal length of the lens; 0: not known.
+        frame: frame of the images; "" if not known.
+        focal: [px] focal length of the lens; 0 if not known.
         age: [s] time from the status's stamp until its arrival.
     """
 
@@ -80,11 +79,12 @@ class CameraFaultFinder:
 
         Nobody has to draw for the comparison: any use of the laser where cameras overlap serves it.
         """
-        if math.isfinite(x + y) and abs(stamp - self._pose_changes.get(camera, -math.inf)) > _POSE_LATENCY:
+        since_change = abs(stamp - self._pose_changes.get(camera, -math.inf))
+        if math.isfinite(x + y) and since_change > _POSE_LATENCY:
             self._sightings.setdefault(camera, deque(maxlen=_MAX_SIGHTINGS)).append((stamp, x, y))
 
     def forget_spots(self, camera: str, now: float) -> None:
-        """Drops a camera's sightings, because it has had another pose since a time [s]."""
+        """Drops a camera's sightings, because its pose changed at a time [s]."""
         self._sightings.pop(camera, None)
         self._pose_changes[camera] = now
 
@@ -122,13 +122,14 @@ class CameraFaultFinder:
         for camera, file in sorted(files.items()):
             report = self._reports[camera]
             fault = _calibration_fault(camera, file, report, camera in cameras_with_old_pose)
-            # the detectors report a frame that two cameras have: that must be resolved before the pose
-            if fault is not None and not (report.frame and frames.count(report.frame) > 1):
+            # a frame that two cameras have is reported by the detectors, and must be resolved before the pose
+            is_shared = report.frame != "" and frames.count(report.frame) > 1
+            if fault is not None and not is_shared:
                 notices.append(Notice.from_error(fault, Severity.ERROR, camera))
         return notices
 
     def find_disagreements(self, now: float) -> List[Notice]:
-        """Returns a notice for each pair of cameras that disagree on a spot: one was moved, or has another's pose."""
+        """Returns a notice for each pair of cameras that disagree on a spot. One was moved, or has another one's pose."""
         recent = {
             camera: np.array(sorted(row for row in rows if 0.0 <= now - row[0] <= _SIGHTING_LIFETIME)).reshape(-1, 3)
             for camera, rows in self._sightings.items()
@@ -155,7 +156,7 @@ def distance_between(a: np.ndarray, b: np.ndarray) -> float:
         return math.nan
     intervals = np.diff(b[:, 0])
     max_gap = min(_MAX_GAP_PERIODS * float(np.median(intervals)), _MAX_GAP)
-    # the interval of b in which each row of a lies; before and after all of b it never ends
+    # the interval of b in which each row of a lies, which is infinite before and after all of b
     row_after = np.searchsorted(b[:, 0], a[:, 0], side="right")
     gaps = np.array([np.inf, *intervals, np.inf])[row_after]
     a = a[gaps <= max_gap]
@@ -167,7 +168,7 @@ def distance_between(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, PoseFile]:
-    """Reads each camera's calibration; gives the error if there is none, or its frame is also another camera's."""
+    """Reads each camera's calibration, or returns its error; a frame that two cameras share is an error of both."""
     files: Dict[str, PoseFile] = {}
     for camera in cameras:
         try:
@@ -177,7 +178,7 @@ def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, PoseFile]:
     frames = {camera: file.frame for camera, file in files.items() if isinstance(file, CameraPose)}
     for camera, frame in frames.items():
         sharing = sorted(name for name in frames if frames[name] == frame)
-        if len(sharing) > 1:  # it can be right for neither
+        if len(sharing) > 1:  # the frame may be wrong for either
             files[camera] = CodedError("shared_frame", cameras=", ".join(sharing), frame=frame)
     return files
 

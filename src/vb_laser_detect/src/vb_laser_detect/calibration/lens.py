@@ -26,19 +26,19 @@ _MARKER_SHARE = 0.75  # a marker's side, as a share of a square's
 PAPERS_MM = {"A4": (297, 210), "A3": (420, 297), "A2": (594, 420), "A1": (841, 594), "A0": (1189, 841)}
 _DPI = 300
 _EDGE_MM = 8.0  # printers leave a margin
-_MIN_MARKER_PX = 6 * 2.3  # side of a marker: its 6 modules (4 x 4 and a black border) need 2.3 px each to be told apart
+_MIN_MARKER_PX = 6 * 2.3  # side of a marker of 6 modules (4 x 4 and a black border), which need 2.3 px each
 _MIN_CORNERS_TO_FIND_BOARD = 6
 _MIN_CORNERS_TO_FIT_LENS = 8  # fewer in a view say little about the lens
 _MIN_VIEWS = 12
-_MAX_VIEWS = 30  # the newest ones: more make the estimate slower, but hardly better
-_CELLS = (8, 6)  # columns and rows of the image; a cell is covered once a corner was seen in it
+_MAX_VIEWS = 30  # the newest ones; more views make the estimate slower, but hardly better
+_CELLS = (8, 6)  # columns and rows of the image; a cell is covered once a corner has been seen in it
 _MIN_COVERAGE = 0.6  # share of the cells
 _MIN_SHIFT = 0.06  # share of the image's width by which the corners of a new view must have moved on average
-# far more steps than OpenCV's default, which ends 3 % off a wide lens's focal length
+# far more steps than OpenCV's default, with which a wide lens's focal length is 3 % off
 _CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-9)
 _MAX_RMS = 1.0  # [px]
 _MAX_FOCAL_SIGMA = 0.01  # share of the focal length: 1 cm at 1 m
-# views from straight ahead cannot tell a near board from a long lens
+# in views from straight ahead, a near board looks as it does through a long lens
 _MIN_TILT = np.radians(12.0)
 _MIN_TILTED_VIEWS = 4
 
@@ -127,7 +127,8 @@ def find_board(board: BoardParams, image: np.ndarray) -> BoardView:
     window = max(2, min(5, int(marker_px * (1.0 / _MARKER_SHARE - 1.0) / 2.0)))
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 0.001)
     pixels = cv2.cornerSubPix(gray, corners.astype(np.float32), (window, window), (-1, -1), criteria)
-    return BoardView(pixels.reshape(-1, 2).astype(float), design.getChessboardCorners()[ids][:, :2].astype(float), ids)
+    corners_on_board = design.getChessboardCorners()[ids][:, :2]
+    return BoardView(pixels.reshape(-1, 2).astype(float), corners_on_board.astype(float), ids)
 
 
 def write_board(paper: str, path: str) -> List[str]:

@@ -27,24 +27,24 @@ from vb_core.camera_model import CameraModel, project_to_floor, intersect_floor,
 from vb_core.errors import CodedError
 
 MIN_POINTS = 4
-_MAX_SETS = 200  # minimal sets tried; with 40 % wrong points, 50 sets hold one without any in 99.9 % of cases
-# points nearer to each other are one place, seen twice
+_MAX_SETS = 200  # minimal sets tried; with 40 % wrong points, one of 50 sets has none of them in 99.9 % of cases
+# distances below which two points are one place that was seen twice
 _SAME_PLACE_DIAGONALS = 0.005  # share of the image's diagonal
 _SAME_PLACE_DISTANCE = 0.01  # [m] on the floor
 _SAME_ORIENTATION = math.radians(2.0)  # poses that differ by less are the same
 _PLAUSIBLE = 9.0  # difference of chi square within which two poses are both plausible: 3 sigma
-_PIXEL_SIGMA = 0.3  # [px] of a point in the image
-POINT_SIGMA = 0.015  # [m] of a point in the map, as clicked in RViz
-_OUTLIER = 0.06  # [m] on the floor: a point farther off does not count
+_PIXEL_SIGMA = 0.3  # [px] standard deviation of a point in the image
+POINT_SIGMA = 0.015  # [m] standard deviation of a point in the map that was clicked in RViz
+_OUTLIER = 0.06  # [m] error on the floor above which a point does not count
 _MIN_AGREEING = 0.6  # share of the points that must agree on one pose
 _MIN_AREA = 0.025  # share of the image that the points must span
 _MAX_FLOOR_SIGMA = 0.1  # [m] uncertainty on the floor, anywhere in the image
 # the corners of a rectangle
 _CLICK_SIGMA = 1.0  # [px] how exactly a person marks a corner
 _FOCALS = np.geomspace(0.3, 3.0, 48)  # focal lengths that are tried, in widths of the image
-_USUAL_FOCAL = 0.75  # that of webcams and phones, in widths of the image
+_USUAL_FOCAL = 0.75  # focal length of webcams and phones, in widths of the image
 _FOCAL_SIGMA = 0.35  # deviation of the focal length's logarithm from the usual one's
-_MAX_CORNER_ERROR = 0.02  # share of the image's diagonal; corners with a larger error are no rectangle, or in disorder
+_MAX_CORNER_ERROR = 0.02  # share of the image's diagonal, above which corners are no rectangle, or in disorder
 _CLICK_DRAWS = 16  # random draws of inexact clicks
 
 
@@ -79,8 +79,8 @@ class PoseEstimate:
     Attributes:
         T_map_camera: (4, 4) pose of the optical frame in the map frame.
         used: (N,) bool, which observations agree with it.
-        errors_px: (N,) [px] distance in the image between a point and where the pose puts it.
-        errors_m: (N,) [m] the same on the floor.
+        errors_px: (N,) [px] distance in the image between each point's pixel and its projection.
+        errors_m: (N,) [m] distance on the floor between each point and its pixel's ray.
         floor_sigma: (middle, worst) [m] standard deviation of a spot on the floor due to the pose's uncertainty, in the
             middle of the image and at its worst place.
     """
@@ -209,7 +209,7 @@ def project(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray) -
 def planar_poses(rays: np.ndarray, points: np.ndarray) -> List[np.ndarray]:
     """Finds the one or two poses T_map_camera from which points (N, 2) of the floor lie on rays (N, 3).
 
-    IPPE uses a homography, poorly determined if three of four points are nearly collinear: least squares refine it.
+    IPPE uses a homography, which three nearly collinear points determine poorly; so least squares refine the poses.
     """
     # the solver needs the points around the origin
     center = np.array([*points.mean(axis=0), 0.0])
@@ -268,7 +268,7 @@ class _Fit(NamedTuple):
 
 def _fit(camera: CameraModel, observed: Correspondences, point_sigma: float, start: np.ndarray) -> _Fit:
     """Fits the pose by least squares, weighted by the measurements' accuracy."""
-    from scipy.optimize import least_squares  # programs that only read calibrations do without its 20 MiB
+    from scipy.optimize import least_squares  # here, because programs that only read calibrations save its 20 MiB
 
     # a point's error in the image comes from pixel and map; whitening (N, 2, 2) makes both directions independent
     pixels = project(camera, start, observed.points)
@@ -286,14 +286,14 @@ def _fit(camera: CameraModel, observed: Correspondences, point_sigma: float, sta
     # points that agree with the pose can still be off: soft_l1 gives those beyond 2 sigma less weight
     solution = least_squares(residuals, np.zeros(6), loss="soft_l1", f_scale=2.0, x_scale="jac")
     chi_square = float(2.0 * solution.cost)
-    # measurements worse than stated make the pose less certain; better ones prove nothing
+    # measurements that are worse than stated make the pose less certain; better ones prove nothing
     factor = max(1.0, chi_square / (2 * len(observed) - 6))
     covariance = factor * np.linalg.pinv(solution.jac.T @ solution.jac)
     return _Fit(_move(start, solution.x), covariance, chi_square)
 
 
 def _refuse_if_ambiguous(camera: CameraModel, observed: Correspondences, point_sigma: float, fit: _Fit) -> None:
-    """Refuses a pose if another one is almost as likely: a small or distant plane looks alike in two orientations."""
+    """Refuses a pose if another one is almost as likely. A small or distant plane looks alike in two orientations."""
     for pose in planar_poses(camera.pixels_to_rays(observed.pixels), observed.points):
         if _angle_between(pose, fit.T_map_camera) < _SAME_ORIENTATION:
             continue
@@ -309,7 +309,7 @@ def _angle_between(a: np.ndarray, b: np.ndarray) -> float:
 
 
 class PosedCamera(NamedTuple):
-    """A camera, and its pose (4, 4): the map's origin is the first corner, its x axis points to the second one."""
+    """A camera and its pose (4, 4) in a map whose origin is the first corner, and whose x axis points to the second."""
 
     camera: CameraModel
     T_map_camera: np.ndarray
@@ -321,8 +321,8 @@ def estimate_camera_from_rectangle(
     """Estimates pose and focal length of the camera that sees the corners of a rectangle on the floor at these pixels.
 
     This is for a first try without a calibrated lens. The lens is assumed to be free of distortion, with its axis through
-    the middle of the image. A rectangle determines the focal length only if it is seen at a slant (Zhang, 2000). Otherwise
-    a usual one is assumed, whose value then hardly matters.
+    the middle of the image. A rectangle determines the focal length only if it is seen at a slant (Zhang, 2000).
+    Otherwise its value hardly matters, and a usual one is assumed.
 
     Args:
         pixels: (4, 2) [px] the corners, in order round the rectangle.
@@ -364,7 +364,7 @@ def _view_from_above(camera: CameraModel, pixels: np.ndarray, points: np.ndarray
 def click_uncertainty(
     pixels: np.ndarray, size: Tuple[float, float], image: Tuple[int, int], places: np.ndarray
 ) -> float:
-    """Returns the rms error [m] of a spot at the worst of `places` (N, 2) [px], as people click inexactly."""
+    """Returns the rms error [m] of a spot at the worst of `places` (N, 2) [px] that is due to inexact clicks."""
     random = np.random.default_rng(1)
     draws = []
     for _ in range(_CLICK_DRAWS):

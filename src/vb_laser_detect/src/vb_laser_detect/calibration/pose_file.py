@@ -1,4 +1,4 @@
-"""A calibrated camera's file: its pose, which `camera_poses` publishes, and as comments how accurate it is."""
+"""A calibrated camera's file: the pose, which `camera_poses` publishes, and comments on its accuracy."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class CameraPose:
     Attributes:
         parent, frame: frames of the transform, usually map and <camera>_optical_frame.
         T: (4, 4) T_parent_frame.
-        focal: [px] focal length with which the pose was found; with another lens the pose is wrong. 0: not known.
+        focal: [px] focal length with which the pose was found, because another lens needs another pose; 0 if not known.
     """
 
     camera: str

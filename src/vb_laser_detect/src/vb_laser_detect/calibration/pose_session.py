@@ -14,8 +14,8 @@ from vb_laser_detect.calibration.pose import MIN_POINTS, POINT_SIGMA, Correspond
 
 _HOLD_TIME = 2.0  # [s] for which a spot must be held before its position is taken
 _MIN_SIGHTINGS = 5  # within the hold time
-_STILL_PX = 3.0  # four fifths of the sightings of a still spot are this near to their median
-_SAME_PLACE_PX = 15.0  # a spot nearer than this to an earlier place was not moved
+_STILL_PX = 3.0  # [px] from their median, within which four fifths of a still spot's sightings are
+_SAME_PLACE_PX = 15.0  # [px] from an earlier place, within which a spot has not been moved
 
 
 class StillSpotFinder:
@@ -48,7 +48,7 @@ class StillSpotFinder:
 
 
 class PoseCalibrationSession:
-    """The places on the floor where a camera was shown a spot, whose map positions are known to `point_sigma` [m]."""
+    """The places on the floor where a camera saw a spot. Their map positions are known to `point_sigma` [m]."""
 
     def __init__(self, camera: CameraModel, point_sigma: float = POINT_SIGMA) -> None:
         self._camera = camera
@@ -68,7 +68,7 @@ class PoseCalibrationSession:
         """Adds a place, (u, v) in the image [px] and (x, y) in the map [m].
 
         Raises:
-            CodedError: "bad_points" if x or y is not finite, "same_place" if the image showed an earlier place there.
+            CodedError: "bad_points" if x or y is not finite, "same_place" if the pixel is that of an earlier place.
         """
         if not np.isfinite(point).all():
             raise CodedError("bad_points")
@@ -140,4 +140,5 @@ def parse_point(text: str) -> Optional[List[float]]:
         values = [float(word) for word in text.replace(",", " ").split()]
     except ValueError:
         return None
-    return values if len(values) == 2 and all(math.isfinite(value) for value in values) else None
+    is_point = len(values) == 2 and all(map(math.isfinite, values))
+    return values if is_point else None

@@ -1,4 +1,4 @@
-"""Describes a camera in lines that people should send when it does not work."""
+"""Describes a camera that does not work, in lines that people should send."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from vb_core.errors import CodedError
 from vb_laser_detect.camera.v4l2_controls import CaptureParams, run_v4l2
 from vb_laser_detect.camera.camera_source import CameraSource, CapturedImage, is_device, without_password
 
-# codes of notices that the lines help to explain, about a camera that cannot be read, is slow or refuses a setting
+# codes of notices about a camera that cannot be read, is slow or refuses a setting, which the lines help to explain
 REPORTED = frozenset(
     "camera_unplugged camera_busy camera_forbidden camera_unreachable camera_stalled camera_ended camera_password"
     " camera_no_stream camera_fault camera_silent camera_slow bad_image control_refused no_control".split()
@@ -30,9 +30,10 @@ def describe_camera_command(source: str) -> str:
 def describe_camera(source: str, params: CaptureParams) -> List[str]:
     """Describes a camera in lines: driver, formats, sizes, rates and stamps. This takes some seconds.
 
-    A device that the running detector reads is busy. Then the lines say so, and list what the device can do.
+    If the running detector reads the device, the lines say that it is busy, and list what the device can do.
     """
-    versions = ", ".join(f"{name} {'.'.join(map(str, number))}" for name, number in av.library_versions.items())
+    numbers = {name: ".".join(map(str, number)) for name, number in av.library_versions.items()}
+    versions = ", ".join(f"{name} {number}" for name, number in numbers.items())
     lines = [f"source {without_password(source)}", f"Linux {platform.release()}, PyAV {av.__version__}, {versions}"]
     if is_device(source):
         try:

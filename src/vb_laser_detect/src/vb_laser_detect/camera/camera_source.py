@@ -214,17 +214,18 @@ class CameraSource:
                 yield CapturedImage(self._stamp(packet, offset), jpeg=bytes(packet))
 
     def _decoded(self, packets: Iterator[Tuple[Any, Optional[float]]]) -> Iterator[CapturedImage]:
-        """Decodes images that build on each other."""
+        """Decodes images that depend on earlier ones."""
         missing = ""
         newest = 0.0
         decoded_at = time.monotonic()
         for packet, offset in packets:
             at = self._stamp(packet, offset)
-            late = not is_file(self.address) and time.time() - 1e-3 * self.params.delay_ms - at > _QUEUED
-            # a keyframe twice a second is decoded however late: a network may have become slower for good
-            if packet.is_keyframe and (not late or at - newest > _QUEUED):
+            age = time.time() - 1e-3 * self.params.delay_ms - at
+            is_late = not is_file(self.address) and age > _QUEUED
+            # twice a second a keyframe is decoded even if it is late, because a network may have become slower for good
+            if packet.is_keyframe and (not is_late or at - newest > _QUEUED):
                 missing = ""
-            elif late:
+            elif is_late:
                 missing = missing or "late_image"
             try:
                 frames = [] if missing else packet.decode()
@@ -233,7 +234,7 @@ class CameraSource:
             if missing:
                 self._skipped_codes.append(missing)
                 if missing == "bad_image" and time.monotonic() - decoded_at > _STALL_TIMEOUT:
-                    # when it is opened again, it begins with a keyframe
+                    # a camera that is opened again begins with a keyframe
                     raise CodedError("camera_stalled", source=self._shown_address, seconds=f"{_STALL_TIMEOUT:g}")
                 continue
             newest = at
@@ -288,7 +289,7 @@ class CameraSource:
             yield packet, min(offsets)
 
     def _from_file(self, container: Any, stream: Any) -> Iterator[Tuple[Any, Optional[float]]]:
-        """Yields packets when they are due, again and again; a file that is far behind continues from where it is."""
+        """Yields packets when they are due, again and again. If it is far behind, it goes on from where it is."""
         began = time.time()
         while not self._closed.is_set():
             first, due = None, began
@@ -309,7 +310,8 @@ class CameraSource:
 
     def _fault(self, error: Any) -> CodedError:
         """Returns the coded error for an error of FFmpeg."""
-        kinds = (*type(error).__mro__, getattr(error, "errno", None))
-        code = next((code for code, reasons in _REASONS.items() if set(reasons) & set(kinds)), "camera_fault")
+        kinds = {*type(error).__mro__, getattr(error, "errno", None)}
+        codes = [code for code, reasons in _REASONS.items() if not kinds.isdisjoint(reasons)]
+        code = codes[0] if codes else "camera_fault"
         why = getattr(error, "strerror", "")
         return CodedError(code, source=self._shown_address, seconds=f"{_STALL_TIMEOUT:g}", why=why)

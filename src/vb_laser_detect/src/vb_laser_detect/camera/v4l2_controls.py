@@ -1,4 +1,4 @@
-"""How a camera is read, and how a device's exposure and white balance are set: by v4l2-ctl (Debian's v4l-utils)."""
+"""The settings with which a camera is read. v4l2-ctl (Debian's v4l-utils) sets a device's exposure and white balance."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def run_v4l2(device: str, *arguments: str) -> str:
 def list_control_values(listing: str, params: CaptureParams) -> List[str]:
     """Returns NAME=VALUE for each control to set, in order: automatic modes are switched off before values are set.
 
-    A setting of 0 means automatic: the control gets its default, as the value for it differs between cameras.
+    A setting of 0 means automatic. The control then gets its default, because the value that means it differs.
 
     Args:
         listing: what `v4l2-ctl --list-ctrls` prints.
@@ -65,7 +65,7 @@ def list_control_values(listing: str, params: CaptureParams) -> List[str]:
     steps: List[str] = []
 
     def add(names: Sequence[str], wanted: Optional[int]) -> None:
-        """Adds the control with the first of these names that exists: its wanted value, or None for its default."""
+        """Adds the control that has the first of these names that exists, with its wanted value or its default (None)."""
         name = next((name for name in names if name in controls), "")
         if not name and wanted is not None:
             raise CodedError("no_control", control=names[0], known=", ".join(controls) or "-")

@@ -1,9 +1,9 @@
 """Measures features of an image's regions, and decides from them whether each region shows a laser spot.
 
-`measure_blob` cuts a blob out of the rise over the reference and measures what sets light apart. Light is brightest in
-its middle, ends within some pixels and darkens nothing. An additive logistic model weighs the features: each has a curve,
-linear between knots, whose value is added to the log-odds. Each curve is 0 for a typical spot. The feature with the most
-negative value is reported as the reason for a rejection. bench/detection/training.py fits the curves.
+`measure_blob` cuts a blob out of the rise over the reference, and measures what distinguishes light from other changes:
+it is brightest in its middle, ends within some pixels and darkens nothing. An additive logistic model weighs the
+features. Each has a curve, linear between knots, whose value is added to the log-odds, and which is 0 for a typical spot.
+The feature with the most negative value becomes the reason for a rejection. bench/detection/training.py fits the curves.
 """
 
 from __future__ import annotations
@@ -19,18 +19,19 @@ from typing import Dict, List, NamedTuple, Optional, Tuple
 import cv2
 import numpy as np
 
-from vb_laser_detect.detection.background import blocks_around, match_lighting
+from vb_laser_detect.detection.background import match_lighting
+from vb_laser_detect.detection.blocks import blocks_around
 from vb_laser_detect.detection.stage_results import BLOCK, Box, Part, SearchedImage, Spot
 
 _EDGE = 0.35  # a blob consists of the pixels whose rise exceeds this share of the peak
-_MAX_ELONGATION = 2.0  # largest length of a spot in largest diameters, as a fast one is elongated
-# in a single mosaic, a small spot's colour depends on the pixels on which it falls; in a mean it does not
+_MAX_ELONGATION = 2.0  # largest length of a spot, in multiples of its largest diameter; a fast spot is elongated
+# chroma that counts as full in a single mosaic, where a small spot's colour depends on the pixels on which it falls
 _ONE_MOSAIC = 0.75
-_WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above this says nothing about colour
-_GRAY = 0.85  # a floor is grey if its weakest channel has at least this share of the strongest
-_MIN_BUSY = 0.02  # ghosts may be left from this value of `busy` on
-# features that do not count against a spot seen where it was expected: they describe its surroundings, or its colour, which
-# it has shown before and which other light or a mosaic may hide now
+_WHITE = 240.0  # [grey levels] of a pixel's weakest channel, above which the pixel says nothing about colour
+_GRAY = 0.85  # share of the strongest channel that the weakest channel of a grey floor has at least
+_MIN_BUSY = 0.02  # value of `busy` from which on there may be ghosts
+# features that do not count against a spot seen where it was expected. They describe its surroundings, or its colour,
+# which it has shown before, and which other light or a mosaic may hide now
 _WAIVED_IF_EXPECTED = ("fall", "busy", "chroma_mosaic")
 _SQUARE, _QUAD = np.ones((3, 3), np.uint8), np.ones((2, 2), np.uint8)
 _HALO = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
@@ -68,7 +69,7 @@ def examine_regions(
     candidates = []
     for region in searched.regions:
         blob = _unmeasured(region.box, "too_dark")
-        # if a region is too large, other light may have come to where a spot is expected
+        # a region may be too large because other light surrounds the expected spot
         for box in region.boxes:
             max_width = math.inf if box is region.box else region.expected.max_width
             blob = measure_blob(searched, box, max_diameters[box], max_width)
@@ -118,7 +119,8 @@ def measure_blob(searched: SearchedImage, box: Box, max_diameter: float, max_wid
         return _unmeasured(box, cutout.problem)
     light = BlobLight(*cutout.images, picture.is_bayer)
     moments = cv2.moments(cv2.copyTo(light.rise, light.mask))
-    u, v = moments["m10"] / moments["m00"] + cutout.left, moments["m01"] / moments["m00"] + cutout.top
+    u = moments["m10"] / moments["m00"] + cutout.left
+    v = moments["m01"] / moments["m00"] + cutout.top
     features = {"elongation": cutout.elongation, **_features_of(light, u, v, cutout.diameter, searched)}
     return Blob(u, v, cutout.diameter, features=features, light=light)
 
@@ -216,10 +218,10 @@ def _features_of(light: BlobLight, u: float, v: float, diameter: float, searched
 
 
 def _surroundings_of(u: float, v: float, diameter: float, searched: SearchedImage) -> Tuple[float, bool]:
-    """Returns how much of the image changed apart from a blob and its own light, and whether the blob may be a ghost.
+    """Returns how much of the image changed apart from a blob's own light, and whether the blob may be a ghost.
 
-    A ghost is the trace of an object that moved away. There is none where the camera is stationary, little else changes,
-    and nothing passed by recently.
+    A ghost is the trace of an object that moved away. There is none if the camera is stationary, little else changes,
+    and nothing passed the blob recently.
     """
     changed = searched.changed
     ghosts = searched.ghost_s > 0.0
@@ -285,7 +287,9 @@ class BlobLight:
         """
         share = _share_of(self.levels - self.floor_levels)
         most = chroma(self.levels)
-        return 1.0 - (1.0 - share) * most / chroma(share) if most < chroma(share) else share
+        if most >= chroma(share):
+            return share
+        return 1.0 - (1.0 - share) * most / chroma(share)
 
     def _halo_rise(self) -> Optional[np.ndarray]:
         """Returns how much the unsaturated light in and around the blob rises over the floor in each channel (C,).
@@ -353,8 +357,9 @@ def _shape_of(blob: np.ndarray) -> Tuple[float, float]:
 
 def _gradient(image: np.ndarray, channel: int) -> np.ndarray:
     """Returns the size of a smoothed channel's gradient at each pixel (H, W)."""
-    plane = cv2.GaussianBlur(image if image.ndim == 2 else cv2.extractChannel(image, channel), (3, 3), 0)
-    slopes = (cv2.Sobel(plane, cv2.CV_32F, x, 1 - x, borderType=cv2.BORDER_REPLICATE) for x in (1, 0))
+    plane = image if image.ndim == 2 else cv2.extractChannel(image, channel)
+    smooth = cv2.GaussianBlur(plane, (3, 3), 0)
+    slopes = (cv2.Sobel(smooth, cv2.CV_32F, x, 1 - x, borderType=cv2.BORDER_REPLICATE) for x in (1, 0))
     return cv2.magnitude(*slopes)
 
 
@@ -394,5 +399,6 @@ class SpotClassifier:
 def packaged_classifier() -> SpotClassifier:
     """Returns the packaged classifier, which bench/detection/training.py wrote. It is read only once."""
     document = json.loads(Path(__file__).with_name("spot_classifier.json").read_text(encoding="utf-8"))
-    curves = {name: (np.array(curve["knots"]), np.array(curve["values"])) for name, curve in document["curves"].items()}
+    entries = document["curves"].items()
+    curves = {name: (np.array(entry["knots"]), np.array(entry["values"])) for name, entry in entries}
     return SpotClassifier(curves, document["intercept"])

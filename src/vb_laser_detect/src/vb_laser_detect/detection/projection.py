@@ -1,7 +1,7 @@
 """Projects pixels to the floor, in the map frame (Sect. 4: ground plane for stationary cameras, depth for mobile ones).
 
-Only the pixel is undistorted, never the image. A ray that meets a robot before the floor shows the robot, and nothing
-on it is a spot on the floor. As the robots' poses are known, no rules are needed for their lights, buttons and reflections.
+Only the pixel is undistorted, never the image. A ray that meets a robot before the floor shows the robot, not the floor.
+Because the robots' poses are known, no rules are needed for their lights, buttons and reflections.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ _MAX_INCIDENCE = 85.0
 _MAX_HEIGHT = 0.08  # [m] a depth point farther from the floor is on an object
 _HEIGHT_PER_RANGE = 0.03  # [m/m] by which that limit grows with the distance, as the depth's noise does
 _DEPTH_RADIUS = 2  # [px of the depth image] neighbourhood of the median: a spot's size at a metre
-_DEPTH_SHARE = 0.3  # least share of the neighbourhood with readings; below it the plane is used, and the point says so
-_MIN_DEPTH, _MAX_DEPTH = 0.3, 6.0  # [m] nearer and farther readings count as holes, for every camera of this kind
-_BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
+_DEPTH_SHARE = 0.3  # least share of the neighbourhood with readings; below it the plane is used, see the point's source
+_MIN_DEPTH, _MAX_DEPTH = 0.3, 6.0  # [m] range of readings; nearer and farther ones count as holes
+_BLUR_PX = 3.0  # [px] by which optics and pixels blur every spot, whatever its size
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class FloorProjection:
         Args:
             origin: (3,) [m] the camera's position.
             plane: (3,) [m] where the pixel's ray meets the floor's plane; NaN: nowhere.
-            point: (3,) [m] the point itself, as `plane`, or nearer or farther on the ray, where a depth image shows it.
+            point: (3,) [m] the pixel's point: `plane` itself, or where a depth image shows it on the ray.
         """
         if origin[2] <= self.params.floor_height or not np.isfinite(plane).all():
             return "no_floor_intersection"
@@ -81,7 +81,9 @@ class FloorProjection:
         return "" if self._is_on_map(point) else "spot_outside_map"
 
     def _is_on_map(self, point: np.ndarray) -> bool:
-        return self.floor is None or bool(self.floor.contains_cells(self.floor.world_to_cell(point[None, :2]))[0])
+        if self.floor is None:
+            return True
+        return bool(self.floor.contains_cells(self.floor.world_to_cell(point[None, :2]))[0])
 
 
 def depth_over_plane(
@@ -135,14 +137,14 @@ class RobotCylinder:
 class ImageGeometry:
     """Maps the pixels of one image to the floor.
 
-    Most images show nothing to be located, so pose, depth and robots are looked up only when they are needed, once each.
+    Pose, depth and robots are looked up once, and only when they are needed: most images show nothing to be located.
 
     Attributes:
         camera: camera model for the image's size.
         floor_projection: what counts as a point on the floor.
         find_pose: returns T_map_camera (4, 4) at the image's time, or raises CodedError if it is unknown.
-        find_depth: returns the depth at that time; None: the floor is a plane.
-        find_robots: returns where robots hide the floor at that time; by default nowhere.
+        find_depth: returns the depth at that time; None if the floor is a plane.
+        find_robots: returns the robots at that time, which hide the floor behind them; by default none.
     """
 
     camera: CameraModel
@@ -195,7 +197,7 @@ class ImageGeometry:
     def _locate_spot(
         self, spot: Spot, is_inside: bool, plane: np.ndarray, meters_per_pixel: float, depth_ratio: float
     ) -> Spot:
-        """Returns a spot with its point, from what its pixel shows of the floor's plane and of the depth image."""
+        """Returns a spot with its point on the floor, or rejected, given the plane and the depth at its pixel."""
         origin = self._pose[:3, 3]
         source = GROUND_PLANE if self.find_depth is None else GROUND_PLANE_FALLBACK
         point = plane

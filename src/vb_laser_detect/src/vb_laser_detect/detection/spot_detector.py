@@ -3,7 +3,7 @@
 Use it for any stationary or moving camera, with or without ROS. Make one `SpotDetector` per camera and give it every
 frame, including those without a spot, which show it what the floor looks like.
 
-`SpotDetector.detect` is the list of all stages, each a file in `detection`; `stage_results` is what they hand on.
+`SpotDetector.detect` calls all stages in order. Each is a module of `detection`, and `stage_results` has what they return.
 
 >>> import numpy as np
 >>> detector = SpotDetector(DetectorParams())
@@ -38,14 +38,14 @@ from vb_laser_detect.detection.features import SpotClassifier
 from vb_laser_detect.detection.image_registration import ImageRegistration
 from vb_laser_detect.detection.projection import ImageGeometry
 from vb_laser_detect.detection.spot_tracker import SpotTracker
-from vb_laser_detect.detection.stage_results import BLOCK, DetectionResult, SearchedImage, Spot
+from vb_laser_detect.detection.stage_results import BLOCK, DetectionResult, Motion, SearchedImage, Spot
 
 __all__ = ["DetectionResult", "DetectorParams", "Spot", "SpotDetector"]
 
-# lowest level of a spot, as a share of `bright_level`: only 3 of 464 known spots are darker, all in darkened clips
+# lowest level of a spot, as a share of `bright_level`; only 3 of 464 known spots are darker, all in darkened clips
 _MIN_LEVEL = 0.86
 _MAX_DIAGONAL_SHARE = 0.09  # a spot's largest diameter if no pose is known, as a share of the image's diagonal
-_MAX_LATENESS = 1.0  # [s] if an image is older than the last one by more, it is not late: the clock was set
+_MAX_LATENESS = 1.0  # [s] by which an image may be older than the last one; if it is even older, the clock was set
 # a spot at least this probable is never averaged into the background; a less probable one may be a ghost
 _MIN_CERTAIN_PROBABILITY = 0.9
 
@@ -118,16 +118,16 @@ class SpotDetector:
         """Searches one image.
 
         Args:
-            image: a `Picture`, as from `PixelReader`, or a `HalvedPicture`; or uint8, (H, W, 3) bgr (or rgb: colours
-                are only compared with each other) or (H, W) grey.
-            stamp: [s] when it was taken. A late image is left out; a stamp more than a second before the last one means
+            image: a `Picture`, as from `PixelReader`, or a `HalvedPicture`; or uint8, (H, W) grey or (H, W, 3) bgr. rgb
+                serves as well, because colours are only compared with each other.
+            stamp: [s] when it was taken. A late image is left out. A stamp more than a second before the last one means
                 that the clock was set, and the detector starts again.
-            geometry: maps its pixels to the floor. None: sizes and speeds are judged in pixels.
+            geometry: maps the image's pixels to the floor; without it, sizes and speeds are limited in pixels.
 
         Raises:
             CodedError: "bad_image" for any other image.
         """
-        picture = _checked(image)
+        picture = _check_image(image)
         behind = -math.inf if self._stamp is None else self._stamp - stamp
         if 0.0 < behind <= _MAX_LATENESS:
             return DetectionResult(is_late=True)
@@ -141,17 +141,17 @@ class SpotDetector:
 
         motion, motion_since_keyframe = self._estimate_motion(picture)
         expected = self._tracker.predict(stamp, motion)
-        changes = self._background.compare(picture, motion_since_keyframe, expected)
+        comparison = self._background.compare(picture, motion_since_keyframe, expected)
         min_level = _MIN_LEVEL * self._background.bright_level
         searched = SearchedImage(
             picture,
             diagonal=math.hypot(*picture.size),
             bright_level=self._background.bright_level,
             min_level=min_level,
-            regions=find_regions(picture, changes, min_level, expected),
-            reference=self._background.reference,
-            shifted=self._background.motion is not None,
-            changed=changes.brighter | changes.darker,
+            regions=find_regions(picture, comparison, min_level, expected),
+            reference=comparison.reference,
+            shifted=comparison.motion is not None,
+            changed=comparison.brighter | comparison.darker,
             ghost_s=self._background.ghost_s,
         )
         boxes = [box for region in searched.regions for box in region.boxes]
@@ -168,9 +168,10 @@ class SpotDetector:
             candidates = geometry.locate(candidates)
         detection = self._tracker.update(candidates, searched)
         certain = max(_MIN_CERTAIN_PROBABILITY, self.params.min_probability)
-        kept_out = [spot for spot in detection.candidates if spot.track and spot.confidence >= certain]
+        tracked = [spot for spot in detection.candidates if spot.track]
+        kept_out = [spot for spot in tracked if spot.confidence >= certain]
         # a pause must not make one frame outweigh all earlier ones
-        self._background.update(picture, searched.changed, kept_out, min(elapsed, 1.0))
+        self._background.update(picture, comparison, kept_out, min(elapsed, 1.0))
         return detection._replace(pose_error=pose_error)
 
     def _prepare(self, picture: AnyPicture) -> AnyPicture:
@@ -179,11 +180,11 @@ class SpotDetector:
             # a mosaic cannot be warped by fractions of a pixel, and warping two sizes would take twice the time
             return Picture(picture.bgr(), "bgr")
         if picture.scale > 1 and self._measured:
-            picture.decode_full_size()  # what was measured in the last image is likely to be there still
+            picture.decode_full_size()  # what was measured in the last image is probably still there
         return picture
 
-    def _estimate_motion(self, picture: AnyPicture) -> Tuple[Optional[np.ndarray], Optional[np.ndarray]]:
-        """Returns a moving camera's motions (3, 3) since the last image and since the keyframe, each None if there is none."""
+    def _estimate_motion(self, picture: AnyPicture) -> Tuple[Motion, Motion]:
+        """Returns the camera's motions since the last image and since the keyframe."""
         if self._registration is None:
             return None, None
         if self._background.is_keyframe:
@@ -192,13 +193,15 @@ class SpotDetector:
         return motion, self._registration.motion
 
 
-def _checked(image: Union[np.ndarray, AnyPicture]) -> AnyPicture:
+def _check_image(image: Union[np.ndarray, AnyPicture]) -> AnyPicture:
+    """Returns a valid image as a picture with contiguous pixels."""
     if isinstance(image, HalvedPicture):
         return image
-    picture = image if isinstance(image, Picture) else Picture(image, "mono" if np.ndim(image) == 2 else "bgr")
-    pixels = np.asarray(picture.pixels)
+    if not isinstance(image, Picture):
+        image = Picture(image, "mono" if np.ndim(image) == 2 else "bgr")
+    pixels = np.asarray(image.pixels)
     if pixels.dtype != np.uint8 or pixels.ndim not in (2, 3) or pixels.shape[2:] not in ((), (3,)):
         raise CodedError("bad_image", f"expected 8 bit mono, Bayer or colour pixels, got {pixels.dtype} {pixels.shape}")
     if min(pixels.shape[:2]) < 4 * BLOCK:
         raise CodedError("bad_image", f"the image is too small: {pixels.shape[1]} x {pixels.shape[0]}")
-    return Picture(np.ascontiguousarray(pixels), picture.color_format)
+    return Picture(np.ascontiguousarray(pixels), image.color_format)

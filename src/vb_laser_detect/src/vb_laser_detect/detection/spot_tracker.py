@@ -1,4 +1,4 @@
-"""Tracks spots over time: which sighting belongs to which track, when a track is confirmed, and which one is published.
+"""Tracks spots over time: assigns sightings to tracks, confirms tracks, and chooses the one that is published.
 
 A track moves on at constant velocity in the image, and along with the image when the camera turns. Limits in seconds
 never span fewer than a few images, so that a camera of two images a second works like one of sixty. The published track
@@ -22,22 +22,22 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from vb_laser_detect.detection.features import chroma
-from vb_laser_detect.detection.stage_results import DetectionResult, ExpectedSpot, SearchedImage, Spot
+from vb_laser_detect.detection.stage_results import DetectionResult, ExpectedSpot, Motion, SearchedImage, Spot
 
 _SLACK_PX = 12.0  # [px] by which noise alone may move a spot between two images
 _BLINK = 1.5  # [s] a light that is absent for no longer than this counts as having stayed in its place
 _MEMORY = 10.0  # time after which a place is forgotten, in multiples of the time for which it was lit
 _MAX_SPEED = 1.6  # [diagonals of the image/s] of a spot: a wrist's flick, 8 m/s where the diagonal is 5 m
-# [s], [images] a track survives the longer of them without a sighting: a passing leg, the dark half of a pointer's
-# blinking, and in any camera two missing images
+# [s], [images] without a sighting; a track survives the longer of the two: a passing leg, the dark half of a pointer's
+# blinking, or two missing images of any camera
 _GAP_TIME, _GAP_PERIODS = 0.35, 3.5
 _RECALL_TIME = 1.0  # [s] sightings older than this are not published when their track is confirmed
 _PERIODS = 15  # [images] over which the period is averaged
 _VIVID = 0.4  # mean chroma of a laser's light on a floor; webcams show less, but other bright things even less
 # mean chroma on a nearly white floor; that of white glints in Bayer images is lower over half a second
 _PALE = 0.25
-# [s] colourless light must last for longer to be confirmed: a glint on a shoe, a watch or a cup lasts for less than a
-# step, half a second. Nothing is lost, as the track's earlier spots are then published too
+# [s] for which colourless light must last to be confirmed: a glint on a shoe, a watch or a cup lasts for less than a
+# step, half a second. Nothing is lost, because the track's earlier spots are then published too
 _STEP_TIME = 0.6
 # [px] standard deviation by which light must have moved where it need not show colour: no hand holds a pointer so still, but
 # paper and reflections that came to stay move only by the noise of the camera and its compression
@@ -88,22 +88,23 @@ class SpotTracker:
         self._stamp: Optional[float] = None
         self._lit_places = np.zeros((0, 4))  # each place: u, v [px], lit for [s], last lit at [s]
 
-    def predict(self, stamp: float, motion: Optional[np.ndarray] = None) -> List[ExpectedSpot]:
+    def predict(self, stamp: float, motion: Motion = None) -> List[ExpectedSpot]:
         """Predicts where confirmed spots should be in a later image. Must be called before `update`.
 
         Args:
             stamp: [s] of the image.
-            motion: (3, 3) from the last image's pixels to this one's; None: the camera stands still, or it is unknown.
+            motion: since the last image.
         """
         if self._stamp is not None:
             self._periods.append(stamp - self._stamp)
-            # some images arrive in bursts, hence a mean; the longest interval may be a pause
+            # the mean, because images may arrive in bursts; without the longest interval, which may be a pause
             typical_periods = sorted(self._periods)[:-1] or self._periods
             self._period = sum(typical_periods) / len(typical_periods)
         self._stamp = stamp
         gap = max(_GAP_TIME, _GAP_PERIODS * self._period)
         self._tracks = [track for track in self._tracks if stamp - track.stamp <= gap]
-        self._lit_places = self._lit_places[self._lit_places[:, 3] + _BLINK + _MEMORY * self._lit_places[:, 2] >= stamp]
+        lit_s, lit_at = self._lit_places[:, 2:].T
+        self._lit_places = self._lit_places[lit_at + _BLINK + _MEMORY * lit_s >= stamp]
         if motion is not None:
             for place in [track.pixel for track in self._tracks] + list(self._lit_places):
                 place[:2] = cv2.perspectiveTransform(place[None, None, :2], motion)[0, 0]
@@ -158,7 +159,7 @@ class SpotTracker:
         return sum(track.is_published for track in ended)
 
     def _since(self, track: Track) -> float:
-        """Returns the time [s] since a track was seen: at least a period, as images of a burst are stamped on arrival."""
+        """Returns the time [s] since a track was seen, at least a period, because images of a burst have close stamps."""
         return max(self._stamp - track.stamp, self._period)
 
     def _assign(self, spots: Sequence[Spot]) -> List[Track]:

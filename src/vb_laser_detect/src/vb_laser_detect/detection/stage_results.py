@@ -1,7 +1,7 @@
 """Types passed between the stages of the detection, in the order in which they are made.
 
-The tracker makes `ExpectedSpot` and, in the end, `DetectionResult`. Positions and regions are in the image's own pixels,
-even if it is searched at half its size.
+The tracker makes `ExpectedSpot` and, in the end, `DetectionResult`. Positions and regions are in pixels of the full
+image, even if it is searched at half its size.
 """
 
 from __future__ import annotations
@@ -17,13 +17,14 @@ from vb_core.image_format import AnyPicture
 BLOCK = 8  # [px] edge of a block; whole images are compared by blocks
 Box = Tuple[int, int, int, int]  # left, top, right, bottom [px]; right and bottom are excluded
 Part = Tuple[slice, slice]  # rows and columns [px]
+Motion = Optional[np.ndarray]  # (3, 3) maps an image's pixels to a later one's; None: the camera was stationary
 
 
 class ExpectedSpot(NamedTuple):
-    """A confirmed spot as predicted in the next image, if it keeps moving as before.
+    """Where a confirmed spot should be in the next image if it keeps moving as before.
 
     Attributes:
-        position: (u, v) [px] where it should be.
+        position: (u, v) [px]
         reach: [px] radius round `position` in which to look for it.
         max_width: [px] width above which light cannot be the spot.
     """
@@ -33,25 +34,29 @@ class ExpectedSpot(NamedTuple):
     max_width: float
 
 
-class Changes(NamedTuple):
-    """What an image changes in the background.
+class Comparison(NamedTuple):
+    """How an image differs from the background.
 
     Attributes:
-        rise: (rows, columns) uint8, each block's largest rise above the background.
+        rise: (rows, columns) uint8, each block's largest rise above the reference.
         brighter, darker: (rows, columns) bool, blocks that clearly became so.
+        reference: what the image was compared with: the background as moved and lit in it.
+        motion: the camera's motion since the background.
     """
 
     rise: np.ndarray
     brighter: np.ndarray
     darker: np.ndarray
+    reference: np.ndarray
+    motion: Motion = None
 
 
 class ChangedRegion(NamedTuple):
-    """A part of an image that became brighter, to be examined.
+    """A part of an image that became brighter, and must be examined.
 
     Attributes:
-        boxes: what to search: the whole region, then the part where a spot is expected. A dark region has none.
-        expected: the spot that should be in it, if any.
+        boxes: the boxes to search: the whole region, then the part where a spot is expected. A dark region has none.
+        expected: the spot that should be in the region, if there is one.
     """
 
     box: Box
@@ -70,7 +75,7 @@ class SearchedImage(NamedTuple):
         reference: what the searched pixels would show without anything new.
         shifted: whether the camera has moved since the reference was taken.
         changed: (rows, columns) bool, blocks that became brighter or darker.
-        ghost_s: (rows, columns) [s] time for which a block may still show a ghost of what changed it, other than a spot.
+        ghost_s: (rows, columns) [s] time for which a block may still show the ghost of an object other than a spot.
     """
 
     picture: AnyPicture
@@ -129,9 +134,9 @@ class DetectionResult(NamedTuple):
     """The result of one image.
 
     Attributes:
-        spots: confirmed spots, oldest first: at most one of the image itself and, when a stroke begins, those of earlier
-            images, with their own stamps and positions.
-        candidates: everything examined in the image; each one's `rejection` says why it is no spot, or is not published.
+        spots: confirmed spots, oldest first. At most one is the image's own; when a stroke begins, those of earlier images
+            come before it, with their own stamps and positions.
+        candidates: all that was examined in the image; `rejection` says why it is no spot, or why it is not published.
         lamp_count: number of published tracks that turned out to be lamps.
         is_late: whether the image was left out because it came after a later one.
         pose_error: why the camera's pose is unknown, if it was needed; no spot of the image is then accepted.

@@ -37,26 +37,26 @@ from vb_laser_detect.ros.camera_geometry import is_rectified, require_size, sibl
 _TIMEOUT = 15.0  # [s] to wait for the next image, camera_info or the detector's answer
 _POLL_PERIOD = 0.005  # [s]
 _SETTLING_TIME = 0.5  # [s] after which a new exposure time shows in the images
-_BLINKS = 40  # the window is switched so often
+_BLINKS = 40  # switches of the window
 _MIN_BLINK, _MAX_BLINK = 0.25, 0.65  # [s] between two switches
 _SPOT_TIMEOUT = 30.0  # [s]
-_WHITE_BALANCE = 4600  # [K] between lamps and daylight: that it is constant matters, not its value
+_WHITE_BALANCE = 4600  # [K] between lamps and daylight; only that it is constant matters
 
 
 class RunningCamera:
     """A camera whose detector is running: its images, lens and settings.
 
     Args:
-        own_source: whether to raise CodedError "no_source" unless its detector reads the camera directly.
+        own_source: whether the detector must read the camera directly; if it does not, CodedError "no_source" is raised.
 
     Subscribed topics:
         <image> (sensor_msgs/Image) or <image>/compressed (sensor_msgs/CompressedImage); camera_info beside it
 
     Attributes:
         params: parameters of the camera's detector.
-        detector_params: the part of them that is about the search; without a detector, a stationary camera's.
+        detector_params: the part of them that concerns the search; a stationary camera's if no detector runs.
         settings: path of the camera's settings file; "" if it has none.
-        frame: optical frame, from the detector's parameters, else from the images ("" before the first).
+        frame: optical frame from the detector's parameters, or else from the images ("" before the first one).
     """
 
     def __init__(self, camera: str, own_source: bool = True) -> None:
@@ -239,14 +239,14 @@ def set_exposure(arguments: argparse.Namespace) -> int:
     old_values = {name: capture.get(name, 0) for name in ("exposure", "white_balance")}
     try:
         values = {"exposure": find_exposure(take_image, lambda text: print(f"  {text}", flush=True))}
-        camera.change_settings(exposure=values["exposure"])  # the last one tried may have been another
+        camera.change_settings(exposure=values["exposure"])  # not always the last one tried
         try:
             camera.change_settings(white_balance=_WHITE_BALANCE)
             values["white_balance"] = _WHITE_BALANCE
         except CodedError as error:
             print(f"! the white balance stays automatic: {error.message}")
         camera.write_settings(**values)
-    except BaseException:  # after Ctrl-C, too, the running lab keeps the settings it had
+    except BaseException:  # the running lab keeps the settings that it had, after Ctrl-C too
         camera.change_settings(**old_values)
         raise
     print(f"Point the laser at the floor ({_SPOT_TIMEOUT:.0f} s) ...", flush=True)

@@ -48,7 +48,8 @@ def lens_path(settings: str, camera: str) -> Path:
 
     Without a settings file, LAB is SETTINGS_FOLDER.
     """
-    lab = Path(settings).expanduser().resolve().parent.parent if settings else Path(SETTINGS_FOLDER).expanduser()
+    own_lab = Path(settings).expanduser().resolve().parent.parent
+    lab = own_lab if settings else Path(SETTINGS_FOLDER).expanduser()
     return lab / "lenses" / f"{camera}.yaml"
 
 
@@ -57,7 +58,7 @@ class LensFile:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._mtime_ns = -1  # modification time of the file as last read: 0 if there was none, -1 before the first time
+        self._mtime_ns = -1  # modification time of the file that was read last; 0 if there was none, -1 at first
         self._camera: Optional[CameraModel] = None
         self._error: Optional[CodedError] = None
 
@@ -101,7 +102,7 @@ class CameraFeed:
         params: parameters of the camera's detector.
         image: topic of its images.
         mailbox: receives each image.
-        report: receives faults, and why there are no images.
+        report: receives faults, and the reason why there are no images.
     """
 
     def __init__(

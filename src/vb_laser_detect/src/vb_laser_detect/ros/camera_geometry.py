@@ -23,11 +23,11 @@ from vb_laser_detect.ros.detector_diagnostics import DetectorDiagnostics
 
 # [s] between lookups of a camera's lens and pose: a recalibration is soon noticed, and no image waits for it
 _LOOKUP_PERIOD = 0.5
-_TF_TIMEOUT = 0.15  # [s] to wait for a pose, as odometry arrives after the image
-_TF_LATE = rospy.Duration(0.5)  # a pose this old has arrived by now, if any will
+_TF_TIMEOUT = 0.15  # [s] to wait for a pose, because odometry arrives after the image
+_TF_LATE = rospy.Duration(0.5)  # after which a pose that has not arrived will not come
 _MAX_DEPTH_AGE = 0.08  # [s] largest time difference between colour and depth image
-_POSE_UNCERTAINTY = 0.05  # [m] of a robot's localisation, as its driver assumes if nothing else is known
-_MAX_POSE_AGE = 0.5  # [s] if a robot's newest pose is older, the robot may be elsewhere by now, or switched off
+_POSE_UNCERTAINTY = 0.05  # [m] of a robot's localisation; its driver assumes this too if nothing else is known
+_MAX_POSE_AGE = 0.5  # [s] of a robot's newest pose; later the robot may be elsewhere, or switched off
 
 
 def sibling_topic(topic: str, name: str) -> str:
@@ -41,7 +41,7 @@ def is_rectified(topic: str) -> bool:
 
 
 def require_size(camera: CameraModel, size: Tuple[int, int]) -> CameraModel:
-    """Returns the model if it is for images of this width and height. Otherwise CodedError "no_camera_info" is raised."""
+    """Returns the model if it is for images of this width and height. Raises CodedError "no_camera_info" otherwise."""
     if (camera.width, camera.height) != size:
         expected = f"{camera.width} x {camera.height}"
         raise CodedError("no_camera_info", f"camera_info is for images of {expected}, not of {size[0]} x {size[1]}")
@@ -49,7 +49,7 @@ def require_size(camera: CameraModel, size: Tuple[int, int]) -> CameraModel:
 
 
 class InfoTopic:
-    """The newest camera_info; it may arrive late, and change.
+    """The newest camera_info, which may arrive late, and change.
 
     Subscribed topics:
         <topic> (sensor_msgs/CameraInfo)
