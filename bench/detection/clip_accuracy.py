@@ -26,7 +26,7 @@ import cv2
 
 from bench.detection.clip_frames import ROLES, frames_of, reach_in
 from bench.detection.detector_under_test import DetectionScore, DetectorRunner, figures
-from bench.detection.curve_fitting import classifiers_of_clips
+from bench.detection.classifier_examples import classifiers_of_clips
 from bench.harness import ResultTable, arguments
 
 

@@ -29,13 +29,14 @@ import cv2
 import numpy as np
 import pandas
 
-from bench.detection import clip_frames, curve_fitting
+from bench.detection import clip_frames, classifier_examples
 from bench.detection.augmentation import CameraSettings, draw_augmentations
 from bench.detection.detector_under_test import DetectorRunner, LabeledFrame
 from bench.detection.scene_rendering import Scene, frames
 from bench.detection.scene_rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes, training_scenes
 from bench.harness import TOP, ResultTable, arguments, share
+from vb_laser_detect.detection.classifier_fitting import write_classifier
 from vb_laser_detect.detection.features import Blob, SpotClassifier
 
 SCENES_SHARE = 0.2  # of each scene's time
@@ -138,25 +139,25 @@ def main() -> None:
             unfinished.replace(file)
             print(f"made {file.name}", flush=True)
         files.append(file)
-    examples = curve_fitting.load_examples(files)
+    examples = classifier_examples.load_examples(files)
     names = sorted(set(examples.index))
     print(f"{len(examples.truth)} examples, {examples.truth.sum()} spots, {len(names)} clips and scenes")
     table = ResultTable(options.csv)
-    left_out = curve_fitting.leave_out(examples)
+    left_out = classifier_examples.leave_out(examples)
     for group, (_, truth, score) in left_out.items():
         found, false_spots = (int((score[selected] > 0).sum()) for selected in (truth, ~truth))
         spots, others = (int(selected.sum()) for selected in (truth, ~truth))
         table.add(left_out=group, spots=spots, found=found, others=others, taken_for_spots=false_spots)
     groups = pandas.DataFrame(table.rows)
-    for kind, rows in groups.groupby(groups.left_out.map(curve_fitting.kind_of)):
+    for kind, rows in groups.groupby(groups.left_out.map(classifier_examples.kind_of)):
         spots, found, others, false_spots = rows[["spots", "found", "others", "taken_for_spots"]].sum()
         table.add(left_out=f"each {kind}", found=share(found, spots), taken_for_spots=share(false_spots, others))
     if options.out:
-        kinds = [curve_fitting.kind_of(name) for name in names]
+        kinds = [classifier_examples.kind_of(name) for name in names]
         sources = ", ".join(f"{kinds.count(kind)} of kind '{kind}'" for kind in sorted(set(kinds)))
-        classifier = curve_fitting.calibrate_classifier(curve_fitting.fit(examples), left_out.values())
+        classifier = classifier_examples.calibrate_classifier(classifier_examples.fit(examples), left_out.values())
         note = "" if "clip" in kinds else "; without clips of real cameras"
-        curve_fitting.save_classifier(classifier, options.out, sources + note)
+        write_classifier(classifier, options.out, sources + note)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Fits the classifier's curves to examples.
+"""Fits the classifier's curves to examples of spots and of other bright things.
 
 Each feature is divided into ramps between knots. A logistic regression fits the height of each ramp, and the sum of the
-ramps is the curve. training.py collects the examples.
+ramps is the feature's curve in `features.SpotClassifier`. bench/detection/training.py collects the examples.
 """
 
 from __future__ import annotations
@@ -9,44 +9,32 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Dict, Iterable, NamedTuple, Tuple
+from typing import Sequence, Tuple
 
 import numpy as np
-import pandas
 from scipy.optimize import minimize
 
-from bench.detection.clip_frames import is_clip, left_out_with
 from vb_laser_detect.detection.features import SpotClassifier
 
 _QUANTILES = (0.01, 0.1, 0.3, 0.6, 0.9, 0.99)  # of spots and of others; a curve may bend there
-_WEIGHT = 1500.0  # total weight of the spots of a kind
-_FALSE_SPOT_COST = 3.0  # relative to the cost of a missed spot, which the next image shows again
 _STRENGTH = 0.3  # inverse strength of the regularisation, which limits the ramps
 # higher values of these features indicate a spot; of those in _UP_TO only up to a value; of all others, no spot
 _FOR = ("peak", "level", "edge", "chroma_mosaic")
 _UP_TO = {"diameter": math.log(0.01)}
 
 
-def load_examples(files: Iterable[Path]) -> pandas.DataFrame:
-    """Loads the examples of several clips and scenes, each collected by training.py."""
-    parts = [pandas.read_csv(file, index_col=0, float_precision="round_trip") for file in files]
-    return pandas.concat([part for part in parts if len(part)])
-
-
-def fit(examples: pandas.DataFrame) -> SpotClassifier:
+def fit_classifier(
+    names: Sequence[str], features: np.ndarray, truth: np.ndarray, weights: np.ndarray
+) -> SpotClassifier:
     """Fits the curves by logistic regression over ramps with fixed signs, a convex problem with one solution.
 
-    Clips are one kind of examples, and each kind of rendered scene ("kind: name") is another. The spots of each kind
-    have the same total weight. Within a kind all examples weigh the same, except that a false spot counts as three
-    missed ones. Classes are not balanced, because one of a few bright objects would then weigh as much as many spots.
+    Args:
+        names: the F features' names.
+        features: (N, F) of the examples, NaN where unknown.
+        truth: (N,) bool, whether each is a spot.
+        weights: (N,) of the examples.
     """
-    names, truth = examples.columns[:-1], examples.truth.to_numpy()
-    columns = examples[names].to_numpy().T
-    kinds = np.array([kind_of(group) for group in examples.index])
-    weights = np.where(truth, 1.0, _FALSE_SPOT_COST)
-    for kind in np.unique(kinds):
-        of_kind = kinds == kind
-        weights[of_kind] *= _WEIGHT / (np.count_nonzero(of_kind & truth) or np.count_nonzero(of_kind))
+    columns = features.T
     # an unknown feature has the value of a usual spot
     known_values = [column[truth & ~np.isnan(column)] for column in columns]
     usual_values = np.array([np.median(known) if len(known) else np.nan for known in known_values])
@@ -89,66 +77,7 @@ def fit(examples: pandas.DataFrame) -> SpotClassifier:
     return SpotClassifier(curves, intercept)
 
 
-def kind_of(group: str) -> str:
-    """Returns the kind of a group by its name: a clip, an augmented clip, or a kind of scene."""
-    return group.split(":")[0] if ":" in group else "clip"
-
-
-def logits(classifier: SpotClassifier, examples: pandas.DataFrame) -> np.ndarray:
-    """Returns the classifier's logits (N,) for the examples, from all features."""
-    parts = [np.nan_to_num(np.interp(examples[name], *curve)) for name, curve in classifier.curves.items()]
-    return classifier.intercept + np.sum(parts, axis=0)
-
-
-class LeftOut(NamedTuple):
-    """A classifier fitted without a clip or scene and the groups left out with it.
-
-    Attributes:
-        truth, logits: (N,) of the clip's or scene's examples.
-    """
-
-    classifier: SpotClassifier
-    truth: np.ndarray
-    logits: np.ndarray
-
-
-def leave_out(examples: pandas.DataFrame, only_clips: bool = False) -> Dict[str, LeftOut]:
-    """Fits a classifier without each clip or scene and the groups left out with it; see `left_out_with`."""
-    classifiers: Dict[Tuple[str, ...], SpotClassifier] = {}
-    result = {}
-    for group, names in sorted(left_out_with(sorted(set(examples.index))).items()):
-        if only_clips and not is_clip(group):
-            continue
-        excluded = tuple(sorted(names))
-        if excluded not in classifiers:
-            classifiers[excluded] = fit(examples[~examples.index.isin(excluded)])
-        rows = examples[examples.index == group]
-        result[group] = LeftOut(classifiers[excluded], rows.truth.to_numpy(), logits(classifiers[excluded], rows))
-    return result
-
-
-def calibrate_classifier(classifier: SpotClassifier, left_out: Iterable[LeftOut]) -> SpotClassifier:
-    """Calibrates a classifier's probabilities for unseen cameras and rooms (Platt scaling)."""
-    results = list(left_out)
-    truth = np.concatenate([result.truth for result in results])
-    scores = np.concatenate([result.logits for result in results])
-
-    def loss(scaling: np.ndarray) -> float:
-        margins = scaling[0] * scores + scaling[1]
-        return float(np.sum(np.logaddexp(0.0, margins) - truth * margins))
-
-    scale, shift = minimize(loss, np.array([1.0, 0.0]), method="Nelder-Mead").x
-    curves = {name: (x, scale * y) for name, (x, y) in classifier.curves.items()}
-    return SpotClassifier(curves, float(scale * classifier.intercept + shift))
-
-
-def classifiers_of_clips(folder: Path) -> Dict[str, SpotClassifier]:
-    """Fits a calibrated classifier for each clip, to a folder's examples without the clip's camera and room."""
-    left_out = leave_out(load_examples(sorted(folder.glob("*.csv"))), only_clips=True)
-    return {group: calibrate_classifier(result.classifier, left_out.values()) for group, result in left_out.items()}
-
-
-def save_classifier(classifier: SpotClassifier, path: Path, trained_on: str) -> None:
+def write_classifier(classifier: SpotClassifier, path: Path, trained_on: str) -> None:
     """Writes a classifier in the format of `features.packaged_classifier`."""
     curves = [
         f'  "{name}": {{"knots": {json.dumps([round(float(v), 3) for v in x])},\n'
