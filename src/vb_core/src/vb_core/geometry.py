@@ -42,7 +42,7 @@ def rotation_from_quaternion(quaternion) -> np.ndarray:
 def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
     """Converts a rotation matrix (3, 3) to a quaternion (x, y, z, w), w >= 0. Inverse of `rotation_from_quaternion`."""
     m = np.asarray(rotation, dtype=float)
-    # the outer product 4 q q^T, each of whose rows is a multiple of q; the one with the largest square is the most exact
+    # `products` is 4 q q^T. Each row is a multiple of q, and the row with the largest square gives q most exactly
     xx, yy, zz = np.diag(m)
     squares = [1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz, 1 + xx + yy + zz]
     products = np.zeros((4, 4))
@@ -113,14 +113,16 @@ def map_to_base(points: np.ndarray, pose) -> np.ndarray:
     """Transforms map points (N, 2) [m] to the base frame of a robot at a pose. Inverse of `base_to_map`."""
     x, y, yaw = pose
     c, s = math.cos(yaw), math.sin(yaw)
-    return (np.asarray(points, dtype=float).reshape(-1, 2) - (x, y)) @ np.array([[c, -s], [s, c]])
+    offsets = np.asarray(points, dtype=float).reshape(-1, 2) - (x, y)
+    return offsets @ np.array([[c, -s], [s, c]])
 
 
 def base_to_map(points: np.ndarray, pose) -> np.ndarray:
     """Transforms base-frame points (N, 2) [m] of a robot at a pose to the map frame. Inverse of `map_to_base`."""
     x, y, yaw = pose
     c, s = math.cos(yaw), math.sin(yaw)
-    return np.asarray(points, dtype=float).reshape(-1, 2) @ np.array([[c, s], [-s, c]]) + (x, y)
+    offsets = np.asarray(points, dtype=float).reshape(-1, 2) @ np.array([[c, s], [-s, c]])
+    return offsets + (x, y)
 
 
 def pose_distance(a, b) -> float:

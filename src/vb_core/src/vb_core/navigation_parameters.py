@@ -66,4 +66,5 @@ def is_trinary(costmap: Any) -> bool:
         if isinstance(plugin, Mapping) and str(plugin.get("type", "")).endswith("StaticLayer")
     ]
     layers = [costmap.get(name) for name in static_layers or ["static_layer"]]
-    return any(layer.get("trinary_costmap", True) if isinstance(layer, Mapping) else True for layer in layers)
+    # a layer without parameters has the default, which is true
+    return any(not isinstance(layer, Mapping) or layer.get("trinary_costmap", True) for layer in layers)

@@ -58,8 +58,12 @@ def robot_values(*names: str, key: str = "who") -> Dict[str, str]:
 
 
 def border_name(name: str, language: str = ENGLISH) -> str:
-    """Returns one or several borders' names as people read them: an unnamed border's number in their language."""
-    return _UNNAMED.sub(lambda found: translate(f"unnamed_{found[1]}", {"number": found[2]}, language), name)
+    """Returns the names of one or several borders as people read them: "border 3", which nobody chose, is translated."""
+
+    def translated(found: "re.Match[str]") -> str:
+        return translate(f"unnamed_{found[1]}", {"number": found[2]}, language)
+
+    return _UNNAMED.sub(translated, name)
 
 
 def translate(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH, default: str = "") -> str:
@@ -79,7 +83,8 @@ def translate(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH
         if name + _CODE in values:
             other_values = {other: value for other, value in values.items() if other != name + _CODE}
             text = translate(values[name + _CODE], other_values, language)
-            return text[:1].upper() + text[1:] if field.start() == 0 else text
+            begins_sentence = field.start() == 0
+            return text[:1].upper() + text[1:] if begins_sentence else text
         text = str(values.get(name, f"({name})"))  # a sentence that lacks a value can still be shown
         return border_name(text, language) if name in ("border", "borders") else text
 

@@ -120,7 +120,8 @@ class StopLatch(_Stored):
         with self._lock:
             if identity in self.stops:
                 return False
-            self.stopped_by = self.stopped_by if self.stopped else sender
+            if not self.stopped:
+                self.stopped_by = sender
             self.number = new_id()
             self.stops = (*self.stops, identity)[-MAX_KNOWN_STOPS:]
             self.stopped = True
@@ -178,7 +179,9 @@ class HeldStops(_Stored):
     def persisted_ids(self) -> Tuple[str, ...]:
         """The held stops that survive the process: those in the file, or all if the file cannot be written."""
         stored_ids = self._written
-        return self.ids if stored_ids is None else tuple(identity for identity in self.ids if identity in stored_ids)
+        if stored_ids is None:
+            return self.ids
+        return tuple(identity for identity in self.ids if identity in stored_ids)
 
     def add(self, identity: str) -> None:
         """Adds a stop. If there are too many, one new stop replaces all of them."""

@@ -126,7 +126,8 @@ ANSWERS = {"yes_" + name: name for name, command in COMMANDS.items() if command.
 
 def command_name_from_text(text: str) -> str:
     """Converts a command as people write it ("Define border") to its name ("define_border")."""
-    return "_".join(text.replace("-", " ").replace("_", " ").replace(",", " ").lower().split())
+    separated = text.replace("-", " ").replace("_", " ").replace(",", " ")
+    return "_".join(separated.lower().split())
 
 
 def tables() -> Dict[str, List[Dict[str, Any]]]:

@@ -17,7 +17,8 @@ def read_radius(robot: str, default: float) -> float:
     Args:
         robot: the robot's name; empty for the only robot.
     """
-    values = rospy.get_param(f"/{robot}/{PARAMETER}" if robot else f"/{PARAMETER}", {})
+    name = f"/{robot}/{PARAMETER}" if robot else f"/{PARAMETER}"
+    values = rospy.get_param(name, {})
     return RobotProfile.from_mapping(values, PARAMETER).radius if values else default
 
 
