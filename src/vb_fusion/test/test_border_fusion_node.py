@@ -29,7 +29,7 @@ def test_a_drawing_that_breaks_the_extraction_is_reported_until_the_next_one(shu
 def test_a_drawing_that_is_cancelled_during_an_extraction_is_shown_before_it_is_dropped():
     node = BorderFusionNode.__new__(BorderFusionNode)
     node._lock = threading.Lock()
-    node._new_spots = False
+    node._has_new_spots = False
     node._published = 0.0
     node._collector = SpotCollector()
     node._collector.set_state(BORDER, "one", 0.0)

@@ -67,8 +67,7 @@ class CameraModel:
     @staticmethod
     def ideal(width: int, height: int, focal_px: float) -> "CameraModel":
         """Makes a camera without distortion whose optical axis meets the image centre. Focal length [px]."""
-        center_x, center_y = (width - 1) / 2.0, (height - 1) / 2.0
-        matrix = np.array([[focal_px, 0, center_x], [0, focal_px, center_y], [0, 0, 1.0]])
+        matrix = np.array([[focal_px, 0, (width - 1) / 2.0], [0, focal_px, (height - 1) / 2.0], [0, 0, 1.0]])
         return CameraModel(width, height, matrix, np.zeros(5))
 
     def pixels_to_rays(self, pixels: np.ndarray) -> np.ndarray:
@@ -135,8 +134,7 @@ class CameraModel:
     @cached_property
     def _pinhole(self) -> Tuple[np.ndarray, np.ndarray]:
         """Focal lengths and principal point [px]."""
-        focal = np.array([self.matrix[0, 0], self.matrix[1, 1]])
-        return focal, self.matrix[:2, 2].copy()
+        return np.array([self.matrix[0, 0], self.matrix[1, 1]]), self.matrix[:2, 2].copy()
 
     @cached_property
     def max_ray_tangent(self) -> float:
@@ -265,5 +263,4 @@ def measure_floor(
 def project_to_pixels(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Projects points (N, 3) [m] in the map frame to pixels (N, 2); inverse of `project_to_floor`. NaN behind the camera."""
     points = np.asarray(points, dtype=float).reshape(-1, 3)
-    points_in_camera = (points - T_map_camera[:3, 3]) @ T_map_camera[:3, :3]
-    return camera.project(points_in_camera)
+    return camera.project((points - T_map_camera[:3, 3]) @ T_map_camera[:3, :3])

@@ -113,16 +113,14 @@ def map_to_base(points: np.ndarray, pose) -> np.ndarray:
     """Transforms map points (N, 2) [m] to the base frame of a robot at a pose. Inverse of `base_to_map`."""
     x, y, yaw = pose
     c, s = math.cos(yaw), math.sin(yaw)
-    offsets = np.asarray(points, dtype=float).reshape(-1, 2) - (x, y)
-    return offsets @ np.array([[c, -s], [s, c]])
+    return (np.asarray(points, dtype=float).reshape(-1, 2) - (x, y)) @ np.array([[c, -s], [s, c]])
 
 
 def base_to_map(points: np.ndarray, pose) -> np.ndarray:
     """Transforms base-frame points (N, 2) [m] of a robot at a pose to the map frame. Inverse of `map_to_base`."""
     x, y, yaw = pose
     c, s = math.cos(yaw), math.sin(yaw)
-    offsets = np.asarray(points, dtype=float).reshape(-1, 2) @ np.array([[c, s], [-s, c]])
-    return offsets + (x, y)
+    return np.asarray(points, dtype=float).reshape(-1, 2) @ np.array([[c, s], [-s, c]]) + (x, y)
 
 
 def pose_distance(a, b) -> float:

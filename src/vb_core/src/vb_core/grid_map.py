@@ -171,8 +171,7 @@ class GridMap:
         """Returns the cells (N, 2), int (row, column), that contain points (N, 2) [m]. They may be outside the map."""
         grid = np.floor(self.world_to_grid(points) + 0.5)
         # np.clip is several times slower for the few points in a usual call
-        limited = np.minimum(np.maximum(grid, -(2.0**31)), 2.0**31)
-        return limited.astype(np.int64)[:, ::-1]
+        return np.minimum(np.maximum(grid, -(2.0**31)), 2.0**31).astype(np.int64)[:, ::-1]
 
     def cell_to_world(self, rows_columns: np.ndarray) -> np.ndarray:
         """Returns the centres (N, 2) [m] of cells (N, 2), (row, column)."""
@@ -187,8 +186,7 @@ class GridMap:
     def corners(self) -> np.ndarray:
         """Returns the map's outer corners (4, 2) [m], counter-clockwise, starting at the origin."""
         rows, columns = self.shape
-        corners = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], dtype=float)
-        return self.grid_to_world(corners - 0.5)
+        return self.grid_to_world(np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], dtype=float) - 0.5)
 
 
 def crop(grid: GridMap, window: Window) -> GridMap:
@@ -228,10 +226,9 @@ def sample(grid: GridMap, layer: np.ndarray, points: np.ndarray, outside: float 
 
 
 def nearest_cell(grid: GridMap, mask: np.ndarray, point, reach: float) -> Tuple[Optional[Tuple[int, int]], np.ndarray]:
-    """Finds the marked cell of a mask (H, W) that is nearest to a point (2,) [m].
+    """Finds the marked cell of a mask (H, W) that is nearest to a point (2,) [m]. Returns it (row, column) and its centre.
 
-    Returns the cell (row, column) and its centre (2,) [m]. If no marked cell is within `reach` [m], returns None and the
-    point itself.
+    If no marked cell is within `reach` [m], returns None and the point itself.
     """
     point = np.asarray(point, dtype=float)
     row, column = grid.world_to_cell(point)[0]

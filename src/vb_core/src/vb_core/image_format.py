@@ -77,8 +77,7 @@ class Picture(NamedTuple):
 
     pixels: np.ndarray
     color_format: str
-    # as in `HalvedPicture`
-    scale = 1
+    scale = 1  # see `HalvedPicture`
     is_fully_decoded = True
 
     @property
@@ -184,5 +183,4 @@ class PixelReader:
                 self._bits += 2
             image = cv2.convertScaleAbs(image, alpha=255.0 / ((1 << self._bits) - 1))
         colors = image[:, :, :3] if image.ndim == 3 else image
-        format_without_alpha = {"bgra": "bgr", "rgba": "rgb"}.get(color_format, color_format)
-        return Picture(np.ascontiguousarray(colors), format_without_alpha)
+        return Picture(np.ascontiguousarray(colors), {"bgra": "bgr", "rgba": "rgb"}.get(color_format, color_format))

@@ -143,9 +143,7 @@ def _is_finite_number(value: Any) -> bool:
 
 
 def _is_pose(value: Any) -> bool:
-    if not isinstance(value, list) or len(value) != 3:
-        return False
-    return all(type(number) in (int, float) for number in value)
+    return isinstance(value, list) and len(value) == 3 and all(type(number) in (int, float) for number in value)
 
 
 def _gray(image: np.ndarray, colors_only: bool) -> np.ndarray:

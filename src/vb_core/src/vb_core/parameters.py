@@ -85,8 +85,7 @@ class Parameters:
         try:
             return cls(**mapping)
         except ParameterError as error:
-            reason = error.message[len(error.key) + 2 :]
-            raise ParameterError(f"{prefix}{error.key}", reason) from None
+            raise ParameterError(f"{prefix}{error.key}", error.message[len(error.key) + 2 :]) from None
 
     def replace(self: P, **changes: Any) -> P:
         """Returns a copy with some values changed, checked again."""
@@ -120,11 +119,7 @@ _LIMITS = {"low": ("at least", operator.lt), "high": ("at most", operator.gt), "
 
 
 def _check(key: str, value: Any, limits: Mapping[str, Any]) -> Any:
-    """Checks a value against the limits from `param`. Returns it in the default's type.
-
-    Raises:
-        ParameterError: names the key and says what was expected.
-    """
+    """Checks a value against the limits from `param`. Returns it in the default's type. Raises ParameterError for the key."""
     kind = type(limits["default"])
     entry_class = limits["of"]
     if issubclass(kind, Parameters):

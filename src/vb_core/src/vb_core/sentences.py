@@ -59,11 +59,7 @@ def robot_values(*names: str, key: str = "who") -> Dict[str, str]:
 
 def border_name(name: str, language: str = ENGLISH) -> str:
     """Returns the names of one or several borders as people read them: "border 3", which nobody chose, is translated."""
-
-    def translated(found: "re.Match[str]") -> str:
-        return translate(f"unnamed_{found[1]}", {"number": found[2]}, language)
-
-    return _UNNAMED.sub(translated, name)
+    return _UNNAMED.sub(lambda found: translate(f"unnamed_{found[1]}", {"number": found[2]}, language), name)
 
 
 def translate(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH, default: str = "") -> str:

@@ -120,8 +120,7 @@ class StopLatch(_Stored):
         with self._lock:
             if identity in self.stops:
                 return False
-            if not self.stopped:
-                self.stopped_by = sender
+            self.stopped_by = self.stopped_by if self.stopped else sender
             self.number = new_id()
             self.stops = (*self.stops, identity)[-MAX_KNOWN_STOPS:]
             self.stopped = True

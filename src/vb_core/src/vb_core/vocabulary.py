@@ -126,8 +126,7 @@ ANSWERS = {"yes_" + name: name for name, command in COMMANDS.items() if command.
 
 def command_name_from_text(text: str) -> str:
     """Converts a command as people write it ("Define border") to its name ("define_border")."""
-    separated = text.replace("-", " ").replace("_", " ").replace(",", " ")
-    return "_".join(separated.lower().split())
+    return "_".join(text.replace("-", " ").replace("_", " ").replace(",", " ").lower().split())
 
 
 def tables() -> Dict[str, List[Dict[str, Any]]]:

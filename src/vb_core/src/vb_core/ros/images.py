@@ -65,8 +65,7 @@ def decode(message: Union[Image, CompressedImage], reader: PixelReader) -> Pictu
         return reader.read(image, "bgr8")
     # the format is "bayer_rggb8; jpeg compressed ..." if the driver names the encoding that it compressed
     driver_encoding = message.format.split(";")[0].strip()
-    encoding = driver_encoding if driver_encoding.startswith("bayer") else "mono8"
-    return reader.read(image, encoding)
+    return reader.read(image, driver_encoding if driver_encoding.startswith("bayer") else "mono8")
 
 
 def message_from_image(image: np.ndarray, encoding: str, stamp: rospy.Time, frame_id: str) -> Image:
@@ -98,8 +97,7 @@ def camera_from_info(info: CameraInfo, rectified: bool = False) -> CameraModel:
     if is_binned or is_cropped:
         raise CodedError("unsupported_camera", "binning or a region of interest is set: send the full image")
     if rectified:
-        projection = np.array(info.P).reshape(3, 4)
-        return CameraModel(info.width, info.height, projection[:, :3], np.zeros(5))
+        return CameraModel(info.width, info.height, np.array(info.P).reshape(3, 4)[:, :3], np.zeros(5))
     fisheye = info.distortion_model in FISHEYE_MODELS
     return CameraModel(info.width, info.height, np.array(info.K), np.array(info.D), fisheye)
 

@@ -17,8 +17,7 @@ def read_radius(robot: str, default: float) -> float:
     Args:
         robot: the robot's name; empty for the only robot.
     """
-    name = f"/{robot}/{PARAMETER}" if robot else f"/{PARAMETER}"
-    values = rospy.get_param(name, {})
+    values = rospy.get_param(f"/{robot}/{PARAMETER}" if robot else f"/{PARAMETER}", {})
     return RobotProfile.from_mapping(values, PARAMETER).radius if values else default
 
 

@@ -43,9 +43,7 @@ class CapabilitiesListener:
 
     def __init__(self, on_message: Callable[[], None] = lambda: None) -> None:
         self._on_message = on_message
-        self._newest: Optional[Tuple[float, RobotStatusArray, Capabilities]] = (
-            None  # [s] time of arrival, and the message's content
-        )
+        self._newest: Optional[Tuple[float, RobotStatusArray, Capabilities]] = None  # begins with its arrival time [s]
         rospy.Subscriber(names.ROBOTS, RobotStatusArray, self._on_robots, queue_size=1, tcp_nodelay=True)
 
     def current(self) -> Optional[Tuple[RobotStatusArray, Capabilities]]:
