@@ -122,9 +122,8 @@ def derive_capabilities(connections: Connections) -> Capabilities:
 
 def effective_commands(capabilities: Capabilities, commands: Sequence[str]) -> Tuple[str, ...]:
     """Returns those of an interaction's available commands that have an effect in this lab."""
-    have_needs = {name for name, command in COMMANDS.items() if command.needs}
-    ineffective = have_needs - set(capabilities.commands)
-    return tuple(name for name in commands if name not in ineffective)
+    unmet = {name for name, command in COMMANDS.items() if command.needs} - set(capabilities.commands)
+    return tuple(name for name in commands if name not in unmet)
 
 
 def describe_ignored_zone(
