@@ -289,11 +289,10 @@ class WakeTimer:
             # no wait preceded this one, the last one ended too late, or time has jumped
             self._due = began_simulated + self._period
         wall, now = began, began_simulated
-        wall_due = began + self._period
         woken = False
-        while not (self._closed or woken) and wall < wall_due and now < self._due:
+        while not (self._closed or woken) and wall < began + self._period and now < self._due:
             remaining_time = max((self._due - now) / self._pace, MIN_POLL_PERIOD)
-            woken = self._wake.wait(min(wall_due - wall, remaining_time))
+            woken = self._wake.wait(min(began + self._period - wall, remaining_time))
             wall, now = time.monotonic(), rospy.get_time()
         self._due += self._period
         if wall > began:
