@@ -6,7 +6,7 @@ from unittest.mock import Mock
 import pytest
 import rospy
 
-from vb_core.vocabulary import BORDER, DEFAULT
+from vb_core.interaction_tables import BORDER, DEFAULT
 from vb_fusion.border_fusion_node import BorderFusionNode
 from vb_fusion.spot_collector import FloorSpot, SpotCollector
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from generated_strokes import Setting, draw
 from vb_testing import assert_fields
-from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED
+from vb_core.interaction_tables import BORDER, DEFAULT, GUIDE, SEED
 from vb_fusion.extraction import ExtractionParams, LiveExtractor, extract_border
 from vb_fusion import spot_collector as collecting
 from vb_fusion.spot_collector import SpotCollector, FloorSpot

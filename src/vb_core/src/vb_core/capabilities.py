@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 from vb_core import sentences
+from vb_core.interaction_tables import CAMERA, COMMANDS, DRIVER, STOPPABLE
 from vb_core.notices import Notice, Severity
-from vb_core.vocabulary import CAMERA, COMMANDS, DRIVER, STOPPABLE
 from vb_core.zones import KEEP_OUT, ZONES
 
 READY, NO_ROBOT, UNREADY = "ready", "no_robot", "robot_unready"
@@ -76,7 +76,7 @@ class Capabilities:
 
     Attributes:
         state: READY, NO_ROBOT, or UNREADY if a connected robot does not keep out of borders.
-        commands: those of vb_core.vocabulary with needs that are met; "go" if a robot can be sent to a place.
+        commands: those of vb_core.interaction_tables with needs that are met; "go" if a robot can be sent to a place.
         zones: the zones that at least one robot keeps.
         ignored_by: names of the connected robots that do not keep a zone, by the name of the zone.
         sendable_robots: the names of the robots that can be sent to a place.

@@ -1,7 +1,7 @@
 """The table of the system's sounds, by the names that vb_msgs/Sound carries.
 
 Rising tones mean that the interaction continues; each active state ends on its own tone, at least a third from any
-other (see vb_core.vocabulary). Falling tones mean a return to Default, or a pause. A refusal is low and repeated, and a
+other (see vb_core.interaction_tables). Falling tones mean a return to Default, or a pause. A refusal is low and repeated, and a
 success is the longest rise, so that people recognise both without knowing the other sounds. A question repeats one
 tone; a stop falls from high to low. A short tone acknowledges a spoken command at once, before the command's own sound.
 Ticks are frequent, so they are soft, and far above all other sounds.
@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Dict, Tuple
 
-from vb_core.vocabulary import DEFAULT, STATES, State
+from vb_core.interaction_tables import DEFAULT, STATES, State
 
 # [Hz] pitches of the notes of five octaves in equal temperament; A4 is 440 Hz
 _SEMITONES = {"C": -9, "D": -7, "E": -5, "F": -4, "G": -2, "A": 0, "B": 2}

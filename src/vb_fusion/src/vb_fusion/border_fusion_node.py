@@ -13,12 +13,12 @@ from geometry_msgs.msg import Point
 
 from vb_core import names, sentences
 from vb_core.errors import CodedError
+from vb_core.interaction_tables import BORDER, DEFAULT, SEED, STATES, state_by_name
 from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import points_from_array, values_from_mapping
 from vb_core.ros.notices import NoticePublisher
-from vb_core.vocabulary import BORDER, DEFAULT, SEED, STATES, state_by_name
 from vb_fusion.spot_collector import CollectedSpots, SpotCollector, FloorSpot
 from vb_fusion.extraction import DrawnBorder, ExtractionParams, LiveExtractor
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder

@@ -9,7 +9,7 @@ from typing import Dict, List, Optional, Set, Tuple
 
 import numpy as np
 
-from vb_core.vocabulary import BORDER, DEFAULT, STATES, State, SEED
+from vb_core.interaction_tables import BORDER, DEFAULT, STATES, State, SEED
 
 MAX_SPOTS = 60_000  # spots kept per state, as many as four cameras at 25 Hz see in ten minutes
 STAMP_TOLERANCE = 0.05  # [s] by which a spot may be older than the state, about one frame of a camera

@@ -20,9 +20,9 @@ import rospy
 
 from vb_core import names, sentences
 from vb_core.errors import CodedError
+from vb_core.interaction_tables import STOP
 from vb_core.ros import node, services
 from vb_core.ros.messages import values_from_mapping
-from vb_core.vocabulary import STOP
 from vb_msgs.msg import DriverState, InteractionState, RobotStatus, RobotStatusArray, Stop
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
