@@ -89,7 +89,7 @@ def integrator(root=None, grid=GRID, borders=(), **params):
 
 
 def first_status(keeper):
-    """Returns the first border's fields and status, and whether a person has to confirm the map, for `assert_fields`."""
+    """Returns the first border's fields and status, and whether a person must confirm the map, for `assert_fields`."""
     status = next(iter(keeper.borders_in_force.statuses.values()))
     fields = {"is_in_force": status.is_in_force, "reason": status.reason, "area_m2": status.area_m2}
     return {**vars(status.map_border), **fields, "needs_confirmation": keeper.needs_confirmation}

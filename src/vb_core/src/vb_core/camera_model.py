@@ -249,8 +249,8 @@ def measure_floor(
     """Projects pixels (N, 2) to the floor, as `project_to_floor` does, and measures how much floor each one shows.
 
     Returns:
-        The points (N, 3) [m], and the length of floor (N,) [m/px] that each pixel shows, averaged over all directions. Both
-        are NaN where no floor is seen.
+        The points (N, 3) [m], and the length of floor (N,) [m/px] that each pixel shows, averaged over all directions.
+        Both are NaN where no floor is seen.
     """
     corners = (pixels[:, None] + _CORNER).reshape(-1, 2)
     floor = project_to_floor(camera, T_map_camera, corners, height).reshape(-1, 3, 3)

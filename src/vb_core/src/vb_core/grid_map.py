@@ -27,7 +27,7 @@ Window = Tuple[float, float, float, float]
 
 
 def distance_transform(cells: np.ndarray) -> np.ndarray:
-    """Computes the distance transform (H, W) float32 [cells]: from each cell's centre to the nearest marked cell's centre.
+    """Computes the distance transform (H, W) float32 [cells]: from each centre of a cell to the nearest marked cell's.
 
     The same mask always yields the same bits, for distances up to 1400 cells. OpenCV's exact transform does not: it
     computes square roots with or without vector instructions, depending on where the rows lie in memory, and the two
@@ -226,7 +226,7 @@ def sample(grid: GridMap, layer: np.ndarray, points: np.ndarray, outside: float 
 
 
 def nearest_cell(grid: GridMap, mask: np.ndarray, point, reach: float) -> Tuple[Optional[Tuple[int, int]], np.ndarray]:
-    """Finds the marked cell of a mask (H, W) that is nearest to a point (2,) [m]. Returns it (row, column) and its centre.
+    """Finds the marked cell of a mask (H, W) nearest to a point (2,) [m]. Returns its (row, column) and its centre.
 
     If no marked cell is within `reach` [m], returns None and the point itself.
     """

@@ -35,7 +35,7 @@ class Encoding(NamedTuple):
     color_format: str
 
     def rows(self, height: int) -> int:
-        """Returns how many rows of bytes an image of this height [px] has: chrominance may be stored below luminance."""
+        """Returns how many rows of bytes an image of this height [px] has, since chrominance may be below luminance."""
         return height * 3 // 2 if self.color_format in ("nv12", "nv21") else height
 
 

@@ -119,7 +119,7 @@ _LIMITS = {"low": ("at least", operator.lt), "high": ("at most", operator.gt), "
 
 
 def _check(key: str, value: Any, limits: Mapping[str, Any]) -> Any:
-    """Checks a value against the limits from `param`. Returns it in the default's type. Raises ParameterError for the key."""
+    """Checks a value against the limits from `param`. Returns it in the default's type. Raises ParameterError."""
     kind = type(limits["default"])
     entry_class = limits["of"]
     if issubclass(kind, Parameters):

@@ -6,7 +6,7 @@ languages/<language>/<topic>.yaml maps each code to one sentence with the values
     page_removed: "{border} was removed."
 
 Words that differ by language are passed as a code, in a value whose name says so: who_code = "the_robot" gives {who} the
-text of this code. All other values are texts, perhaps a person's, and no text is ever read as a code. A code's text may
+text of this code. All other values are texts, perhaps written by people, and never read as codes. A code's text may
 contain the sentence's other values, and is capitalised where it begins the sentence. The values border and borders are
 names of borders, see `border_name`.
 
@@ -58,7 +58,7 @@ def robot_values(*names: str, key: str = "who") -> Dict[str, str]:
 
 
 def border_name(name: str, language: str = ENGLISH) -> str:
-    """Returns the names of one or several borders as people read them: "border 3", which nobody chose, is translated."""
+    """Returns the names of one or several borders as people read them: a name that nobody chose is translated."""
     return _UNNAMED.sub(lambda found: translate(f"unnamed_{found[1]}", {"number": found[2]}, language), name)
 
 

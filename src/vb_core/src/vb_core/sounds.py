@@ -1,7 +1,7 @@
 """The table of the system's sounds, by the names that vb_msgs/Sound carries.
 
 Rising tones mean that the interaction continues; each active state ends on its own tone, at least a third from any
-other (see vb_core.interaction_tables). Falling tones mean a return to Default, or a pause. A refusal is low and repeated, and a
+other (vb_core.interaction_tables). Falling tones mean a return to Default, or a pause. A refusal is low and repeated. A
 success is the longest rise, so that people recognise both without knowing the other sounds. A question repeats one
 tone; a stop falls from high to low. A short tone acknowledges a spoken command at once, before the command's own sound.
 Ticks are frequent, so they are soft, and far above all other sounds.

@@ -1,8 +1,8 @@
 """Stage 0: the spots as observations, checked, merged where they repeat each other, and in order of time.
 
-All later stages work on observations: what one camera saw at one position within a time bin. A camera that sees a hand
-draw gives about ten a second, and more only where the pointer is quick. A million spots become a few thousand. What all
-cameras saw close together in one time bin is merged again, into a cluster.
+All later stages work on observations. An observation is what one camera saw at one position within a time bin. A camera
+that sees a hand draw gives about ten a second, and more only where the pointer is quick. So a million spots become some
+thousand observations. What all cameras saw close together in one time bin is merged again, into a cluster.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Observations:
         y = np.bincount(labels, self.weights * self.points[:, 1]) / weights
         times = np.bincount(labels, self.weights * self.stamps) / weights
         first = np.unique(labels, return_index=True)[1]
-        # each camera counts once per label. This needs rows of one camera each, which all rows are until they form clusters
+        # each camera counts once per label. Every row must be of one camera, as all rows are before they form clusters
         span = int(self.cameras.max()) + 1
         label_cameras = np.unique(labels * span + self.cameras)
         merged = Observations(

@@ -1,12 +1,12 @@
 """Stages 3 to 6: the polygonal chain along the drawn line.
 
 Stage 3 makes samples: it replaces the observations, in the order in which they were drawn, by samples a tremor apart.
-A spot held still is one sample, however long. A piece drawn again at the end of the stroke is merged into it.
+A spot held still is one sample, however long it is held. A piece drawn again at the stroke's end is merged into it.
 
 Stage 4 decides whether the person meant a polygon or a separating curve. The line is closed if the opening between its
 ends is small compared with the mean width of the floor that it would enclose, which is twice its area over its length.
 
-- The opening of a U is always wider than that, however deep the U is. So parallel ends that far apart stay open.
+- The opening of a U is always wider than this, however deep the U is. So the ends of a U stay open.
 - The less the line would have to turn from its end to its start, the more likely it is that a side was left unfinished.
   The opening may then be wider, up to half of the figure's size.
 - A wave encloses next to nothing, however near its ends are.
@@ -154,7 +154,7 @@ def resample_stroke(line: Observations, tremor: float) -> ResampledStroke:
         line: at least three observations, in the order in which the line runs.
         tremor: [m] distance between samples.
     """
-    # each observation is averaged with its neighbours: two cameras that see the spot in turn must not look like a movement
+    # each observation is averaged with its neighbours: two cameras that see the spot in turn are not a movement
     weighted = np.column_stack([line.points * line.weights[:, None], line.weights])
     wide = np.pad(weighted, ((1, 1), (0, 0)), mode="edge")
     sums = wide[:-2] + wide[1:-1] + wide[2:]

@@ -1,8 +1,8 @@
 """The seed point: the last place where the pointer dwelt.
 
 The pointer's track is found as for the border (strokes.py): it is the sequence of clusters that gains most at the least
-cost. Here the pointer dwells instead of moving, and may be switched off on its way. A cluster's gain is therefore high if
-no light was seen there before, and a jump costs about as much as that gain. Single flashes then do not attract the track.
+cost. Here the pointer dwells instead of moving, and may be switched off on its way. So a cluster's gain is high if no
+light was seen there before, and a jump costs about as much as that gain. Single flashes then do not attract the track.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def find_dwells(
 ) -> List[Dwell]:
     """Finds the places where the pointer dwelt, in the order in which it left them. There is at least one.
 
-    A place where light was already seen before counts less, because it may be a bright object or the end of the border. The
+    A place where light was already seen before counts less, as it may be a bright object or the end of the border. The
     longer [s] light stays at a place, the less it counts as new. Each camera that sees a cluster adds to its gain.
 
     Args:
@@ -115,7 +115,7 @@ def _find_stays(patch: np.ndarray, bins: np.ndarray) -> List[np.ndarray]:
         patch, bins: (P,) the floor patch and the time bin of each cluster of the pointer's track, in order of time.
 
     Returns:
-        For each patch on which light stayed for MIN_DWELL, its clusters without the flashes. The patches are in the order
+        For each patch on which light stayed for MIN_DWELL, its clusters without the flashes. Patches are in the order
         of their last clusters. If there is no such patch, only the clusters of the longest stay.
     """
     order = np.argsort(patch, kind="stable")

@@ -13,7 +13,7 @@ from vb_core.interaction_tables import BORDER, DEFAULT, STATES, State, SEED
 
 MAX_SPOTS = 60_000  # spots kept per state, as many as four cameras at 25 Hz see in ten minutes
 STAMP_TOLERANCE = 0.05  # [s] by which a spot may be older than the state, about one frame of a camera
-CLOCK_STEP = 2.0  # [s] a camera's spots arrive in order, so stamps that go back by more mean its clock was set back
+CLOCK_STEP = 2.0  # [s] a camera's spots arrive in order: if its stamps go back by more, its clock was set back
 MAX_CLOCK_ERROR = 60.0  # [s] a camera whose clock is off by more is reported here, smaller errors by camera_poses
 
 
@@ -96,7 +96,7 @@ class CameraClocks:
     def correct(self, camera: str, stamp: float) -> Optional[float]:
         """Returns the stamp that the camera's clock would have given if it had not been set back.
 
-        Returns None if the stamp is well before the camera's previous one, as in an old message or just after a setback.
+        Returns None if it is well before the camera's previous stamp, as in an old message or just after a setback.
         """
         previous = self._previous.get(camera, -math.inf)
         self._previous[camera] = stamp
@@ -112,7 +112,7 @@ class CameraClocks:
             similar = [setback for setback in setbacks if abs(setback - step) < CLOCK_STEP]
             set_back = max([step, *similar])
         elif was_set_back_further:
-            # this is the camera's first spot, but other cameras have later stamps: its clock was set back as theirs were
+            # it is the camera's first spot, but other cameras have later stamps: its clock was set back as theirs were
             sufficient = [setback for setback in setbacks if setback > step - CLOCK_STEP]
             set_back = min(sufficient, default=set_back)
         self._set_back[camera] = set_back

@@ -15,11 +15,11 @@ In metres:
            speed also gain the floor between them.
     cost = (distance - TREMOR)^2 / (time * UNSEEN_SPEED) of a step, where a pause longer than a dropout gives no more time
 
-So a gap crossed at the speed of a hand is cheap, and a tremor is free. Hands also flick, and what follows belongs to the
-stroke: a cost beyond TREMOR grows only logarithmically, like the negative log likelihood of a heavy-tailed error.
+So a gap crossed at the speed of a hand is cheap, and a tremor is free. Hands also flick, and a stroke goes on after a
+flick: a cost beyond TREMOR grows only logarithmically, like the negative log likelihood of a heavy-tailed error.
 
 Dynamic programming finds the best track, cluster by cluster in order of time. Its time bins and its floor are then
-removed. The best track of what is left is the next stroke. The line is the widest stroke and those that continue its ends.
+removed. The best track of what is left is the next stroke. The line is the widest stroke with those that continue it.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def find_drawn_line(
     candidates = [stroke for stroke in wide if observations.spots[stroke].sum() >= min_spots]
     if not candidates:
         raise CodedError("no_line", spots=int(observations.spots.sum()), shortest=f"{min_expansion:g}")
-    # the widest stroke is first, not the one that covers most floor: a pointer moved back and forth covers much floor too
+    # the widest stroke is first, not the one that covers most floor: moving back and forth covers much floor too
     candidates.sort(key=expansion, reverse=True)
     line, unjoined = _join_strokes(observations, candidates, max_gap)
     left_out = np.setdiff1d(np.concatenate([line, *unjoined, *glints]), line)
@@ -127,9 +127,9 @@ def _divide(
 ) -> Tuple[List[np.ndarray], List[np.ndarray]]:
     """Divides a track of P clusters into strokes where nothing was seen over more than `max_gap` [m].
 
-    A step is seen if it is no longer than a cluster's width and the floor `covered` (P,) [m] by its two clusters. That floor
-    does not count across a pause longer than a dropout [s]. A few clusters between an unseen step and a pause are a stray
-    or a glint, and are dropped. Between unseen steps they are what was seen of a quick hand, and are kept.
+    A step is seen if it is no longer than a cluster's width and the floor `covered` (P,) [m] by its clusters. Across a
+    pause longer than a dropout [s], that floor does not count. A few clusters between an unseen step and a pause are a
+    stray or a glint, and are dropped. Between unseen steps they are what was seen of a quick hand, and are kept.
 
     Returns:
         The clusters of each stroke, and those of each glint before the first and after the last of them, as indices.
@@ -222,7 +222,7 @@ def _join_strokes(
 def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.ndarray:
     """Returns the floor (P,) [m] that each cluster adds. Clusters on the same floor share it."""
     nodes, shares = _lattice_shares(points)
-    # how many clusters are at each cluster, itself included; the count does not depend on where between the nodes it lies
+    # how many clusters are at each cluster, itself included, wherever it lies between the nodes
     clusters_at_node = np.bincount(nodes.ravel(), shares.ravel())
     crowding = (clusters_at_node[nodes] * shares).sum(axis=0) / (shares**2).sum(axis=0)
     # along a line, this is on average 1.5 times the number of clusters in a width. Together they then add its length

@@ -1,6 +1,6 @@
 """The interaction between person and system as a state machine (paper, Sect. 4.2).
 
-Its commands and states are those of vb_core.interaction_tables. Each command is answered in each state; a repeated command
+Its commands and states are in vb_core.interaction_tables. Every command is answered in every state; a repeated command
 continues where the person left off and erases nothing. Only `cancel`, a completed `save` and a long silence end an
 interaction; silence never ends a paused one. `stop` has priority over everything else and holds until a `resume` given
 after it. Time is injected, in seconds, and may pause or jump back.

@@ -180,7 +180,7 @@ class VirtualBorder:
 
 
 def _coordinates(values: object, code: str) -> np.ndarray:
-    """Copies coordinates to (N, 2) float64. Raises IntegrationError with this code unless all are finite and on a floor."""
+    """Copies coordinates to (N, 2) float64. Raises IntegrationError with this code if one is not finite or too far."""
     try:
         points = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
@@ -260,7 +260,7 @@ def _file_error(key: str, expected: str, found: Any) -> CodedError:
 
 
 def border_from_feature(feature: Any) -> VirtualBorder:
-    """Reads a border from a Feature; inverse of `border_to_feature`. Raises "bad_border_file", or as `VirtualBorder`."""
+    """Reads a border from a Feature; inverse of `border_to_feature`. Raises as `borders_from_geojson`."""
     if not isinstance(feature, dict) or feature.get("type") != "Feature":
         raise _file_error("type", "Feature", feature)
     try:

@@ -129,7 +129,7 @@ def _fill_polygon(polygon: BorderOnGrid) -> Tuple[CellWindow, np.ndarray]:
 def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[CellWindow, np.ndarray]:
     """Finds the cells of the map whose centre is in a polygon.
 
-    By the nonzero rule, all that the outline winds round is inside. So an overshoot at the closing point leaves no hole.
+    By the nonzero rule, all that the outline winds round is inside: an overshoot at the closing point leaves no hole.
 
     Args:
         vertices: (N, 2) (column, row), the first one not repeated.

@@ -4,8 +4,8 @@ A border is identified by the floor that it closes off as well as by its line:
 
 - On the map on which a person accepted it, it is in force as drawn.
 - On any other map, it waits for a person unless the walls round it are in place and it closes off the same floor.
-- While it waits, it closes off more rather than less: the floor that it closed off where it was accepted, its second
-  possible position and, unless that is much more, the floor here. If none of these is on the map, it is not in force.
+- While it waits, it closes off more rather than less: the floor where it was accepted, the floor at its second possible
+  position and, unless that is much larger, the floor here. If none of them is on the map, it is not in force.
 """
 
 from __future__ import annotations
@@ -192,7 +192,7 @@ def compute_borders_in_force(
 def _decide_status(
     stored: VirtualBorder, location: BorderLocation, grid: GridMap, drawn_region: Optional[Region]
 ) -> BorderStatus:
-    """Decides which region of a border is in force, and whether to ask a person. In doubt, the larger region is in force."""
+    """Decides which region of a border is in force, and whether to ask a person. In doubt, the larger one is."""
     border = location.border
     if not border.enabled:
         return BorderStatus(stored, border)

@@ -233,7 +233,7 @@ class MapIntegratorNode:
         return TriggerResponse(answer.success, answer.message or answer.code)
 
     def _carry_out(self, command: Callable[[], ChangeResult], response: Any) -> Any:
-        """Carries out a command, publishes the map, and fills in the response. If it is refused, nothing is published."""
+        """Carries out a command, publishes the map, and fills in the response. A refusal publishes nothing."""
         try:
             with self._lock:
                 result = command()

@@ -1,4 +1,4 @@
-"""A border on the cells of a map, and the cells that open chains restrict: virtual walls, and the seed's side of a curve.
+"""A border on the cells of a map, and the cells that open chains restrict: walls, and the seed's side of a curve.
 
 Coordinates are (column, row) as from `GridMap.world_to_grid`: whole numbers are the centres of cells. Masks are uint8, 0
 or 255, as OpenCV uses them. Most masks cover only a window, because all of a large map takes long. None is made by
@@ -13,7 +13,7 @@ A drawn end may be joined to any wall within the tolerance, as no robot passes t
 
 - ahead, where the extension meets it;
 - behind, where the end has passed it;
-- beside, where a straight extension would miss it. A line a few centimetres in front of a doorway thus closes the doorway.
+- beside, where a straight extension would miss it. So a line a few centimetres in front of a doorway closes it.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class BorderOnGrid:
         return tuple(np.floor(self.seed[::-1] + 0.5).astype(int).tolist())  # type: ignore[return-value]
 
     def find_free_cell(self, barred: np.ndarray, away: Optional[np.ndarray] = None) -> Tuple[int, int]:
-        """Returns the seed's cell (row, column) or, if it is barred, the nearest one that is not, in the direction `away` if given.
+        """Returns the seed's cell (row, column) or, if it is barred, the nearest free one, towards `away` if given.
 
         Raises:
             IntegrationError: "seed_on_obstacle" if there is none within MAX_SEED_SHIFT.
@@ -107,7 +107,7 @@ class BorderOnGrid:
 
 
 def enumerate_runs(lengths: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """Numbers the elements of runs of these lengths (N,). Returns each element's run (K,) and its number in the run (K,)."""
+    """Numbers the elements of runs of lengths (N,). Returns each element's run (K,) and its number in that run (K,)."""
     total = int(lengths.sum())
     if total > MAX_CROSSINGS:
         raise IntegrationError("too_complex")
@@ -222,7 +222,7 @@ class CurveCut:
 
     Attributes:
         cells: (H + 2, W + 2) uint8, the map in a frame of blocked cells.
-        trace: the curve's cells from the blocked cell at its start to that at its end, maybe one beyond the map's rim.
+        trace: the curve's cells from the blocked cell at its start to that at its end; these two may be beyond the rim.
         was_free, is_drawn: (K,) bool, which of them were free, and which are on the drawn chain or next to its ends.
         starts, normals: (K, 2) the start of the segment that crosses each of them, and its unit normal, to the left.
         line: (M, 2) (column, row) the curve with its extensions.
@@ -300,7 +300,7 @@ class CurveCut:
 
 
 def end_direction(points: np.ndarray, length: float) -> np.ndarray:
-    """Fits the direction (2,), a unit vector, in which a chain (N, 2) leaves its last point, to its last part of this length.
+    """Fits the direction (2,), a unit vector, in which a chain (N, 2) leaves its last point, to its last `length`.
 
     The direction between the last two points alone would follow hand tremor.
     """
@@ -363,7 +363,7 @@ def cut_free_space(curve: BorderOnGrid) -> CurveCut:
 def _extend(
     cells: np.ndarray, points: np.ndarray, fit_length: float, tolerance: float
 ) -> Tuple[np.ndarray, ChainCells]:
-    """Extends a drawn chain to blocked cells, of one piece if possible; returns it with its new ends, and its cells."""
+    """Extends a drawn chain to blocked cells, if possible of the same piece. Returns the longer chain and its cells."""
     shape = (cells.shape[0] - 2, cells.shape[1] - 2)
     reach = 2.0 * sum(shape) + float(np.abs(points).max())
     first = points[0] + reach * end_direction(points[::-1], fit_length)
@@ -395,14 +395,14 @@ def _extend(
 def _find_ends(
     cells: np.ndarray, trace_cells: np.ndarray, beyond: np.ndarray, point: np.ndarray, tolerance: float
 ) -> List[_CurveEnd]:
-    """Finds where an end of the curve may be, the nearest first; of those within the tolerance, cells on the curve come first.
+    """Finds where an end of the curve may be, the nearest first. Within the tolerance, cells on the curve come first.
 
     Args:
         trace_cells: (K, 2) the (row, column) of the curve's cells, outwards.
         beyond: (K,) [cells] how far each of them lies beyond the drawn end; negative within the chain.
         point: (2,) (column, row), the drawn end.
     """
-    # the outermost cell is beyond the map's rim, so there is always one; if the end is off the map, maybe only one
+    # the outermost cell lies beyond the map's rim, so there is always a candidate, even if the drawn end is off the map
     candidates = np.flatnonzero(beyond >= -tolerance)
     if not len(candidates):
         candidates = np.array([len(beyond) - 1])

@@ -1,4 +1,4 @@
-"""Regions of a map that borders restrict: draws them into a map, joins them, and counts the parts of the floor left free."""
+"""Regions of a map that borders restrict: draws and joins them, and counts the parts of the floor left free."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class BorderRegion(Region):
         return cells
 
     def transfer(self, transform: Transform, grid: GridMap) -> Optional[Region]:
-        """Transfers the region to the free cells of another map, by the transform to that map's frame; None if none is hit."""
+        """Transfers the region to another map's free cells, by the transform to that map; None if there are none."""
         corners = self.prior.grid_to_world([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
         start, *ends = grid.world_to_grid(transform.apply(corners))
         matrix = np.column_stack([*(end - start for end in ends), start])

@@ -187,7 +187,7 @@ class CommandSender:
         self._on_answer(request, context, answer, error)
 
     def _send_stop(self, stop: CommandRequest) -> CommandResponse:
-        """Sends a stop. Returns the manager's answer or, if no manager responds, one that names the robots that hold it.
+        """Sends a stop. Returns the manager's answer or, if none comes, one that names the robots that hold the stop.
 
         Raises:
             CodedError: "stop_unconfirmed" if no robot holds it, or as in `send`.

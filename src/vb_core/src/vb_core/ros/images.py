@@ -57,7 +57,7 @@ def array_from_compressed_image(message: CompressedImage) -> np.ndarray:
 
 
 def decode(message: Union[Image, CompressedImage], reader: PixelReader) -> Picture:
-    """Decodes an image message to a picture with its camera's reader. Raises CodedError "bad_image", or as `PixelReader.read`."""
+    """Decodes an image message with its camera's reader. Raises CodedError "bad_image", or as `PixelReader.read`."""
     if isinstance(message, Image):
         return reader.read(array_from_image(message), message.encoding)
     image = array_from_compressed_image(message)

@@ -117,7 +117,7 @@ def wait_until(condition: Callable[[], bool], timeout: float, period: float = 0.
 def has_exited(master: rosgraph.Master, name: str) -> bool:
     """Returns whether a registered node no longer answers at its address: the master lists killed nodes too.
 
-    A node that hangs is not gone: it may go on at any time.
+    A node that hangs has not exited: it may continue at any time.
     """
     try:
         host, port = rosgraph.network.parse_http_host_and_port(master.lookupNode(name))
@@ -210,12 +210,12 @@ class Queue(Generic[T]):
 
 
 class Mailbox(Queue[T]):
-    """A queue of the newest items, usually of only one. A new item replaces the oldest if it is full; drops are counted.
+    """A queue of the newest items, usually only one. If it is full, a new item replaces the oldest, which is counted.
 
     A subscriber's callback puts items, and a worker thread gets them, so slow work never makes a queue grow.
 
     Args:
-        on_added: called after an item was added without dropping another one; for a worker that serves several mailboxes.
+        on_added: called when an item was added and none dropped for it; for a worker that serves several mailboxes.
         size: number of items that may wait.
     """
 

@@ -47,7 +47,7 @@ class CapabilitiesListener:
         rospy.Subscriber(names.ROBOTS, RobotStatusArray, self._on_robots, queue_size=1, tcp_nodelay=True)
 
     def current(self) -> Optional[Tuple[RobotStatusArray, Capabilities]]:
-        """Returns the newest message and the capabilities derived from it; None if there is no message, or it is too old."""
+        """Returns the newest message and the capabilities derived from it; None if there is none or it is too old."""
         newest = self._newest
         if newest is None or not 0.0 <= rospy.get_time() - newest[0] <= _SILENCE:
             return None

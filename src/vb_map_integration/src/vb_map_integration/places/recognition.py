@@ -1,9 +1,9 @@
 """Recognises which place a map shows, and locates that place's borders on it.
 
 Recognition fails closed. A map is recognised by its exact fingerprint; else by the name that a person gave it and by
-registration in the maps on which borders were drawn, never in the last map seen. A transform is proposed if no other fits
-nearly as well. Otherwise the borders of the most likely place stay where they are. Each border is then located by the
-walls round it. If these settle which place it is, nobody is asked: maps of one place agree in 50 to 97 % of their walls.
+registration in the maps on which borders were drawn, never in the last map seen. A transform is proposed if none else
+fits nearly as well. Otherwise the likeliest place's borders stay where they are. Each border is then located by the
+walls round it. If they settle which place it is, nobody is asked: maps of one place agree in 50 to 97 % of their walls.
 Different floors with the same outer walls may agree as much, but not round most of the borders.
 """
 

@@ -48,11 +48,11 @@ class Registration:
 
     Attributes:
         transform: transform from the old map's frame to the new one's.
-        agreement: share found again of the long walls that both maps should show; the lower of both directions.
+        agreement: share of the long walls that both maps should show that is found again; the lower of both directions.
         overlap: share of the smaller map's free floor that the other map knows.
         walls_m: [m] length of long walls found again; the lower of both directions.
-        balance_m: [m] length of long walls found again less that of missing ones; the mean of both directions.
-        margin: 0 .. 1, how much lower the next best hypothesis's balance is, as a share; 0 if none was compared.
+        balance_m: [m] length of the long walls found again minus that of the missing ones; the mean of both directions.
+        margin: 0 .. 1, the share by which the next best hypothesis's balance is lower; 0 if none was compared.
     """
 
     transform: Transform
@@ -64,7 +64,7 @@ class Registration:
 
     @property
     def is_certain(self) -> bool:
-        """Whether borders may be moved by it without asking a person: walls agree, and no other transform comes near."""
+        """Whether borders may be moved by it without asking a person: walls agree, and nowhere else nearly as well."""
         return self.walls_agree and self.walls_m >= MIN_WALL_LENGTH and self.margin >= MIN_MARGIN
 
     @property

@@ -53,7 +53,7 @@ _SHIFTS_ASIDE = _MIN_SEPARATION * np.column_stack([np.cos(_EIGHT_ANGLES), np.sin
 _NO_SEARCH_SHARE = 0.97  # no search if this share of the walls is found again where expected, and clearly less nearby
 _MIN_KNOWN = 0.5  # share of the walls that must be in the known part of the new map
 # a position is accepted from these agreements (see `LocalFit.agreement`) and this margin on
-_EXPECTED_DISTANCE = 0.15  # [m] a border farther from where it is expected needs the higher values, ..._ELSEWHERE
+_EXPECTED_DISTANCE = 0.15  # [m] a border found farther from where it is expected needs the higher values ..._ELSEWHERE
 _MIN_HIGHER_AGREEMENT = 0.8
 _MIN_LOWER_AGREEMENT = 0.5
 _MIN_MARGIN = 0.05
@@ -251,7 +251,7 @@ def compare_walls(walls: np.ndarray, other: WallMap) -> Tuple[float, float]:
     """Compares wall cells (N, 2) [m] with another map.
 
     Returns:
-        The share of the cells known to the other map that are walls there, and the share known to it; 0 if it knows none.
+        Of the cells that the other map knows, the share that are walls there; and the share that it knows. 0 if none.
     """
     distances, is_known = other.distances(walls)
     if not is_known.any():

@@ -55,7 +55,7 @@ class _Content(NamedTuple):
 
 
 class DurableValues:
-    """Values that JSON can hold, by keys "kind/name", in the order in which the keys were added. Never change a value in place.
+    """Values that JSON can hold, by keys "kind/name" in the order of their addition. Never change a value in place.
 
     Args:
         folder: the files' folder; None keeps everything in memory.
@@ -188,7 +188,7 @@ class DurableValues:
         self.notices = [notice for notice in self.notices if notice.code != "database_read_only"]
 
     def _take_folder(self, folder: Path, timeout: float) -> None:
-        """Locks the folder within `timeout` [s]. Locks it again if the lock file was deleted: another process may hold it."""
+        """Locks the folder within `timeout` [s]. Does so again if the lock file was deleted, as another may hold it."""
         path = folder / "borders.lock"
         if self._lock is not None and path.exists() and os.path.samestat(os.fstat(self._lock), path.stat()):
             return
