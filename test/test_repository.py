@@ -13,7 +13,7 @@ import pytest
 
 from vb_testing import TOP, run_command
 from vb_core import names, sentences
-from vb_core.vocabulary import COMMANDS
+from vb_core.interaction_tables import COMMANDS
 
 FEATURES = "vb_laser_detect vb_fusion vb_map_integration vb_interaction vb_voice_wizard vb_robot vb_feedback vb_web vb_mqtt".split()
 FILE_SUFFIXES = "crt csv html json jsonl key launch npz pgm py sh test xml yaml".split()

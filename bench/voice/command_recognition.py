@@ -22,8 +22,8 @@ import numpy as np
 
 from bench.harness import HALVES, ResultTable, arguments, share
 from bench.voice.room_recordings import RATE, Clip, RecordedRoom, load_sound, read_people, trim_silence
+from vb_core.interaction_tables import YES_ANSWERS
 from vb_core.sounds import SOUNDS, TICK
-from vb_core.vocabulary import ANSWERS
 from vb_voice_wizard.voice.recognizer import CommandRecognizer, RecognitionResult
 
 
@@ -36,7 +36,7 @@ class Tally:
 
     def count_other_speech(self, place: str, clip: Clip, results: List[RecognitionResult]) -> None:
         """Counts an utterance that is not a command, and whether it was accepted as one or carried out as one."""
-        mattering = [r for r in results if r.certain and r.command in ANSWERS.values()]
+        mattering = [r for r in results if r.certain and r.command in YES_ANSWERS.values()]
         self.figures[f"other speech taken, {place}"].append(bool(results))
         self.figures["other speech done at once, that matters"].append(bool(mattering))
         for result in results:

@@ -13,7 +13,7 @@ import soxr
 
 from bench.harness import HALVES
 from vb_feedback.sound.sound_output import SAMPLE_RATE as TONE_RATE, synthesize
-from vb_core.vocabulary import STOP
+from vb_core.interaction_tables import STOP
 from vb_voice_wizard.voice.recognizer import CommandListener, CommandRecognizer, RecognitionResult
 
 RATE = 16000

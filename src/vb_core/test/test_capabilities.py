@@ -45,7 +45,7 @@ def offered_to(*robots, cameras=False):
 def test_a_robot_keeps_the_enforced_zones(case):
     offered = offered_to(robot(case.connected))
     assert offered.zones == case.keeps
-    assert offered.ignored_by == {zone: () if zone in case.keeps else ("ada",) for zone in ZONES}
+    assert offered.ignored_by == {**dict.fromkeys(ZONES, ("ada",)), **dict.fromkeys(case.keeps, ())}
 
 
 @for_each_robot
@@ -57,7 +57,7 @@ def test_a_lab_is_ready_if_its_robot_keeps_out_of_borders(case):
 def test_only_robots_that_plan_round_borders_are_sent(case):
     offered = offered_to(robot(case.connected))
     is_sent = case.plans == "robot_plans_round_borders"
-    assert offered.sendable_robots == ("ada",) * is_sent
+    assert offered.sendable_robots == (("ada",) if is_sent else ())
     assert ("go" in offered.commands) is is_sent
 
 
@@ -65,7 +65,7 @@ def test_only_robots_that_plan_round_borders_are_sent(case):
 @for_each_robot
 def test_stop_is_offered_only_if_it_stops_a_robot(case, localized):
     commands = offered_to(robot(case.connected, is_localized=localized)).commands
-    assert [name for name in ("stop", "resume") if name in commands] == ["stop", "resume"] * case.stops
+    assert ("stop" in commands) is ("resume" in commands) is case.stops
 
 
 @for_each_robot

@@ -8,8 +8,8 @@ from vb_testing import assert_fields
 from vb_core import sentences
 from vb_core.errors import CodedError
 from vb_core.capabilities import ConnectedRobot
+from vb_core.interaction_tables import COMMANDS, STATES, command_name_from_text, state_by_name
 from vb_core.sentences import words_of_name
-from vb_core.vocabulary import COMMANDS, STATES, command_name_from_text, state_by_name
 from vb_core.zones import KEEP_OUT, ZONES, zone_by_number
 from vb_msgs.msg import VirtualBorder
 

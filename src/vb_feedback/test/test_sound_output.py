@@ -8,8 +8,8 @@ import pytest
 from refusals import refused
 from vb_testing import write_program
 from vb_core.errors import CodedError
+from vb_core.interaction_tables import STATES
 from vb_core.sounds import PITCHES, SOUNDS
-from vb_core.vocabulary import STATES
 from vb_feedback.sound.sound_output import SAMPLE_RATE, play, synthesize
 
 

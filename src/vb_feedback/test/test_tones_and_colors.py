@@ -9,7 +9,7 @@ import pytest
 import rospy
 from hypothesis import given, settings, strategies as st
 
-from vb_core.vocabulary import STATES
+from vb_core.interaction_tables import STATES
 from vb_feedback.display import colors
 from vb_feedback.kobuki_feedback_node import KobukiFeedbackNode
 from vb_feedback.ros.sound_events import SoundEvents

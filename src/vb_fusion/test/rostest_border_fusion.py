@@ -11,7 +11,7 @@ import rostest
 from vb_testing import TIMEOUT, Newest, process_of, wait_until
 
 from vb_core import names
-from vb_core.vocabulary import BORDER, DEFAULT, SEED, State
+from vb_core.interaction_tables import BORDER, DEFAULT, SEED, State
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, NoticeArray, VirtualBorder
 from vb_msgs.srv import GetDrawnBorder
 

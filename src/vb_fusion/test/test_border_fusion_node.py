@@ -6,7 +6,7 @@ from unittest.mock import Mock
 import pytest
 import rospy
 
-from vb_core.vocabulary import BORDER, DEFAULT
+from vb_core.interaction_tables import BORDER, DEFAULT
 from vb_fusion.border_fusion_node import BorderFusionNode
 from vb_fusion.spot_collector import FloorSpot, SpotCollector
 
@@ -29,7 +29,7 @@ def test_a_drawing_that_breaks_the_extraction_is_reported_until_the_next_one(shu
 def test_a_drawing_that_is_cancelled_during_an_extraction_is_shown_before_it_is_dropped():
     node = BorderFusionNode.__new__(BorderFusionNode)
     node._lock = threading.Lock()
-    node._new_spots = False
+    node._has_new_spots = False
     node._published = 0.0
     node._collector = SpotCollector()
     node._collector.set_state(BORDER, "one", 0.0)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from generated_strokes import Setting, draw
-from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED
+from vb_testing import assert_fields
+from vb_core.interaction_tables import BORDER, DEFAULT, GUIDE, SEED
 from vb_fusion.extraction import ExtractionParams, LiveExtractor, extract_border
 from vb_fusion import spot_collector as collecting
 from vb_fusion.spot_collector import SpotCollector, FloorSpot
@@ -58,14 +59,12 @@ def test_a_drawing_without_an_outcome_is_lost(outcome, drawn_in, spots):
     assert not collector.is_incomplete
     for number in range(spots):
         collector.add(spot(1.5 + number))
-    lost = spots > 0 and not outcome
+    is_lost = spots > 0 and not outcome
     for _ in range(2):  # the state is repeated
         collector.set_state(DEFAULT, "", 4.0, outcome)
-        assert collector.is_incomplete == lost
-        assert collector.may_clear == (lost or outcome in ("cancelled", "abandoned"))
+        assert_fields(collector, is_incomplete=is_lost, may_clear=is_lost or outcome in ("cancelled", "abandoned"))
     collector.clear()
-    assert collector.is_incomplete == lost
-    assert not collector.may_clear
+    assert_fields(collector, is_incomplete=is_lost, may_clear=False)
     collector.set_state(DEFAULT, "", 4.0, outcome)
     assert not collector.may_clear
     collector.set_state(BORDER, "b", 5.0, outcome)
@@ -77,11 +76,9 @@ def test_a_drawing_begun_before_the_collector_is_lost():
     collector.set_state(SEED, "a", 1.0)
     assert collector.is_incomplete
     collector.set_state(DEFAULT, "", 2.0, "cancelled")
-    assert not collector.is_incomplete
-    assert collector.may_clear
+    assert_fields(collector, is_incomplete=False, may_clear=True)
     collector.set_state(BORDER, "b", 3.0, "cancelled")
-    assert not collector.is_incomplete
-    assert not collector.may_clear
+    assert_fields(collector, is_incomplete=False, may_clear=False)
 
 
 @pytest.mark.parametrize("count", [1000, 2600])

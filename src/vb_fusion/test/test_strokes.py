@@ -198,7 +198,7 @@ def test_what_lies_beside_a_line_at_its_time_is_the_pointers(spots, line_is_mobi
 @settings(STEADY, max_examples=150)
 @given(rows(st.integers(1, 7), st.sampled_from([0.08, 0.3, 0.5, 0.6]), st.booleans(), st.booleans(), most=7))
 def test_short_pieces_beside_a_pause_and_unseen_step_are_dropped(pieces):
-    """Pieces: (places, [m] from the piece before, whether after a pause, whether its floor explains the step)."""
+    """Pieces: (places, [m] from the piece before, whether after a pause, whether its floor covers the step)."""
     counts, ways, pauses, wide = (np.array(column) for column in zip(*pieces))
     begin, number = np.cumsum(counts) - counts, np.repeat(np.arange(len(counts)), counts)
     steps, waits, floor = np.full(len(number), 0.05), np.full(len(number), 0.1), np.repeat(0.3 * wide, counts)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from vb_core.vocabulary import ANSWERS, BORDER, DEFAULT, GUIDE, SEED
+from vb_core.interaction_tables import BORDER, DEFAULT, GUIDE, SEED, YES_ANSWERS
 from vb_interaction.command_answers import Answer
 from vb_interaction.interaction import Interaction, InteractionParams
 
@@ -43,8 +43,8 @@ def interaction_after(before: str, **params) -> Interaction:
 
 def command_knowing_stops(interaction, said, source, now, **more) -> Answer:
     """Gives a command, or the answer that confirms one, as a person who knows of every stop."""
-    more.update(confirms=said in ANSWERS, seen_stop=interaction.latch.number)
-    return interaction.command(ANSWERS.get(said, said), source, now, **more)
+    more.update(confirms=said in YES_ANSWERS, seen_stop=interaction.latch.number)
+    return interaction.command(YES_ANSWERS.get(said, said), source, now, **more)
 
 
 def drawing_of(interaction):

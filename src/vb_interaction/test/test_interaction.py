@@ -9,9 +9,9 @@ from interaction_situations import ALL_SITUATIONS, BEGUN, COMPLETE, SITUATIONS, 
 from interaction_situations import command_knowing_stops, drawing_of, interaction_after
 from vb_testing import assert_fields
 from vb_core import sentences
+from vb_core.interaction_tables import BORDER, CANCEL, COMMANDS, CONTINUE, DEFAULT, DEFINE_BORDER, DEFINE_SEED, GUIDE
+from vb_core.interaction_tables import GUIDE_ROBOT, PAUSE, PAUSED, REDO, RESUME, SAVE, SEED, STATES, STOP, UNDO
 from vb_core.sentences import words_of_name
-from vb_core.vocabulary import BORDER, CANCEL, COMMANDS, CONTINUE, DEFAULT, DEFINE_BORDER, DEFINE_SEED, GUIDE
-from vb_core.vocabulary import GUIDE_ROBOT, PAUSE, PAUSED, REDO, RESUME, SAVE, SEED, STATES, STOP, UNDO
 from vb_interaction.command_answers import Answer
 from vb_interaction.interaction import MISSING_SPOT_DELAY, Interaction, InteractionParams
 

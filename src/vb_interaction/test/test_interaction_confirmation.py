@@ -5,9 +5,9 @@ import pytest
 from interaction_situations import ALL_SITUATIONS, BEGUN, COMPLETE, SITUATIONS, in_all_situations
 from interaction_situations import command_knowing_stops, drawing_of, interaction_after
 from vb_testing import assert_fields
+from vb_core.interaction_tables import CANCEL, COMMANDS, DEFAULT, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE
+from vb_core.interaction_tables import PAUSED, REDO, RESUME, SAVE, STOP, UNDO, YES_ANSWERS
 from vb_core.sentences import words_of_name
-from vb_core.vocabulary import ANSWERS, COMMANDS, DEFAULT, PAUSED
-from vb_core.vocabulary import CANCEL, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, REDO, RESUME, SAVE, STOP, UNDO
 from vb_interaction.command_answers import Answer
 from vb_interaction.interaction import CONFIRM_TIMEOUT, Interaction
 
@@ -138,7 +138,7 @@ def test_only_save_is_asked_about_for_a_doubtful_drawing():
     assert interaction_after(COMPLETE).command(CANCEL, "a", 10.0, doubtful_border=True).code == "cancelled"
 
 
-for_all_words = pytest.mark.parametrize("command", [*COMMANDS, *ANSWERS])
+for_all_words = pytest.mark.parametrize("command", [*COMMANDS, *YES_ANSWERS])
 
 
 def interaction_after_mishearing(before, command, laser_on) -> Interaction:

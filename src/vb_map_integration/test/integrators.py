@@ -88,10 +88,11 @@ def integrator(root=None, grid=GRID, borders=(), **params):
     return result
 
 
-def status_of_first(keeper):
-    """Returns whether the first border is in force, and the reason if it is not, or is to be confirmed."""
+def first_status(keeper):
+    """Returns the first border's fields and status, and whether a person must confirm the map, for `assert_fields`."""
     status = next(iter(keeper.borders_in_force.statuses.values()))
-    return status.is_in_force, status.reason
+    fields = {"is_in_force": status.is_in_force, "reason": status.reason, "area_m2": status.area_m2}
+    return {**vars(status.map_border), **fields, "needs_confirmation": keeper.needs_confirmation}
 
 
 def expected(keeper):

@@ -6,11 +6,13 @@ import signal
 import subprocess
 import sys
 import threading
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from integrators import GRID, integrator, square
 from refusals import refused
 from vb_core import files
 from vb_core.errors import CodedError
@@ -18,8 +20,6 @@ from vb_map_integration.storage import border_database as module
 from vb_map_integration.storage import durable_values
 from vb_map_integration.storage.durable_values import FILE, DurableValues
 from vb_map_integration.map_integrator import MapIntegrator
-
-from integrators import GRID, integrator, square
 
 HERE = Path(__file__).parent
 
@@ -36,10 +36,9 @@ def again(restart):
 
 def closed(restart, count=3):
     """Adds borders, closes the database and returns the borders."""
-    keeper = restart()
-    for number in range(count):
-        keeper.add(square(10 + 25 * number, 10, name=f"number {number}"), 1.0 + number)
-    keeper.close()
+    with closing(restart()) as keeper:
+        for number in range(count):
+            keeper.add(square(10 + 25 * number, 10, name=f"number {number}"), 1.0 + number)
     return keeper.borders
 
 
@@ -108,9 +107,9 @@ def test_a_kill_at_any_moment_loses_nothing_that_was_answered(restart, tmp_path)
         process.send_signal(signal.SIGKILL)
         rest = process.communicate()[0].split()
         said = int(rest[-1]) if rest else said
-        keeper = restart()
-        assert said <= keeper.revision <= said + 1 and codes(keeper) == []
-        keeper.close()
+        with closing(restart()) as keeper:
+            assert said <= keeper.revision <= said + 1
+            assert codes(keeper) == []
 
 
 # the disk is full after the borders were stored
@@ -144,14 +143,14 @@ def test_on_a_full_disk_borders_act_and_each_change_is_refused(restart, tmp_path
 def test_an_unusable_folder_refuses_borders_but_not_the_map(tmp_path):
     """Otherwise borders that cannot be stored are accepted, and vanish."""
     (tmp_path / "file").write_text("")
-    keeper = integrator(tmp_path / "file" / "store")
-    assert (np.array_equal(keeper.map_with_borders.data, GRID.data), codes(keeper)) == (True, ["database_read_only"])
-    with refused("cannot_write"):
-        keeper.add(square(10, 10), 1.0)
-    assert keeper.borders == ()
-    (tmp_path / "file").unlink()
-    assert (keeper.add(square(10, 10), 1.0).ids, codes(keeper)) == (("b1",), [])
-    keeper.close()
+    with closing(integrator(tmp_path / "file" / "store")) as keeper:
+        has_plain_map = np.array_equal(keeper.map_with_borders.data, GRID.data)
+        assert (has_plain_map, codes(keeper)) == (True, ["database_read_only"])
+        with refused("cannot_write"):
+            keeper.add(square(10, 10), 1.0)
+        assert keeper.borders == ()
+        (tmp_path / "file").unlink()
+        assert (keeper.add(square(10, 10), 1.0).ids, codes(keeper)) == (("b1",), [])
 
 
 def test_a_repair_that_cannot_be_written_is_said_until_it_can(restart, tmp_path, monkeypatch):
@@ -195,11 +194,10 @@ def test_a_damaged_file_is_restored_from_the_copy_and_reported(restart, tmp_path
 def days(folder, *dates):
     """Writes values that change once on each of these days."""
     day = [datetime.date(2026, 1, 1)]
-    values = DurableValues(folder, today=lambda: day[0])
-    for number, date in enumerate(dates):
-        day[0] = datetime.date(*map(int, date.split("-")))
-        values.write({"x/y": number})
-    values.close()
+    with closing(DurableValues(folder, today=lambda: day[0])) as values:
+        for number, date in enumerate(dates):
+            day[0] = datetime.date(*map(int, date.split("-")))
+            values.write({"x/y": number})
 
 
 def test_the_newest_sound_copy_is_used_and_the_loss_reported(tmp_path):
@@ -207,15 +205,13 @@ def test_the_newest_sound_copy_is_used_and_the_loss_reported(tmp_path):
     days(tmp_path, "2026-01-01", "2036-01-01", "2026-01-02", "2026-01-03")
     for path in (tmp_path / FILE, tmp_path / "copies" / "borders-2026-01-03.jsonl"):
         path.write_bytes(b"?" * 9000)
-    values = DurableValues(tmp_path)
-    notice = values.notices[0]
-    assert (values.get("x/y"), notice.code, notice.values["date"]) == (2, "borders_lost_since", "2026-01-02")
-    values.close()
+    with closing(DurableValues(tmp_path)) as values:
+        notice = values.notices[0]
+        assert (values.get("x/y"), notice.code, notice.values["date"]) == (2, "borders_lost_since", "2026-01-02")
     (tmp_path / FILE).write_bytes(b"?" * 9000)
     shutil.rmtree(str(tmp_path / "copies"))
-    values = DurableValues(tmp_path)
-    assert (values.values_of_kind("x"), [notice.code for notice in values.notices]) == ({}, ["borders_lost"])
-    values.close()
+    with closing(DurableValues(tmp_path)) as values:
+        assert (values.values_of_kind("x"), [notice.code for notice in values.notices]) == ({}, ["borders_lost"])
 
 
 def test_the_copies_are_those_of_the_last_days(tmp_path, monkeypatch):
@@ -224,9 +220,8 @@ def test_the_copies_are_those_of_the_last_days(tmp_path, monkeypatch):
     names = [path.name[8:18] for path in sorted((tmp_path / "copies").iterdir())]
     assert names == ["1970-01-01", "2026-01-05", "2026-01-06"]  # even after the clock was reset
     shutil.copyfile(str(tmp_path / "copies" / "borders-2026-01-05.jsonl"), str(tmp_path / FILE))
-    values = DurableValues(tmp_path)  # a copy is restored by replacing the file with it
-    assert (values.get("x/y"), values.notices) == (9, [])  # as at the end of that day
-    values.close()
+    with closing(DurableValues(tmp_path)) as values:  # a copy is restored by replacing the file with it
+        assert (values.get("x/y"), values.notices) == (9, [])  # as at the end of that day
 
 
 def test_a_copy_restored_by_hand_outranks_later_copies(tmp_path):
@@ -235,9 +230,9 @@ def test_a_copy_restored_by_hand_outranks_later_copies(tmp_path):
     shutil.copyfile(str(tmp_path / "copies" / "borders-2026-01-01.jsonl"), str(tmp_path / FILE))
     days(tmp_path)
     (tmp_path / FILE).write_bytes(b"?")
-    values = DurableValues(tmp_path)
-    assert values.get("x/y") == 0 and values.revision > 3
-    values.close()
+    with closing(DurableValues(tmp_path)) as values:
+        assert values.get("x/y") == 0
+        assert values.revision > 3
 
 
 def test_a_start_puts_its_days_copy_right(restart, tmp_path):

@@ -4,8 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from integrators import closed_at, closed_off, flat, integrator, keep_out, status_of_first
+from integrators import closed_at, closed_off, first_status, flat, integrator, keep_out
 from refusals import refused
+from vb_testing import assert_fields
 from vb_core.errors import CodedError
 from vb_core.grid_map import Transform
 from vb_map_integration.border import VirtualBorder
@@ -40,8 +41,8 @@ def grown(restart):
 def test_a_line_with_another_effect_waits_and_keeps_its_old_effect(grown):
     """On real maps 22 of 99 lines across doorways closed off something else on the next map, and nobody was told."""
     keeper, _ = grown
-    assert (status_of_first(keeper), keeper.needs_confirmation) == ((True, "to_be_confirmed"), True)
-    assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0)  # not twice as much as was wanted
+    assert_fields(first_status(keeper), is_in_force=True, reason="to_be_confirmed", needs_confirmation=True)
+    assert (closed_at(keeper, 1.0, 1.0), closed_at(keeper, 1.0, 5.0)) == (True, False), "not twice the wanted floor"
 
 
 def test_a_border_to_be_confirmed_shows_both_areas(grown):
@@ -58,21 +59,24 @@ def test_a_border_to_be_confirmed_shows_both_areas(grown):
 def test_what_was_confirmed_is_in_force_also_after_a_restart_until_it_is_undone(grown, restart):
     keeper, accepted = grown
     keeper.confirm(True, "")
-    assert (status_of_first(keeper), keeper.needs_confirmation) == ((True, ""), False)
+    assert_fields(first_status(keeper), is_in_force=True, reason="", needs_confirmation=False)
     assert [len(outline) for outline in keeper.borders_in_force.outlines("b1")] == [0, 0]
-    assert closed_at(keeper, 1.0, 5.0) and keeper.borders_in_force.statuses["b1"].area_m2 > 2.0 * accepted
+    assert closed_at(keeper, 1.0, 5.0)
+    assert first_status(keeper)["area_m2"] > 2.0 * accepted
     cells = keeper.map_with_borders.data.copy()
     again = restart(flat(seed=1))
-    assert (status_of_first(again), np.array_equal(again.map_with_borders.data, cells)) == ((True, ""), True)
+    assert_fields(first_status(again), is_in_force=True, reason="")
+    assert np.array_equal(again.map_with_borders.data, cells)
     again.undo()
-    assert status_of_first(again) == (True, "to_be_confirmed")
+    assert_fields(first_status(again), is_in_force=True, reason="to_be_confirmed")
 
 
 def test_floor_that_the_next_map_does_not_know_yet_is_no_other_effect():
     """Otherwise a line is to be confirmed on each new map of which little is known."""
     keeper = integrator(grid=flat(), borders=[DOOR])
     keeper.set_map(flat(seed=1, known=(1.8, 9.0)))
-    assert (status_of_first(keeper), closed_at(keeper, 2.5, 5.0)) == ((True, ""), True)
+    assert_fields(first_status(keeper), is_in_force=True, reason="")
+    assert closed_at(keeper, 2.5, 5.0)
     location = keeper._locator.locate(keeper.borders[0])
     region = compute_region(location.accepted_map, location.accepted).transfer(location.transform, keeper.physical_map)
     assert (keeper.physical_map.data[region.window][region.mask > 0] == 0).all()
@@ -80,18 +84,17 @@ def test_floor_that_the_next_map_does_not_know_yet_is_no_other_effect():
 
 def test_a_line_that_no_longer_integrates_keeps_its_old_effect():
     keeper = integrator(grid=flat(), borders=[DOOR])
-    before = keeper.borders_in_force.statuses["b1"].area_m2
+    expected_area = pytest.approx(keeper.borders_in_force.statuses["b1"].area_m2, rel=0.1)
     furnished = flat(seed=1)
     low, high = furnished.world_to_cell([(2.2, 1.3), (2.9, 1.9)])
     furnished.data[low[0] : high[0], low[1] : high[1]] = 100  # an obstacle on the seed
     keeper.set_map(furnished)
-    assert status_of_first(keeper) == (True, "to_be_confirmed")
+    assert_fields(first_status(keeper), is_in_force=True, reason="to_be_confirmed", area_m2=expected_area)
     assert (closed_at(keeper, 1.0, 1.0), closed_at(keeper, 5.0, 1.0)) == (True, False)
-    assert keeper.borders_in_force.statuses["b1"].area_m2 == pytest.approx(before, rel=0.1)
     # nobody can accept it: it has to be drawn again or removed
     assert next(notice for notice in keeper.notices if notice.border_id).values["why"] == "seed_on_obstacle"
     keeper.confirm(True, "")
-    assert (status_of_first(keeper), keeper.needs_confirmation) == ((True, "to_be_confirmed"), False)
+    assert_fields(first_status(keeper), is_in_force=True, reason="to_be_confirmed", needs_confirmation=False)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -158,8 +161,7 @@ def test_an_unreadable_name_is_refused_and_changes_nothing(same, name):
     revision = keeper.revision
     with refused("bad_name"):
         keeper.confirm(same, name)
-    assert keeper.revision == revision
-    assert keeper.map_name == ""
+    assert_fields(keeper, revision=revision, map_name="")
 
 
 def test_the_map_of_acceptance_is_kept_as_long_as_its_border(restart):
@@ -218,5 +220,5 @@ def test_a_border_that_no_longer_fits_where_accepted_waits(monkeypatch):
     place = BorderLocation(keeper.borders[0], accepted=accepted, accepted_map=flat())
     monkeypatch.setattr(BorderLocator, "locate", lambda *_: place)
     keeper.set_map(flat(seed=1))
-    assert status_of_first(keeper) == (True, "to_be_confirmed")
+    assert_fields(first_status(keeper), is_in_force=True, reason="to_be_confirmed")
     assert keeper.borders_in_force.outlines("b1")[0].shape == (0, 2)

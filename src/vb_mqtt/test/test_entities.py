@@ -16,7 +16,7 @@ from vb_core import sentences
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_core.capabilities import ConnectedRobot, Connections, derive_capabilities
-from vb_core.vocabulary import COMMANDS, STATES
+from vb_core.interaction_tables import COMMANDS, STATES
 from vb_mqtt import entities
 from vb_mqtt.entities import LabEntities, describe_entities, key_from_topic, entity_key, find_stale_topics
 from vb_mqtt.incoming_requests import Inbox

@@ -6,9 +6,9 @@ import numpy as np
 
 from plain_rooms import VIEW, empty, scan_of
 from vb_core.geometry import map_to_base
+from vb_core.interaction_tables import DEFAULT, GUIDE
 from vb_core.robot_profile import RobotProfile
 from vb_core.stop_latch import StopLatch
-from vb_core.vocabulary import DEFAULT, GUIDE
 from vb_robot.driving.arbiter import Arbiter
 from vb_robot.driving.command_gate import NAVIGATION, TELEOP
 from vb_robot.driving.workspace import PoseUncertainty, Workspace

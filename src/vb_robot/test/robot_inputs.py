@@ -11,10 +11,10 @@ from sensor_msgs.msg import CameraInfo, LaserScan
 
 from plain_rooms import VIEW, room
 from vb_core import geometry, names
+from vb_core.interaction_tables import DEFAULT
 from vb_core.ros.images import info_from_camera
 from vb_core.ros.messages import NumpyOccupancyGrid, message_from_grid, message_from_transform
 from vb_core.stop_latch import StopLatch, new_id
-from vb_core.vocabulary import DEFAULT
 from vb_msgs.msg import DriverState, InteractionState, LaserSpot
 from vb_sim.robot.robot_body import advance
 

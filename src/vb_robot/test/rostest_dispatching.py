@@ -18,8 +18,8 @@ from robot_inputs import Body, Stimulus
 from vb_testing import Newest, process_of, wait_until
 from vb_core import names
 from vb_core.geometry import map_to_base
+from vb_core.interaction_tables import BORDER, DEFAULT, GUIDE
 from vb_core.ros.messages import NumpyOccupancyGrid, message_from_grid, message_from_pose2d, pose2d_from_message
-from vb_core.vocabulary import BORDER, DEFAULT, GUIDE
 from vb_msgs.msg import NoticeArray
 
 SPOT = (2.0, 2.5)

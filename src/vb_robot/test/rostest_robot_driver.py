@@ -17,8 +17,8 @@ from plain_rooms import room, with_border
 from robot_inputs import Body, Stimulus
 from vb_testing import Newest, process_of, wait_until
 from vb_core import names
+from vb_core.interaction_tables import DEFAULT, GUIDE
 from vb_core.ros.messages import NumpyOccupancyGrid
-from vb_core.vocabulary import DEFAULT, GUIDE
 from vb_msgs.msg import DriverState, NoticeArray, Stop
 
 

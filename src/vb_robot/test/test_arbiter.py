@@ -11,7 +11,7 @@ from driving_rig import DT, PROFILE, Rig
 from plain_rooms import VIEW, empty, with_border
 from vb_testing import assert_fields
 from vb_core.geometry import map_to_base
-from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED, state_by_name
+from vb_core.interaction_tables import BORDER, DEFAULT, GUIDE, SEED, state_by_name
 from vb_robot.driving.arbiter import Arbiter
 from vb_robot.driving.escape import END_CLEARANCE, PINCHED_AFTER
 from vb_robot.driving.command_gate import NAVIGATION, TELEOP

@@ -9,7 +9,7 @@ import pytest
 from actionlib_msgs.msg import GoalStatus
 
 from vb_testing import assert_fields
-from vb_core.vocabulary import BORDER, DEFAULT, SEED
+from vb_core.interaction_tables import BORDER, DEFAULT, SEED
 from vb_robot.dispatching.dispatch_policy import FAILED_MEMORY, DispatchPolicy, DispatchStatus, SentGoalState
 from vb_robot.dispatching.viewpoint import Viewpoint
 from vb_robot.ros.dispatched_robot import next_goal_state

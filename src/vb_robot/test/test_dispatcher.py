@@ -9,7 +9,7 @@ from shapely.geometry import Point, Polygon
 from plain_rooms import VIEW, room
 from vb_core.grid_map import GridMap
 from vb_core.geometry import map_to_base
-from vb_core.vocabulary import BORDER, DEFAULT, SEED
+from vb_core.interaction_tables import BORDER, DEFAULT, SEED
 from vb_robot.dispatching.dispatch_policy import SentGoalState
 from vb_robot.dispatching.dispatcher import Dispatcher, DispatchStatus, RobotMap
 from vb_robot.dispatching.viewpoint import DrawingState

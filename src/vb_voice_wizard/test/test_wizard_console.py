@@ -7,8 +7,8 @@ import rospy
 from rich.console import Console
 
 from vb_core import sentences
+from vb_core.interaction_tables import COMMANDS
 from vb_core.notices import Notice, Severity
-from vb_core.vocabulary import COMMANDS
 from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, InteractionState
 from vb_voice_wizard.wizard_console import COMMAND_KEYS, QUIT_KEY, ERROR_STYLE, ConsoleContent, extract_keys, safe_text
 

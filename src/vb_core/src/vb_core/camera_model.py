@@ -22,6 +22,7 @@ _ORIGIN = np.zeros(3)
 FISHEYE_MODELS = ("equidistant", "fisheye")  # names of the fisheye's distortion model
 _TAN_90_DEGREES = 1e9  # stands for the tangent of 90 degrees
 _CORNER = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])  # [px] a pixel and its neighbours to the right and below
+_STENCIL = np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])  # a point and its neighbours in x and in y
 
 
 @dataclass(frozen=True)
@@ -70,13 +71,13 @@ class CameraModel:
         return CameraModel(width, height, matrix, np.zeros(5))
 
     def pixels_to_rays(self, pixels: np.ndarray) -> np.ndarray:
-        """Returns the viewing rays of pixels. Inverse of `project`.
+        """Returns the viewing rays of pixels, without undistorting the rest of the image. Inverse of `project`.
 
         Args:
             pixels: (N, 2) columns and rows [px], the centre of the first pixel is (0, 0).
 
         Returns:
-            (N, 3) in the optical frame, z = 1; NaN beyond the lens model's limit. Only these pixels are undistorted.
+            (N, 3) in the optical frame, z = 1; NaN beyond the lens model's limit.
         """
         pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
         result = np.ones((len(pixels), 3))
@@ -110,8 +111,10 @@ class CameraModel:
         if self.is_distorted:
             project = cv2.fisheye.projectPoints if self.fisheye else cv2.projectPoints
             pixels = project(points[:, None], _ORIGIN, _ORIGIN, self.matrix, self.distortion)[0][:, 0]
-            visible = (points[:, 2] > 0) & (np.hypot(points[:, 0], points[:, 1]) <= self.max_ray_tangent * points[:, 2])
-            pixels[~visible] = np.nan
+            depths = points[:, 2]
+            axis_distances = np.hypot(points[:, 0], points[:, 1])
+            is_visible = (depths > 0) & (axis_distances <= self.max_ray_tangent * depths)
+            pixels[~is_visible] = np.nan
             return pixels
         depths = np.where(points[:, 2:] > 0, points[:, 2:], np.nan)
         focal, center = self._pinhole
@@ -145,15 +148,17 @@ class CameraModel:
             numerator = np.polynomial.Polynomial([0.0, 1.0, 0.0, k[0], 0.0, k[1], 0.0, k[4]])
             denominator = np.polynomial.Polynomial([1.0, 0.0, k[5], 0.0, k[6], 0.0, k[7]])
         # where the radius in the image stops growing, or has no value at all
-        radii = [(numerator.deriv() * denominator - numerator * denominator.deriv()).roots(), denominator.roots()]
-        radii = [float(root.real) for roots in radii for root in roots if abs(root.imag) < 1e-9 and root.real > 0]
+        slope = numerator.deriv() * denominator - numerator * denominator.deriv()
+        roots = np.concatenate([slope.roots(), denominator.roots()])
+        is_positive = (np.abs(roots.imag) < 1e-9) & (roots.real > 0)
+        limits = roots.real[is_positive].tolist()
         if not self.fisheye:
-            return min(radii, default=_TAN_90_DEGREES)
-        limit_angle = min(radii, default=math.pi)
+            return min(limits, default=_TAN_90_DEGREES)
+        limit_angle = min(limits, default=math.pi)
         return math.tan(limit_angle) if limit_angle < math.pi / 2 else _TAN_90_DEGREES
 
     def _inaccurate(self, normalized: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-        """Returns, as (N,) bool, which normalised coordinates (N, 2) are not projected to their pixels (N, 2)."""
+        """Returns, as (N,) bool, which normalised coordinates (N, 2) are not projected back to their pixels (N, 2)."""
         points = np.ones((len(normalized), 3))
         points[:, :2] = normalized
         return ~(np.abs(self.project(points) - pixels).max(axis=1) < _EXACT_PX)
@@ -171,7 +176,7 @@ class CameraModel:
         initial = np.interp(radius, image_radii, radii[finite])
         xy = target * (initial / np.maximum(radius, 1e-12))[:, None]
         for _ in range(_STEPS):
-            stencil = xy[:, None] + 1e-6 * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
+            stencil = xy[:, None] + 1e-6 * _STENCIL
             rays = np.dstack([stencil, np.ones(stencil.shape[:2])])
             uv = (self.project(rays).reshape(-1, 5, 2) - center) / focal
             # the Jacobian by central differences, and each step by Cramer's rule
@@ -180,7 +185,9 @@ class CameraModel:
             error_u, error_v = (target - uv[:, 0]).T
             determinant = u_x * v_y - u_y * v_x
             with np.errstate(all="ignore"):
-                step = (np.array([v_y * error_u - u_y * error_v, u_x * error_v - v_x * error_u]) / determinant).T
+                step_x = (v_y * error_u - u_y * error_v) / determinant
+                step_y = (u_x * error_v - v_x * error_u) / determinant
+                step = np.column_stack([step_x, step_y])
                 # close to the limit, a full step may lead beyond it
                 room = np.maximum(1e-6, self.max_ray_tangent - np.hypot(*xy.T))
                 length = np.maximum(1.0, np.hypot(*step.T) / (0.5 * room))
@@ -221,9 +228,11 @@ def intersect_floor(T_map_camera: np.ndarray, rays: np.ndarray, height: float = 
     origin = T_map_camera[:3, 3]
     directions = rays @ T_map_camera[:3, :3].T
     vertical = directions[:, 2:]
-    scales = np.divide(height - origin[2], vertical, out=np.full(vertical.shape, np.nan), where=vertical != 0)
+    scales = np.full(vertical.shape, np.nan)
+    np.divide(height - origin[2], vertical, out=scales, where=vertical != 0)
     points = origin + scales * directions
-    points[~((scales > 0) & (scales < np.inf))[:, 0]] = np.nan
+    is_in_front = (scales > 0) & (scales < np.inf)
+    points[~is_in_front[:, 0]] = np.nan
     return points
 
 
@@ -240,8 +249,8 @@ def measure_floor(
     """Projects pixels (N, 2) to the floor, as `project_to_floor` does, and measures how much floor each one shows.
 
     Returns:
-        The points (N, 3) [m], and the floor lengths (N,) [m/px] of the pixels, the mean over directions. Both are NaN where
-        no floor is seen.
+        The points (N, 3) [m], and the length of floor (N,) [m/px] that each pixel shows, averaged over all directions.
+        Both are NaN where no floor is seen.
     """
     corners = (pixels[:, None] + _CORNER).reshape(-1, 2)
     floor = project_to_floor(camera, T_map_camera, corners, height).reshape(-1, 3, 3)

@@ -1,9 +1,9 @@
-"""Derives a lab's capabilities from what is connected to it: the commands that have an effect, the zones that are kept.
+"""Derives from what is connected to a lab which commands have an effect there, and which zones its robots keep.
 
 Which buttons may the page show? That depends on whether the lab has cameras, and on whether a robot plans on the map
-with borders, is driven by this stack's driver, and is localised. One pure function, `derive_capabilities`, answers it,
-with the sentences that say so. Page, display, check_lab and notices all use it, so that none of them offers a Stop that
-stops nothing, or claims a zone that no robot keeps. No ROS.
+with borders, is driven by this stack's driver, and is localised. One pure function, `derive_capabilities`, decides, and
+gives the sentences that explain the decision. Page, display, check_lab and notices all use it, so that none of them
+offers a Stop that stops nothing, or claims a zone that no robot keeps. No ROS.
 
 >>> mine = ConnectedRobot("", has_navigation=True, plans_round_borders=True, is_localized=True)
 >>> derive_capabilities(Connections((mine,))).commands
@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 from vb_core import sentences
+from vb_core.interaction_tables import CAMERA, COMMANDS, DRIVER, STOPPABLE
 from vb_core.notices import Notice, Severity
-from vb_core.vocabulary import CAMERA, COMMANDS, DRIVER, STOPPABLE
 from vb_core.zones import KEEP_OUT, ZONES
 
 READY, NO_ROBOT, UNREADY = "ready", "no_robot", "robot_unready"
@@ -76,7 +76,7 @@ class Capabilities:
 
     Attributes:
         state: READY, NO_ROBOT, or UNREADY if a connected robot does not keep out of borders.
-        commands: those of vb_core.vocabulary with needs that are met; "go" if a robot can be sent to a place.
+        commands: those of vb_core.interaction_tables with needs that are met; "go" if a robot can be sent to a place.
         zones: the zones that at least one robot keeps.
         ignored_by: names of the connected robots that do not keep a zone, by the name of the zone.
         sendable_robots: the names of the robots that can be sent to a place.
@@ -122,8 +122,8 @@ def derive_capabilities(connections: Connections) -> Capabilities:
 
 def effective_commands(capabilities: Capabilities, commands: Sequence[str]) -> Tuple[str, ...]:
     """Returns those of an interaction's available commands that have an effect in this lab."""
-    judged = {name for name, command in COMMANDS.items() if command.needs}
-    return tuple(name for name in commands if name in capabilities.commands or name not in judged)
+    unmet = {name for name, command in COMMANDS.items() if command.needs} - set(capabilities.commands)
+    return tuple(name for name in commands if name not in unmet)
 
 
 def describe_ignored_zone(
@@ -158,16 +158,19 @@ def _notices_about(robot: ConnectedRobot) -> List[Notice]:
         notices.append(notice(Severity.ERROR, "robot_waits_for_map", missing=", ".join(robot.missing_maps)))
     elif robot.accepts_goals:
         notices.append(notice(Severity.INFO, "robot_plans_round_borders"))
+    elif robot.has_navigation and robot.has_driver:
+        notices.append(notice(Severity.WARNING, "robot_plans_through_borders"))
     elif robot.has_navigation:
-        severity = Severity.WARNING if robot.has_driver else Severity.ERROR
-        notices.append(notice(severity, "robot_plans_through_borders" if robot.has_driver else "robot_ignores_borders"))
+        notices.append(notice(Severity.ERROR, "robot_ignores_borders"))
     if robot.unheard_topics:
         notices.append(notice(Severity.ERROR, "robot_commands_unheard", topic=", ".join(robot.unheard_topics)))
-    if robot.name and robot.accepts_goals and values["map"] not in robot.maps and robot.maps:
+    has_map_of_its_own = values["map"] in robot.maps
+    if robot.name and robot.accepts_goals and robot.maps and not has_map_of_its_own:
         notices.append(notice(Severity.INFO, "robot_keeps_all_borders"))
-    # a driver that is asked to drive reports an unknown pose itself
     if not robot.is_localized:
-        notices.append(notice(Severity.INFO if robot.has_driver else Severity.WARNING, "robot_not_localized"))
+        # a driver that is asked to drive reports an unknown pose itself
+        severity = Severity.INFO if robot.has_driver else Severity.WARNING
+        notices.append(notice(severity, "robot_not_localized"))
     notices.append(notice(Severity.INFO, _obedience(robot)))
     return notices
 

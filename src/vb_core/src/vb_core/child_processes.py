@@ -74,5 +74,8 @@ class ChildProcess:
 
 def start_roslaunch(files: Sequence[Path], log: Path, port: int, **arguments: Any) -> ChildProcess:
     """Starts launch files with these arguments. Their nodes use the master at this port, which roslaunch starts."""
-    words = [f"{name}:={str(value).lower() if isinstance(value, bool) else value}" for name, value in arguments.items()]
+    words = []
+    for name, value in arguments.items():
+        text = str(value).lower() if isinstance(value, bool) else str(value)
+        words.append(f"{name}:={text}")
     return ChildProcess(["roslaunch", "-p", str(port), *map(str, files), *words], log)

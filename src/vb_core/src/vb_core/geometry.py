@@ -42,7 +42,7 @@ def rotation_from_quaternion(quaternion) -> np.ndarray:
 def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
     """Converts a rotation matrix (3, 3) to a quaternion (x, y, z, w), w >= 0. Inverse of `rotation_from_quaternion`."""
     m = np.asarray(rotation, dtype=float)
-    # the outer product 4 q q^T, each of whose rows is a multiple of q; the one with the largest square is the most exact
+    # `products` is 4 q q^T. Each row is a multiple of q, and the row with the largest square gives q most exactly
     xx, yy, zz = np.diag(m)
     squares = [1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz, 1 + xx + yy + zz]
     products = np.zeros((4, 4))

@@ -27,11 +27,11 @@ Window = Tuple[float, float, float, float]
 
 
 def distance_transform(cells: np.ndarray) -> np.ndarray:
-    """Distance transform: computes the distance (H, W) float32 from each cell's centre to the nearest marked cell's, in cells.
+    """Computes the distance transform (H, W) float32 [cells]: from each centre of a cell to the nearest marked cell's.
 
-    The same mask always yields the same bits, for distances up to 1400 cells. OpenCV's exact transform alone does not:
-    where the rows are in memory decides whether vector instructions compute square roots, which changes the last bit.
-    As squared distances between cells are whole numbers, rounding them undoes that.
+    The same mask always yields the same bits, for distances up to 1400 cells. OpenCV's exact transform does not: it
+    computes square roots with or without vector instructions, depending on where the rows lie in memory, and the two
+    differ in the last bit. Squared distances between cells are whole numbers, so rounding them removes the difference.
 
     Args:
         cells: mask (H, W) bool. If nothing is marked, every distance is inf.
@@ -170,7 +170,7 @@ class GridMap:
     def world_to_cell(self, points: np.ndarray) -> np.ndarray:
         """Returns the cells (N, 2), int (row, column), that contain points (N, 2) [m]. They may be outside the map."""
         grid = np.floor(self.world_to_grid(points) + 0.5)
-        # numpy's own clip is several times slower for the few points in a usual call
+        # np.clip is several times slower for the few points in a usual call
         return np.minimum(np.maximum(grid, -(2.0**31)), 2.0**31).astype(np.int64)[:, ::-1]
 
     def cell_to_world(self, rows_columns: np.ndarray) -> np.ndarray:
@@ -192,23 +192,26 @@ class GridMap:
 def crop(grid: GridMap, window: Window) -> GridMap:
     """Cuts a window (x_min, y_min, x_max, y_max) [m] out of a map. Cells off the map are unknown."""
     x_min, y_min, x_max, y_max = window
-    cells = grid.world_to_cell(np.array([(x_min, y_min), (x_min, y_max), (x_max, y_min), (x_max, y_max)]))
+    corners = np.array([(x_min, y_min), (x_min, y_max), (x_max, y_min), (x_max, y_max)])
+    cells = grid.world_to_cell(corners)
     low = cells.min(axis=0)
     high = cells.max(axis=0) + 1
     data = np.full(high - low, UNKNOWN, dtype=np.int8)
     top, left = np.maximum(low, 0)
     bottom, right = np.minimum(high, grid.shape)
     if top < bottom and left < right:
-        data[top - low[0] : bottom - low[0], left - low[1] : right - low[1]] = grid.data[top:bottom, left:right]
+        rows = slice(top - low[0], bottom - low[0])
+        columns = slice(left - low[1], right - low[1])
+        data[rows, columns] = grid.data[top:bottom, left:right]
     x, y = grid.cell_to_world(low - 0.5)[0]
     return GridMap(data, grid.resolution, (x, y, grid.origin[2]))
 
 
 def clearance_grid(blocked: np.ndarray, resolution: float) -> np.ndarray:
-    """Computes each cell's clearance (H, W) float32 [m] from its centre to the nearest blocked cell, or 0 if blocked.
+    """Computes the clearance (H, W) float32 [m] of each cell: how far its centre is from the nearest blocked cell.
 
-    Half a cell's diagonal is subtracted from the distance between centres, so that the result never exceeds the true
-    clearance. The map's edge is not blocked; if no cell is blocked, every clearance is inf.
+    A blocked cell has the clearance 0. Half a cell's diagonal is subtracted from the distance between centres, so that
+    the result never exceeds the true clearance. The map's edge is not blocked; if no cell is blocked, all are inf.
     """
     return np.maximum(distance_transform(blocked) - np.sqrt(0.5), 0.0) * np.float32(resolution)
 
@@ -223,9 +226,9 @@ def sample(grid: GridMap, layer: np.ndarray, points: np.ndarray, outside: float 
 
 
 def nearest_cell(grid: GridMap, mask: np.ndarray, point, reach: float) -> Tuple[Optional[Tuple[int, int]], np.ndarray]:
-    """Finds a mask's (H, W) cell (row, column) nearest to a point (2,) [m], up to `reach` [m] away, and its centre.
+    """Finds the marked cell of a mask (H, W) nearest to a point (2,) [m]. Returns its (row, column) and its centre.
 
-    Returns None and the point itself if there is none.
+    If no marked cell is within `reach` [m], returns None and the point itself.
     """
     point = np.asarray(point, dtype=float)
     row, column = grid.world_to_cell(point)[0]

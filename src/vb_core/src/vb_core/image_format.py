@@ -11,7 +11,8 @@ import numpy as np
 
 from vb_core.errors import CodedError
 
-_BAYER = {f"bayer_{name}": getattr(cv2, f"COLOR_Bayer{name.upper()}2BGR") for name in ("rggb", "bggr", "gbrg", "grbg")}
+_BAYER_PATTERNS = ("rggb", "bggr", "gbrg", "grbg")
+_BAYER = {f"bayer_{pattern}": getattr(cv2, f"COLOR_Bayer{pattern.upper()}2BGR") for pattern in _BAYER_PATTERNS}
 # pixel contents other than bgr, with OpenCV's conversion to bgr
 _TO_BGR = {"mono": cv2.COLOR_GRAY2BGR, "rgb": cv2.COLOR_RGB2BGR, **_BAYER}
 _CHANNELS = {"mono": 1, "bgr": 3, "rgb": 3, "bgra": 4, "rgba": 4, **dict.fromkeys(_BAYER, 1)}
@@ -34,7 +35,7 @@ class Encoding(NamedTuple):
     color_format: str
 
     def rows(self, height: int) -> int:
-        """Returns the byte rows of an image of this height [px]: some encodings store chrominance below luminance."""
+        """Returns how many rows of bytes an image of this height [px] has, since chrominance may be below luminance."""
         return height * 3 // 2 if self.color_format in ("nv12", "nv21") else height
 
 
@@ -42,9 +43,11 @@ def _table() -> Dict[str, Encoding]:
     table = {name: Encoding(np.dtype("u1"), channels, name) for name, (channels, _) in _YUV.items()}
     table.update({"yuv422": table["uyvy"], "yuv422_yuy2": table["yuyv"]})
     for bits, dtype in ((8, "u1"), (16, "u2")):
-        table.update({f"{name}{bits}": Encoding(np.dtype(dtype), n, name) for name, n in _CHANNELS.items()})
-        table.update({f"{bits}UC3": table[f"bgr{bits}"], f"{bits}UC4": table[f"bgra{bits}"]})
-    # but 16UC1 is depth; grey images of 16 bits are called mono16
+        for name, channels in _CHANNELS.items():
+            table[f"{name}{bits}"] = Encoding(np.dtype(dtype), channels, name)
+        table[f"{bits}UC3"] = table[f"bgr{bits}"]
+        table[f"{bits}UC4"] = table[f"bgra{bits}"]
+    # 16UC1 is missing because it is depth; a grey image of 16 bits is called mono16
     table.update({"8UC1": table["mono8"], "8U": table["mono8"]})
     return table
 
@@ -74,7 +77,8 @@ class Picture(NamedTuple):
 
     pixels: np.ndarray
     color_format: str
-    scale, is_fully_decoded = 1, True  # see `HalvedPicture`
+    scale = 1  # see `HalvedPicture`
+    is_fully_decoded = True
 
     @property
     def size(self) -> Tuple[int, int]:
@@ -113,7 +117,9 @@ class HalvedPicture:
         scale: number of full-size pixels per searched pixel, in each direction.
     """
 
-    color_format, is_bayer, scale = "bgr", False, 2
+    color_format = "bgr"
+    is_bayer = False
+    scale = 2
 
     def __init__(self, size: Tuple[int, int], decode: Callable[[int, int], np.ndarray]) -> None:
         self.size = size

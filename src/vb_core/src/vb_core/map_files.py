@@ -105,7 +105,7 @@ def read_map(path: Path) -> GridMap:
         return value
 
     def read_float(key: str, default: Optional[float] = None) -> float:
-        return float(read_key(key, "0.05", lambda value: type(value) in (int, float) and math.isfinite(value), default))
+        return float(read_key(key, "0.05", _is_finite_number, default))
 
     mode = read_key("mode", "trinary | scale | raw", lambda value: value in ("trinary", "scale", "raw"), "trinary")
     origin = read_key("origin", "[x, y, yaw]", _is_pose)
@@ -136,6 +136,10 @@ def read_map(path: Path) -> GridMap:
 
 def _bad(path: Path, **values: Any) -> CodedError:
     return CodedError("bad_map_file", file=str(path), **values)
+
+
+def _is_finite_number(value: Any) -> bool:
+    return type(value) in (int, float) and math.isfinite(value)
 
 
 def _is_pose(value: Any) -> bool:

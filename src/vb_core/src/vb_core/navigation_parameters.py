@@ -57,7 +57,7 @@ def amcl_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, Any]:
 
 
 def is_trinary(costmap: Any) -> bool:
-    """Returns whether a costmap, given its parameters as from `rosparam get`, treats soft occupancies as free space."""
+    """Returns whether a costmap, read as by `rosparam get`, treats soft occupancies as free, which is the default."""
     if not isinstance(costmap, Mapping):
         return False  # there is no such costmap
     static_layers = [
@@ -66,4 +66,4 @@ def is_trinary(costmap: Any) -> bool:
         if isinstance(plugin, Mapping) and str(plugin.get("type", "")).endswith("StaticLayer")
     ]
     layers = [costmap.get(name) for name in static_layers or ["static_layer"]]
-    return any(layer.get("trinary_costmap", True) if isinstance(layer, Mapping) else True for layer in layers)
+    return any(not isinstance(layer, Mapping) or layer.get("trinary_costmap", True) for layer in layers)

@@ -35,11 +35,15 @@ class NodeGraph:
 
     def subscriptions(self, node: str, kind: str) -> List[str]:
         """Returns the topics of this type that a node subscribes to."""
-        return [topic for topic, nodes in self.subscribers.items() if node in nodes and self.types.get(topic) == kind]
+        return self._topics_of(node, kind, self.subscribers)
 
     def publications(self, node: str, kind: str) -> List[str]:
         """Returns the topics of this type that a node publishes."""
-        return [topic for topic, nodes in self.publishers.items() if node in nodes and self.types.get(topic) == kind]
+        return self._topics_of(node, kind, self.publishers)
+
+    def _topics_of(self, node: str, kind: str, nodes_by_topic: Mapping[str, Sequence[str]]) -> List[str]:
+        of_node = [topic for topic, nodes in nodes_by_topic.items() if node in nodes]
+        return [topic for topic in of_node if self.types.get(topic) == kind]
 
     def find_other_commanders(self, driver: str, topic: str, output: str) -> Tuple[Set[str], Set[str]]:
         """Finds the nodes that could command the base past its driver, which should be the only way to its wheels.

@@ -12,7 +12,7 @@ from vb_core.errors import CodedError
 
 REPEAT_PERIOD = 1.0  # [s] a node repeats its notices
 EXPIRY_TIME = 5.0  # [s] a node's notices expire once it has been silent for five repetitions
-# by a notice's code, the codes that make it redundant, since they concern all robots or name what is wrong with a camera
+# by a notice's code, the codes that make it redundant: they concern all robots, or say what is wrong with the camera
 _SUPERSEDED_BY = {
     "robot_stopped": {"stopped", "stop_state_lost"},
     "camera_no_pose": {

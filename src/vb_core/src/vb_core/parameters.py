@@ -23,7 +23,7 @@ from vb_core.errors import ParameterError
 
 P = TypeVar("P", bound="Parameters")
 
-NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")  # a camera's, a robot's or a computer's
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")  # the name of a camera, a robot or a computer
 
 
 def param(
@@ -119,18 +119,15 @@ _LIMITS = {"low": ("at least", operator.lt), "high": ("at most", operator.gt), "
 
 
 def _check(key: str, value: Any, limits: Mapping[str, Any]) -> Any:
-    """Checks a value against the limits from `param`. Returns it in the default's type.
-
-    Raises:
-        ParameterError: names the key and says what was expected.
-    """
+    """Checks a value against the limits from `param`. Returns it in the default's type. Raises ParameterError."""
     kind = type(limits["default"])
     entry_class = limits["of"]
     if issubclass(kind, Parameters):
         return value if isinstance(value, kind) else kind.from_mapping(value, key)
     accepted: Any = {float: (int, float), tuple: (list, tuple)}.get(kind, kind)
-    has_type = isinstance(value, accepted) and (kind is bool or not isinstance(value, bool))
-    if kind in _EXPECTED and not (has_type and value == value):  # nan is not a number
+    is_stray_bool = isinstance(value, bool) and kind is not bool
+    has_type = isinstance(value, accepted) and not is_stray_bool
+    if kind in _EXPECTED and not (has_type and value == value):  # nan does not equal itself
         unit = f" in {limits['unit']}" if limits["unit"] else ""
         raise ParameterError(key, f"expected {_EXPECTED[kind]}{unit}, got {value!r}")
     if kind in (float, tuple):
@@ -145,7 +142,8 @@ def _check(key: str, value: Any, limits: Mapping[str, Any]) -> Any:
         for element in elements:
             _check_limits(key, element, limits)
     if limits["choices"] is not None and value not in limits["choices"]:
-        raise ParameterError(key, f"must be one of {', '.join(map(str, limits['choices']))}, got {value!r}")
+        choices = ", ".join(map(str, limits["choices"]))
+        raise ParameterError(key, f"must be one of {choices}, got {value!r}")
     return value
 
 
@@ -155,4 +153,5 @@ def _check_limits(key: str, number: Any, limits: Mapping[str, Any]) -> None:
     for name, (phrase, violates) in _LIMITS.items():
         limit = limits[name]
         if limit is not None and violates(number, limit):
-            raise ParameterError(key, f"must be {phrase} {limit} {limits['unit']}".rstrip() + f", got {number}")
+            expected = f"{phrase} {limit} {limits['unit']}".rstrip()
+            raise ParameterError(key, f"must be {expected}, got {number}")

@@ -6,14 +6,14 @@ from typing import Dict, Tuple
 
 
 class RateLimiter:
-    """A token bucket per key: `burst` requests at once, then `rate` a second. Keeps the newest 1000 keys.
+    """A token bucket per key: `burst` requests at once, then `rate` a second. Keeps the 1000 keys that were used last.
 
-    There is no bucket shared by all keys: strangers could empty it for everybody.
+    No bucket is shared by all keys, because strangers could empty it for everybody.
     """
 
     def __init__(self, rate: float, burst: float) -> None:
         self._rate, self._burst = rate, burst
-        self._buckets: Dict[str, Tuple[float, float]] = {}  # the one used last is the last
+        self._buckets: Dict[str, Tuple[float, float]] = {}  # the key used last comes last
 
     def allows(self, key: str, now: float) -> bool:
         """Takes a token at a time [s]. Returns False if there is none. A clock set back only delays new tokens."""

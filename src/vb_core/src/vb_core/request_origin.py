@@ -1,6 +1,6 @@
-"""Tells requests of this computer's own browsers, and of a page itself, from those that other sites have browsers send.
+"""Recognises requests of this computer's browsers and of a page itself: other sites too can make browsers send some.
 
-A host name of another site may lead to this computer (DNS rebinding). Its page would then read what a local page shows.
+A host name of another site may lead to this computer (DNS rebinding). That site could then read what a local page has.
 """
 
 from __future__ import annotations

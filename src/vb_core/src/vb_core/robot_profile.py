@@ -117,11 +117,7 @@ class RobotProfile(Parameters):
 
     @classmethod
     def load(cls, path: Path) -> "RobotProfile":
-        """Reads a profile from a file.
-
-        Raises:
-            ParameterError: if it cannot be read, is not YAML, or as `from_mapping`.
-        """
+        """Reads a profile from a file. Raises ParameterError if it is unreadable, is not YAML, or as `from_mapping`."""
         try:
             document = yaml.safe_load(path.read_text(encoding="utf-8"))
         except OSError as error:

@@ -6,7 +6,7 @@ languages/<language>/<topic>.yaml maps each code to one sentence with the values
     page_removed: "{border} was removed."
 
 Words that differ by language are passed as a code, in a value whose name says so: who_code = "the_robot" gives {who} the
-text of this code. All other values are texts, perhaps a person's, and no text is ever read as a code. A code's text may
+text of this code. All other values are texts, perhaps written by people, and never read as codes. A code's text may
 contain the sentence's other values, and is capitalised where it begins the sentence. The values border and borders are
 names of borders, see `border_name`.
 
@@ -58,7 +58,7 @@ def robot_values(*names: str, key: str = "who") -> Dict[str, str]:
 
 
 def border_name(name: str, language: str = ENGLISH) -> str:
-    """Returns one or several borders' names as people read them: an unnamed border's number in their language."""
+    """Returns the names of one or several borders as people read them: a name that nobody chose is translated."""
     return _UNNAMED.sub(lambda found: translate(f"unnamed_{found[1]}", {"number": found[2]}, language), name)
 
 
@@ -79,7 +79,8 @@ def translate(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH
         if name + _CODE in values:
             other_values = {other: value for other, value in values.items() if other != name + _CODE}
             text = translate(values[name + _CODE], other_values, language)
-            return text[:1].upper() + text[1:] if field.start() == 0 else text
+            begins_sentence = field.start() == 0
+            return text[:1].upper() + text[1:] if begins_sentence else text
         text = str(values.get(name, f"({name})"))  # a sentence that lacks a value can still be shown
         return border_name(text, language) if name in ("border", "borders") else text
 

@@ -1,7 +1,7 @@
 """The table of the system's sounds, by the names that vb_msgs/Sound carries.
 
 Rising tones mean that the interaction continues; each active state ends on its own tone, at least a third from any
-other (see vb_core.vocabulary). Falling tones mean a return to Default, or a pause. A refusal is low and repeated, and a
+other (vb_core.interaction_tables). Falling tones mean a return to Default, or a pause. A refusal is low and repeated. A
 success is the longest rise, so that people recognise both without knowing the other sounds. A question repeats one
 tone; a stop falls from high to low. A short tone acknowledges a spoken command at once, before the command's own sound.
 Ticks are frequent, so they are soft, and far above all other sounds.
@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Dict, Tuple
 
-from vb_core.vocabulary import DEFAULT, STATES
+from vb_core.interaction_tables import DEFAULT, STATES, State
 
 # [Hz] pitches of the notes of five octaves in equal temperament; A4 is 440 Hz
 _SEMITONES = {"C": -9, "D": -7, "E": -5, "F": -4, "G": -2, "A": 0, "B": 2}
@@ -54,13 +54,16 @@ class Melody:
         return sum(note.seconds for note in self.notes)
 
 
+def _melody_of_state(state: State) -> Melody:
+    first, second = state.tone
+    beep = "OFF" if state == DEFAULT else "BUTTON"
+    return Melody((Note(first, 0.09), Note(second, 0.16)), beep)
+
+
 _REST = Note("", 0.05)
 TICK, SUCCESS, ERROR, QUESTION, STOPPED, RECOGNIZED = "tick", "success", "error", "question", "stopped", "recognized"
 SOUNDS: Dict[str, Melody] = {
-    **{
-        name: Melody((Note(state.tone[0], 0.09), Note(state.tone[1], 0.16)), "OFF" if state == DEFAULT else "BUTTON")
-        for name, state in STATES.items()
-    },
+    **{name: _melody_of_state(state) for name, state in STATES.items()},
     SUCCESS: Melody((Note("C5", 0.09), Note("E5", 0.09), Note("G5", 0.09), Note("C6", 0.30)), "CLEANINGEND"),
     QUESTION: Melody((Note("E5", 0.10), _REST, Note("E5", 0.16)), "RECHARGE"),
     STOPPED: Melody((Note("C6", 0.10), Note("A3", 0.40)), "OFF"),

@@ -1,8 +1,8 @@
 """The stop of all robots, which persists through crashes and full disks until a person releases it.
 
-The latch generates a new number for each stop, and only a `resume` that names the newest number releases it, because
-its sender has seen that stop. So no command given before a stop can release it, however late it arrives. The stop has
-two sides: `StopLatch` answers commands (in the interaction manager), and one robot obeys `HeldStops` (in its driver).
+The latch generates a new number for each stop. Only a `resume` that names the newest number releases the stop, because
+its sender has seen that stop. A command given before a stop can therefore never release it, however late it arrives.
+`StopLatch` answers commands in the interaction manager, and each robot obeys the `HeldStops` in its driver.
 
 A robot holds every stop that it has received until a latch that knows all of these stops says that robots may drive. So
 a stop holds even if the latch never received it, or has lost its file; the robot then reports the stop.
@@ -48,7 +48,7 @@ class _Stored:
         path: the file; None keeps the state in memory only.
 
     Attributes:
-        lost: whether it stopped because its file was damaged or could not be written.
+        lost: whether it counts as stopped because its file was damaged or could not be written.
         stored: whether the last `store` succeeded.
     """
 
@@ -158,7 +158,7 @@ class StopLatch(_Stored):
 
 
 class HeldStops(_Stored):
-    """The stops that one robot holds: those it has received and that no latch knowing all of them has released.
+    """The stops that one robot holds: it has received them, and no latch that knows all of them has released them.
 
     Attributes:
         ids: the stops' ids.
@@ -178,7 +178,9 @@ class HeldStops(_Stored):
     def persisted_ids(self) -> Tuple[str, ...]:
         """The held stops that survive the process: those in the file, or all if the file cannot be written."""
         stored_ids = self._written
-        return self.ids if stored_ids is None else tuple(identity for identity in self.ids if identity in stored_ids)
+        if stored_ids is None:
+            return self.ids
+        return tuple(identity for identity in self.ids if identity in stored_ids)
 
     def add(self, identity: str) -> None:
         """Adds a stop. If there are too many, one new stop replaces all of them."""

@@ -1,7 +1,7 @@
 """What the area of a border means for robots: one table of zones.
 
 Code that reads, checks, integrates, offers or shows a border asks its zone, and seldom needs to know which zones there are.
-vb_msgs/VirtualBorder repeats names and numbers, which a test compares. The words for people are in
+vb_msgs/VirtualBorder repeats the names and numbers, and a test compares them. The words for people are in
 languages/<language>/zones.yaml: page_zone_<name>, border_unkept_<name>.
 
 >>> AVOID.value(0.75), SLOW.value(1.0), SLOW.limits_speed

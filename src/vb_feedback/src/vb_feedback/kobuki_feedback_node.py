@@ -8,8 +8,8 @@ from types import ModuleType
 import rospy
 from vb_core import names
 from vb_core.errors import CodedError
+from vb_core.interaction_tables import state_by_name
 from vb_core.sounds import SOUNDS
-from vb_core.vocabulary import state_by_name
 from vb_msgs.msg import InteractionState, Sound
 
 

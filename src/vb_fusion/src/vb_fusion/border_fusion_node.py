@@ -13,12 +13,12 @@ from geometry_msgs.msg import Point
 
 from vb_core import names, sentences
 from vb_core.errors import CodedError
+from vb_core.interaction_tables import BORDER, DEFAULT, SEED, STATES, state_by_name
 from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import points_from_array, values_from_mapping
 from vb_core.ros.notices import NoticePublisher
-from vb_core.vocabulary import BORDER, DEFAULT, SEED, STATES, state_by_name
 from vb_fusion.spot_collector import CollectedSpots, SpotCollector, FloorSpot
 from vb_fusion.extraction import DrawnBorder, ExtractionParams, LiveExtractor
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
@@ -26,9 +26,8 @@ from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderResponse
 
 PROGRESS_RATE = 8.0  # [1/s] of progress messages while spots arrive; the display needs 5, and a busy machine is slower
 HEARTBEAT_PERIOD = 1.0  # [s] between progress messages while no spots arrive
-LIVE_CPU_SHARE = (
-    0.12  # of one core, for the live chain: two cores must also search the images; no limit for the final one
-)
+# of one core, for the live chain: two cores must also search the images. The final chain has no such limit
+LIVE_CPU_SHARE = 0.12
 MAX_SHOWN = 300  # points in a message, enough to see the drawing and cheap to display
 
 
@@ -63,7 +62,7 @@ class BorderFusionNode:
         self._collector = SpotCollector()
         self._live = LiveExtractor(params.extraction, LIVE_CPU_SHARE)
         self._lock = threading.Lock()
-        self._new_spots = False  # whether spots arrived since the last progress message
+        self._has_new_spots = False  # whether spots arrived since the last progress message
         self._failure: Optional[CodedError] = None  # why the last attempt to extract a border failed
         self._doubts: List[Notice] = []  # doubts about the drawing, as last published
         self._published = -np.inf
@@ -106,8 +105,9 @@ class BorderFusionNode:
         position = message.position
         spot = FloorSpot(stamp, position.x, position.y, camera, float(message.confidence), bool(message.mobile))
         with self._lock:
-            if not self._collector.add(spot, rospy.get_time() or np.inf):
-                self._new_spots = True
+            reason_ignored = self._collector.add(spot, rospy.get_time() or np.inf)
+            if not reason_ignored:
+                self._has_new_spots = True
 
     # ------------------------------------------------------------ output
     def _publish(self, state_changed: bool) -> None:
@@ -131,10 +131,11 @@ class BorderFusionNode:
                 problems.append(CodedError("drawing_lost"))
             problems += [CodedError(code, camera=camera) for code, camera in sorted(self._collector.faults)]
             state = self._collector.state
+            # while a stroke is drawn, nobody knows what it will leave out or leave open: the last doubts stay published
+            is_drawing = state == BORDER and bool(self._cameras_seeing())
             if state == DEFAULT:
                 self._doubts = []
-            # what a stroke leaves out or open is known once it has ended. Until then the last doubts stay published
-            elif state != BORDER or not self._cameras_seeing():
+            elif not is_drawing:
                 self._doubts = self._find_doubts(self._live.drawn)
             doubts = self._doubts
         notices = [Notice.from_error(problem, Severity.WARNING) for problem in problems]
@@ -146,11 +147,12 @@ class BorderFusionNode:
     def _find_doubts(self, drawn: DrawnBorder) -> List[Notice]:
         """Returns the doubts about a drawing."""
         doubts = {}
-        if drawn.chain is not None and drawn.chain.left_out_spots:
-            doubts["strokes_left_out"] = {"spots": str(drawn.chain.left_out_spots)}
-        # a right-angled corner that an unseen piece hides is off that piece by at most half its length
-        if drawn.chain is not None and drawn.chain.longest_unseen_gap > 0.5 * self._params.extraction.eps:
-            doubts["piece_unseen"] = {"length": f"{drawn.chain.longest_unseen_gap:.1f}"}
+        chain = drawn.chain
+        if chain is not None and chain.left_out_spots:
+            doubts["strokes_left_out"] = {"spots": str(chain.left_out_spots)}
+        # an unseen piece may hide a right-angled corner, which is at most half of the piece's length away from it
+        if chain is not None and chain.longest_unseen_gap > 0.5 * self._params.extraction.eps:
+            doubts["piece_unseen"] = {"length": f"{chain.longest_unseen_gap:.1f}"}
         if drawn.competing_dwell is not None:
             doubts["seed_held_elsewhere"] = {"seconds": f"{drawn.competing_dwell.seconds:.0f}"}
         return [Notice(code, Severity.WARNING, values=values) for code, values in doubts.items()]
@@ -159,10 +161,10 @@ class BorderFusionNode:
         """Extracts and publishes the border so far if there is a reason to; returns whether there was."""
         with self._lock:
             now = time.monotonic()
-            due = self._new_spots or now - self._published >= HEARTBEAT_PERIOD
-            self._new_spots = False
-            reason = state_changed or (due and self._collector.state.collects)
-            if not reason or not self._collector.interaction_id:
+            is_due = self._has_new_spots or now - self._published >= HEARTBEAT_PERIOD
+            self._has_new_spots = False
+            is_growing = is_due and bool(self._collector.state.collects)
+            if not (state_changed or is_growing) or not self._collector.interaction_id:
                 return False
             snapshot = self._collector.snapshot()
             live = self._live

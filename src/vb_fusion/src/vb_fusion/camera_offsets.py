@@ -1,19 +1,19 @@
 """Stage 2: the drawn line without the errors of the cameras' poses.
 
-Cameras that see the pointer at the same time disagree, as their poses are known to centimetres only. An observation is
-therefore modelled as
+Cameras that see the pointer at the same time disagree, because their poses are known only to centimetres. An
+observation is therefore modelled as
 
     the pointer's position in its time bin + its camera's offset + noise
 
-with one offset for each stationary camera and, since localisation errors change as a robot drives and turns, one per
-second for a camera on a robot. Two kinds of equations determine the offsets:
+A stationary camera has one offset. A camera on a robot has one per second, because localisation errors change as the
+robot drives and turns. Two kinds of equations determine the offsets:
 
-- All observations of a time bin have the same position. So they deviate from the bin's mean as their offsets do.
-- An offset is probably small. A robot's may be larger, but changes little from one second to the next. It is a
-  first-order autoregressive process. Where the robot alone sees the pointer, its offset is therefore inferred from just
-  before and after, when other cameras saw the pointer too.
+- All observations of a time bin have the same position. They deviate from the bin's mean only as their offsets do.
+- An offset is probably small. A robot's may be larger, but changes little from one second to the next: it is a
+  first-order autoregressive process. Where only the robot sees the pointer, its offset is therefore inferred from the
+  moments just before and after, in which other cameras saw the pointer too.
 
-An offset that is common to all cameras cannot be known, and a lost robot hardly moves the stationary cameras' offsets.
+An offset that all cameras share cannot be known. A lost robot hardly changes the stationary cameras' offsets.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def remove_offsets(observations: Observations) -> Observations:
     prior = _offset_precision(unknowns // span, unknowns % span)
     precision = design.T @ design / TREMOR**2 + prior
     offsets = spsolve(precision.tocsc(), design.T @ centred / TREMOR**2).reshape(-1, 2)
-    # offsets are rounded to 0.1 mm, so that positions found before stay the same while more is seen
+    # offsets are rounded to 0.1 mm, so that positions found earlier do not change while more spots are seen
     rounded = np.round(offsets, 4)
     return replace(observations, points=observations.points - rounded[offset_index])
 

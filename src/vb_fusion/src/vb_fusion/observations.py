@@ -1,8 +1,8 @@
 """Stage 0: the spots as observations, checked, merged where they repeat each other, and in order of time.
 
-All later stages work on observations: what one camera saw at one position within a time bin. A camera that sees a hand
-draw gives about ten a second, and more only where the pointer is quick. A million spots become a few thousand. What all
-cameras saw close together in one time bin is merged again, into a cluster.
+All later stages work on observations. An observation is what one camera saw at one position within a time bin. A camera
+that sees a hand draw gives about ten a second, and more only where the pointer is quick. So a million spots become some
+thousand observations. What all cameras saw close together in one time bin is merged again, into a cluster.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Observations:
         time_bins: (N,) int, number of the time bin.
         cameras: (N,) int, index of the camera. An observation merged from several cameras has any of theirs.
         weights: (N,) > 0, from the number of spots, their confidence and the kind of camera.
-        mobile: (N,) bool, whether seen by mobile cameras only.
+        mobile: (N,) bool, whether only mobile cameras saw it.
         spots: (N,) number of spots merged into each.
         witnesses: (N,) int, number of cameras that saw it.
     """
@@ -70,8 +70,9 @@ class Observations:
         y = np.bincount(labels, self.weights * self.points[:, 1]) / weights
         times = np.bincount(labels, self.weights * self.stamps) / weights
         first = np.unique(labels, return_index=True)[1]
-        # each camera of a label counts once; this needs rows of one camera each, as all are before they form clusters
+        # each camera counts once per label. Every row must be of one camera, as all rows are before they form clusters
         span = int(self.cameras.max()) + 1
+        label_cameras = np.unique(labels * span + self.cameras)
         merged = Observations(
             points=np.column_stack([x, y]),
             stamps=times,
@@ -80,7 +81,7 @@ class Observations:
             weights=weights,
             mobile=np.bincount(labels, ~self.mobile) == 0,
             spots=np.bincount(labels, self.spots).astype(int),
-            witnesses=np.bincount(np.unique(labels * span + self.cameras) // span),
+            witnesses=np.bincount(label_cameras // span),
         )
         return merged.select(np.lexsort((y, x, times)))
 
@@ -154,8 +155,9 @@ def find_clusters(observations: Observations) -> Observations:
     # split at gaps along x, then along y, then along x again
     for axis in (0, 1, 0):
         order = np.lexsort((observations.points[:, axis], group))
-        new = (np.diff(group[order]) != 0) | (np.diff(observations.points[order, axis]) > CLUSTER_WIDTH)
-        group[order] = np.concatenate([[0], np.cumsum(new)])
+        is_next_group = np.diff(group[order]) != 0
+        is_beyond_gap = np.diff(observations.points[order, axis]) > CLUSTER_WIDTH
+        group[order] = np.append(0, np.cumsum(is_next_group | is_beyond_gap))
     clusters = observations.merge(group)
     x, y = clusters.points.T
     # weights are rounded because another computer may sum equal ones in another order

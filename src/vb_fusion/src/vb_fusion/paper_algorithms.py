@@ -33,8 +33,8 @@ def find_cluster(pointset_in: np.ndarray, eps: float, min_pts: int, min_exp: flo
     """
     pointset_out = np.zeros(0, dtype=np.int64)  # l. 2
     clusters = dbscan(pointset_in, eps, min_pts)  # l. 3
-    clusters = sorted((c for c in clusters if len(c) >= min_size), key=lambda c: -len(c))  # l. 4
-    for c in clusters:  # l. 5
+    large_clusters = [c for c in clusters if len(c) >= min_size]
+    for c in sorted(large_clusters, key=len, reverse=True):  # l. 4, 5
         if min_exp < geometry.bounding_diagonal(pointset_in[c]):  # l. 6, the expansion
             pointset_out = c  # l. 7
             break  # l. 8
@@ -108,16 +108,18 @@ def generate_polygon(pointset_in: np.ndarray, max_neighbor_dist: float) -> np.nd
     unmarked = np.ones(len(pointset_in), dtype=bool)
     dir1, dir2 = [0], []  # l. 2 to 6
     unmarked[0] = False
-    forward, p = True, 0
+    walk = dir1
+    p = 0
     while unmarked.any():  # l. 7
         squares = np.where(unmarked, ((pointset_in - pointset_in[p]) ** 2).sum(axis=1), np.inf)
         n = int(np.argmin(squares))  # l. 8
         if squares[n] <= max_neighbor_dist**2:  # l. 9
-            (dir1 if forward else dir2).append(n)  # l. 10 to 14
+            walk.append(n)  # l. 10 to 14
             unmarked[n] = False
             p = n
-        elif forward:  # l. 16
-            p, forward = 0, False
+        elif walk is dir1:  # l. 16
+            walk = dir2
+            p = 0
         else:
             break  # l. 20
     return np.array(dir1[::-1] + dir2, dtype=np.int64)  # l. 21, 22

@@ -1,12 +1,12 @@
 """Stages 3 to 6: the polygonal chain along the drawn line.
 
 Stage 3 makes samples: it replaces the observations, in the order in which they were drawn, by samples a tremor apart.
-A spot held still is one sample, however long. A piece drawn again at the end of the stroke is merged into it.
+A spot held still is one sample, however long it is held. A piece drawn again at the stroke's end is merged into it.
 
 Stage 4 decides whether the person meant a polygon or a separating curve. The line is closed if the opening between its
 ends is small compared with the mean width of the floor that it would enclose, which is twice its area over its length.
 
-- The opening of a U is always wider than that, however deep the U is. So parallel ends that far apart stay open.
+- The opening of a U is always wider than this, however deep the U is. So the ends of a U stay open.
 - The less the line would have to turn from its end to its start, the more likely it is that a side was left unfinished.
   The opening may then be wider, up to half of the figure's size.
 - A wave encloses next to nothing, however near its ends are.
@@ -86,8 +86,8 @@ def make_chain(
 def _longest_unseen_gap(line: Observations, closure: Closure, was_joined: bool, dropout: float) -> float:
     """Returns the longest stretch [m] of the line that no camera saw.
 
-    The opening between start and end counts only if several strokes were joined and either the chain is closed or
-    nothing was seen between the times of its two ends.
+    The opening between start and end counts only if several strokes were joined. In addition, the chain must be closed,
+    or nothing may have been seen between the times of its two ends.
     """
     began, ended = sorted(line.stamps[[0, -1]])
     is_between = (began < line.stamps) & (line.stamps < ended)
@@ -114,7 +114,8 @@ def estimate_tremor(stroke: Observations) -> float:
         return TREMOR
     start = previous_rows[inner]
     end = next_rows[inner]
-    share = ((stamps[inner] - stamps[start]) / (stamps[end] - stamps[start]))[:, None]
+    shares = (stamps[inner] - stamps[start]) / (stamps[end] - stamps[start])
+    share = shares[:, None]
     expected = (1.0 - share) * points[start] + share * points[end]
     squares = ((points[inner] - expected) ** 2).sum(axis=1)
     # half of the squares are below 2 ln 2 variances of an axis, and the errors of the line's ends add half a variance
@@ -141,7 +142,8 @@ class ResampledStroke:
     @property
     def sample_lengths(self) -> np.ndarray:
         """(K,) [m] length of the line that each sample represents."""
-        steps = np.minimum(np.linalg.norm(np.diff(self.points, axis=0), axis=1), 2.0 * self.tremor)
+        distances = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+        steps = np.minimum(distances, 2.0 * self.tremor)
         return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) + 0.1 * self.tremor
 
 
@@ -152,7 +154,7 @@ def resample_stroke(line: Observations, tremor: float) -> ResampledStroke:
         line: at least three observations, in the order in which the line runs.
         tremor: [m] distance between samples.
     """
-    # each is averaged with its neighbours, because two cameras that see the spot in turn are not a movement
+    # each observation is averaged with its neighbours: two cameras that see the spot in turn are not a movement
     weighted = np.column_stack([line.points * line.weights[:, None], line.weights])
     wide = np.pad(weighted, ((1, 1), (0, 0)), mode="edge")
     sums = wide[:-2] + wide[1:-1] + wide[2:]
@@ -160,13 +162,13 @@ def resample_stroke(line: Observations, tremor: float) -> ResampledStroke:
     sample = np.empty(len(calm), dtype=int)
     number, count = 0, 0
     total = 0j
-    for row, place in enumerate((calm @ [1.0, 1.0j]).tolist()):
-        if count and abs(place - total / count) > tremor:
+    for row, position in enumerate((calm @ [1.0, 1.0j]).tolist()):
+        if count and abs(position - total / count) > tremor:
             number += 1
             count = 0
             total = 0j
         count += 1
-        total += place
+        total += position
         sample[row] = number
     stroke = _means(line.points, line.weights, sample, tremor)
     # the line ends where the spot was seen first and last
@@ -176,8 +178,8 @@ def resample_stroke(line: Observations, tremor: float) -> ResampledStroke:
 
 def _means(points: np.ndarray, observation_weights: np.ndarray, sample: np.ndarray, tremor: float) -> ResampledStroke:
     total = np.bincount(sample, observation_weights)
-    places = np.column_stack([np.bincount(sample, observation_weights * axis) / total for axis in points.T])
-    return ResampledStroke(places, total, tremor)
+    means = np.column_stack([np.bincount(sample, observation_weights * axis) / total for axis in points.T])
+    return ResampledStroke(means, total, tremor)
 
 
 def _merge_repeats(stroke: ResampledStroke) -> ResampledStroke:
@@ -186,13 +188,13 @@ def _merge_repeats(stroke: ResampledStroke) -> ResampledStroke:
     arc = geometry.arc_lengths(points)
     earlier, later = cKDTree(points).query_pairs(2.0 * stroke.tremor, output_type="ndarray").T
     chord = np.linalg.norm(points[later] - points[earlier], axis=1)
-    # the stroke between them is longer than a mere bend would make it
+    # the stroke between such a pair is longer than a mere bend would make it
     is_repeated = arc[later] - arc[earlier] > 2.0 * chord + stroke.tremor
-    new = np.ones(len(points), dtype=bool)
-    new[later[is_repeated]] = False
+    is_new = np.ones(len(points), dtype=bool)
+    is_new[later[is_repeated]] = False
     # two samples beside the line may be an overshoot, but three are new floor
-    run = np.flatnonzero(new[:-2] & new[1:-1] & new[2:])
-    kept = int(run[-1]) + 3 if len(run) else len(points)
+    new_runs = np.flatnonzero(is_new[:-2] & is_new[1:-1] & is_new[2:])
+    kept = int(new_runs[-1]) + 3 if len(new_runs) else len(points)
     if len(points) - kept < 4:
         return stroke  # an end that comes back to the start closes a ring
     nearest = cKDTree(points[:kept]).query(points[kept:])[1]
@@ -206,10 +208,10 @@ class Closure:
 
     Attributes:
         closed: polygon (True) or separating curve (False).
-        code: code of the sentence that says why. `values` has what it names.
+        code: code of the sentence that says why.
         gap: [m] distance between the ends.
         length: [m] length of the line between its ends.
-        first, last: indices of outermost points that belong to the line, without an overhang past the closing point.
+        first, last: indices of the line's first and last point, where an overhang past the closing point is left out.
     """
 
     closed: bool
@@ -221,7 +223,7 @@ class Closure:
 
     @property
     def values(self) -> Dict[str, str]:
-        """The values that the sentence names."""
+        """The values in the sentence that `code` names."""
         percent = 100.0 * self.gap / self.length if self.length else 0.0
         return {"gap": f"{self.gap:.2f}", "percent": f"{percent:.0f}", "length": f"{self.length:.2f}"}
 
@@ -244,8 +246,9 @@ def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
     cut = points[within]
     gap = float(np.linalg.norm(cut[-1] - cut[0]))
     length_within = float(arc[last] - arc[first])
-    # mean width of the enclosed area, also where the line crosses itself
-    width = 2.0 * make_valid(Polygon(cut)).area / (length_within + gap) if len(cut) > 2 else 0.0
+    # a line that crosses itself encloses an area too
+    area = make_valid(Polygon(cut)).area if len(cut) > 2 else 0.0
+    width = 2.0 * area / (length_within + gap)
     if opening > MAX_OPENING_RATIO * pdist(cut).max():
         code = "open_apart"
     elif gap * _closing_turn(cut, arc[within]) > width * 180.0:
@@ -301,8 +304,8 @@ def divide_into_sides(stroke: ResampledStroke) -> np.ndarray:
     # usual. The usual value is rounded, so that it seldom changes while a line grows
     weights = stroke.observation_weights
     usual = 2.0 ** np.round(np.log2(np.median(weights)))
-    rest = np.maximum(weights, np.append(weights[1:], 0.0)) / usual
-    corner_cost = CORNER_MISFIT * stroke.tremor**3 * np.clip(2.0 / rest, 0.25, 1.0)
+    stop_ratio = np.maximum(weights, np.append(weights[1:], 0.0)) / usual
+    corner_cost = CORNER_MISFIT * stroke.tremor**3 * np.clip(2.0 / stop_ratio, 0.25, 1.0)
     arc = geometry.arc_lengths(stroke.points)
     best = np.zeros(count + 1)
     predecessor = np.zeros(count + 1, dtype=int)
@@ -381,17 +384,20 @@ def simplify(chain: np.ndarray, closed: bool) -> np.ndarray:
     Raises:
         CodedError: "line_self_intersects" if the enclosed area is not connected.
     """
-    if not closed or len(chain) < 3:
-        return np.asarray(LineString(chain).simplify(MIN_DETAIL).coords) if len(chain) > 2 else chain
+    if len(chain) < 3:
+        return chain
+    if not closed:
+        return np.asarray(LineString(chain).simplify(MIN_DETAIL).coords)
     polygon = Polygon(chain)
     if not polygon.is_valid:
-        # the whole enclosed area without slips of the hand. The lobes of an 8 meet in a point, so a neck joins them
+        # all of the enclosed area except slips of the hand. The lobes of an 8 meet in a point, so a neck joins them
         pieces = make_valid(polygon).buffer(0.0)
         lobes = [Polygon(piece.exterior) for piece in getattr(pieces, "geoms", [pieces])]
-        whole = sum(lobe.area for lobe in lobes)
+        area = sum(lobe.area for lobe in lobes)
         neck = 0.2 * TREMOR
-        large = unary_union([lobe.buffer(neck, join_style=2) for lobe in lobes if lobe.area >= MAX_SLIP_RATIO * whole])
-        polygon = large.buffer(-0.5 * neck, join_style=2)
+        large_lobes = [lobe for lobe in lobes if lobe.area >= MAX_SLIP_RATIO * area]
+        joined = unary_union([lobe.buffer(neck, join_style=2) for lobe in large_lobes])
+        polygon = joined.buffer(-0.5 * neck, join_style=2)
         if polygon.geom_type != "Polygon" or polygon.is_empty:
             raise CodedError("line_self_intersects")
     return np.asarray(Polygon(polygon.exterior).simplify(MIN_DETAIL).exterior.coords)[:-1]

@@ -1,8 +1,8 @@
 """The seed point: the last place where the pointer dwelt.
 
-The pointer's track is found as for the border (strokes.py). It is the sequence of clusters that explains most at
-the least cost. Here the pointer dwells instead of moving, and may be switched off on its way. So a cluster's gain is high
-if no light was seen there before, and a jump costs about that gain. Single flashes then do not attract the track.
+The pointer's track is found as for the border (strokes.py): it is the sequence of clusters that gains most at the least
+cost. Here the pointer dwells instead of moving, and may be switched off on its way. So a cluster's gain is high if no
+light was seen there before, and a jump costs about as much as that gain. Single flashes then do not attract the track.
 """
 
 from __future__ import annotations
@@ -71,8 +71,8 @@ def find_dwells(
 ) -> List[Dwell]:
     """Finds the places where the pointer dwelt, in the order in which it left them. There is at least one.
 
-    A place where light was already seen before counts less, as it is a bright object or the end of the border. The longer
-    light has been at its place [s], the less it counts as new. Each camera that sees a cluster adds to its gain.
+    A place where light was already seen before counts less, as it may be a bright object or the end of the border. The
+    longer [s] light stays at a place, the less it counts as new. Each camera that sees a cluster adds to its gain.
 
     Args:
         observations: observations in order of time, at least one.
@@ -112,11 +112,11 @@ def _find_stays(patch: np.ndarray, bins: np.ndarray) -> List[np.ndarray]:
     """Finds where light stayed. Brief flashes that recur at one place are not a dwell.
 
     Args:
-        patch, bins: (P,) the floor patch and the time bin of each cluster of the pointer's track, in the order of time.
+        patch, bins: (P,) the floor patch and the time bin of each cluster of the pointer's track, in order of time.
 
     Returns:
-        The clusters on each patch on which light stayed for MIN_DWELL, without the flashes, in the order of the last
-        clusters. If there is no such patch, only the clusters of the longest stay.
+        For each patch on which light stayed for MIN_DWELL, its clusters without the flashes. Patches are in the order
+        of their last clusters. If there is no such patch, only the clusters of the longest stay.
     """
     order = np.argsort(patch, kind="stable")
     is_other_patch = np.diff(patch[order]) != 0
@@ -133,8 +133,9 @@ def _find_stays(patch: np.ndarray, bins: np.ndarray) -> List[np.ndarray]:
 
 def _count_witnesses(observations: Observations, point: np.ndarray) -> int:
     """Counts the stationary cameras that saw light at a point (2,) [m]."""
-    is_near = ~observations.mobile & (np.linalg.norm(observations.points - point, axis=1) <= HAND_RADIUS)
-    return int((np.bincount(observations.cameras[is_near]) >= MIN_SPOTS).sum())
+    distances = np.linalg.norm(observations.points - point, axis=1)
+    is_witness = ~observations.mobile & (distances <= HAND_RADIUS)
+    return int((np.bincount(observations.cameras[is_witness]) >= MIN_SPOTS).sum())
 
 
 def _middle(positions: np.ndarray, cluster: int) -> np.ndarray:
@@ -152,7 +153,7 @@ def _floor_patches(positions: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         (P,) the patch of each cluster, and (P,) the number of clusters that were there before it.
     """
     patch, earlier, counts = np.zeros((3, len(positions)), dtype=int)
-    middles = np.full_like(positions, np.inf)  # the next patch is nowhere yet
+    middles = np.full_like(positions, np.inf)  # a patch that does not exist yet is infinitely far away
     count = 0
     for cluster, point in enumerate(positions):
         distances = np.hypot(*(middles[: count + 1] - point).T)

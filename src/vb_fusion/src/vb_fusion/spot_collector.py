@@ -9,11 +9,11 @@ from typing import Dict, List, Optional, Set, Tuple
 
 import numpy as np
 
-from vb_core.vocabulary import BORDER, DEFAULT, STATES, State, SEED
+from vb_core.interaction_tables import BORDER, DEFAULT, STATES, State, SEED
 
 MAX_SPOTS = 60_000  # spots kept per state, as many as four cameras at 25 Hz see in ten minutes
 STAMP_TOLERANCE = 0.05  # [s] by which a spot may be older than the state, about one frame of a camera
-CLOCK_STEP = 2.0  # [s] a camera's spots arrive in order, so stamps that go back by more mean its clock was set back
+CLOCK_STEP = 2.0  # [s] a camera's spots arrive in order: if its stamps go back by more, its clock was set back
 MAX_CLOCK_ERROR = 60.0  # [s] a camera whose clock is off by more is reported here, smaller errors by camera_poses
 
 
@@ -61,7 +61,7 @@ class SpotStore:
 
     @property
     def spots(self) -> np.ndarray:
-        """(K,) of the type SPOT, in the order of their arrival, as a copy, which later spots do not change."""
+        """A copy (K,) of the type SPOT, in the order of arrival. Later spots do not change it."""
         return self._spots[: self._count].copy()
 
 
@@ -91,12 +91,12 @@ class CameraClocks:
     def __init__(self) -> None:
         self._set_back: Dict[str, float] = {}  # [s] by how much each camera's clock was set back
         self._previous: Dict[str, float] = {}  # [s] each camera's last stamp
-        self._newest: Dict[str, float] = {}  # [s] the corrected stamp of its last spot that was collected
+        self._newest: Dict[str, float] = {}  # [s] the corrected stamp of each camera's last collected spot
 
     def correct(self, camera: str, stamp: float) -> Optional[float]:
         """Returns the stamp that the camera's clock would have given if it had not been set back.
 
-        None if it is well before the previous one, as in an old message, or in the first since the clock was set back.
+        Returns None if it is well before the camera's previous stamp, as in an old message or just after a setback.
         """
         previous = self._previous.get(camera, -math.inf)
         self._previous[camera] = stamp
@@ -104,13 +104,17 @@ class CameraClocks:
             return None
         set_back = self._set_back.get(camera, 0.0)
         setbacks = self._set_back.values()
-        step = self._newest.get(camera, max(self._newest.values(), default=-math.inf)) - stamp
-        if step - set_back > CLOCK_STEP and camera in self._newest:
+        newest_of_all = max(self._newest.values(), default=-math.inf)
+        step = self._newest.get(camera, newest_of_all) - stamp
+        was_set_back_further = step - set_back > CLOCK_STEP
+        if was_set_back_further and camera in self._newest:
             # cameras on one computer share its clock, and the camera with the newest spot gives the best estimate
-            set_back = max([step, *(setback for setback in setbacks if abs(setback - step) < CLOCK_STEP)])
-        elif step - set_back > CLOCK_STEP:
-            # the camera's first spot, but other cameras have later stamps, so its clock was set back too
-            set_back = min((setback for setback in setbacks if setback > step - CLOCK_STEP), default=set_back)
+            similar = [setback for setback in setbacks if abs(setback - step) < CLOCK_STEP]
+            set_back = max([step, *similar])
+        elif was_set_back_further:
+            # it is the camera's first spot, but other cameras have later stamps: its clock was set back as theirs were
+            sufficient = [setback for setback in setbacks if setback > step - CLOCK_STEP]
+            set_back = min(sufficient, default=set_back)
         self._set_back[camera] = set_back
         return stamp + set_back
 
@@ -156,10 +160,11 @@ class SpotCollector:
             self._begin(interaction_id)
         self._heard_state = True
         if state != self.state or is_new:
+            self.may_clear = False
             if state == DEFAULT:
                 # every interaction that ends has an outcome, unless the interaction manager restarted during it
                 self.is_incomplete = any(self.counts[:2]) and not outcome
-            self.may_clear = state == DEFAULT and (self.is_incomplete or outcome not in ("", "saved"))
+                self.may_clear = self.is_incomplete or outcome not in ("", "saved")
             self.state = state
             self._entered = entered
             self._clocks = CameraClocks()
@@ -221,7 +226,7 @@ class SpotCollector:
 
     @property
     def counts(self) -> Tuple[int, int, int]:
-        """Numbers of border spots and seed spots, also of those that are no longer stored, and of ignored spots."""
+        """The numbers of border spots and of seed spots, stored or not, and the number of ignored spots."""
         border, seed = self._stores[BORDER.collects], self._stores[SEED.collects]
         return border.total, seed.total, sum(self.ignored.values())
 

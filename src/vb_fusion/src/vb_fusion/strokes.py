@@ -1,25 +1,25 @@
 """Stage 1: which spots are the pointer's, as strokes, and which strokes make the border's line.
 
 There is one pointer, which moves through time. Observations close together in one time bin form a cluster. A track has
-at most one cluster of each time bin. The best track explains the most floor at the least cost.
+at most one cluster of each time bin. The best track covers the most floor at the least cost.
 
     time bin   1   2   3   4   5   6   7
     pointer    o---o---o-------o---o---o     each cluster adds new floor; one unseen step costs little
-    glint                  x                 jumping there and back would cost more than the floor there is worth
+    glint                  x                 jumping there and back would cost more than its floor gains
     lamp       #   #   #   #   #   #   #     adds its floor only once
 
 In metres:
 
-    gain = the floor that a cluster covers and no other did. Light that stays longer than MAX_DWELL gains less and less,
-           unless its position has a trend over time, as a slow hand's has: such a cluster gains at least MIN_GAIN.
-           Positions passed at constant speed also gain the floor between them.
+    gain = the floor that a cluster covers and no other cluster does. Light that stays longer than MAX_DWELL gains less
+           and less, unless its position has a trend over time, as that of a slow hand has: then a cluster gains at least
+           MIN_GAIN. Positions passed at constant speed also gain the floor between them.
     cost = (distance - TREMOR)^2 / (time * UNSEEN_SPEED) of a step, where a pause longer than a dropout gives no more time
 
-So a gap crossed at the speed of a hand is cheap, and a tremor is free. Hands also flick, and a rest after a flick belongs
-to the stroke. So a cost beyond TREMOR grows only logarithmically, like the negative log likelihood of a heavy-tailed error.
+So a gap crossed at the speed of a hand is cheap, and a tremor is free. Hands also flick, and a stroke goes on after a
+flick: a cost beyond TREMOR grows only logarithmically, like the negative log likelihood of a heavy-tailed error.
 
 Dynamic programming finds the best track, cluster by cluster in order of time. Its time bins and its floor are then
-removed. The best track of the rest is the next stroke. The line is the widest stroke and those that continue its ends.
+removed. The best track of what is left is the next stroke. The line is the widest stroke with those that continue it.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ def find_drawn_line(
         min_spots: least number of spots of a line.
 
     Returns:
-        The line's observations, in the order in which it runs; those that may have been drawn but are not part of the
-        line; and whether several strokes were joined.
+        The line's observations, in the order in which it runs; other observations that may have been drawn; and whether
+        several strokes were joined.
 
     Raises:
         CodedError: "no_line".
@@ -75,7 +75,7 @@ def find_drawn_line(
     candidates = [stroke for stroke in wide if observations.spots[stroke].sum() >= min_spots]
     if not candidates:
         raise CodedError("no_line", spots=int(observations.spots.sum()), shortest=f"{min_expansion:g}")
-    # the widest is first, and not the one that explains most floor. Moving back and forth explains much floor too
+    # the widest stroke is first, not the one that covers most floor: moving back and forth covers much floor too
     candidates.sort(key=expansion, reverse=True)
     line, unjoined = _join_strokes(observations, candidates, max_gap)
     left_out = np.setdiff1d(np.concatenate([line, *unjoined, *glints]), line)
@@ -99,26 +99,26 @@ def find_strokes(
     """
     points, stamps, bins = clusters.points, clusters.stamps, clusters.time_bins
     dropout = clusters.dropout_time
-    explained = floor_gains(points, stamps, dropout)
+    covered = floor_gains(points, stamps, dropout)
     # a cluster is less likely to be the pointer if many are seen at once, and a stationary camera's pose is known better
     # than that of a camera on a robot
     trust = np.minimum(1.0, MAX_CROWD / np.bincount(bins)[bins])
     seen_by_stationary = np.bincount(bins, ~clusters.mobile) > 0
     trust[clusters.mobile & seen_by_stationary[bins]] *= TREMOR / LOCALIZATION_ERROR
-    gains = explained * trust
+    gains = covered * trust
     strokes: List[np.ndarray] = []
     end_glints: List[np.ndarray] = []
     free = np.arange(len(points))
     while gains[free].sum() >= CLUSTER_WIDTH:
         track, gain = find_best_track(points[free], stamps[free], dropout, gains[free], TREMOR)
         if gain < CLUSTER_WIDTH:
-            break  # a stroke explains at least one width
+            break  # a stroke covers at least the width of one cluster
         pointer = clusters.select(free[track])
-        pieces, glints = _divide(pointer, explained[free[track]], dropout, max_gap + TREMOR)
+        pieces, glints = _divide(pointer, covered[free[track]], dropout, max_gap + TREMOR)
         if pieces and not strokes:
             end_glints = [_observations_near(observations, pointer.select(glint)) for glint in glints]
         strokes += [_observations_near(observations, pointer.select(piece)) for piece in pieces]
-        # the pointer is at one place at a time, and floor is explained once
+        # the pointer makes one cluster per time bin, and no floor is covered twice
         is_taken = np.isin(bins[free], pointer.time_bins)
         distances = cKDTree(pointer.points).query(points[free])[0]
         free = free[~is_taken & (distances > CLUSTER_WIDTH)]
@@ -126,21 +126,22 @@ def find_strokes(
 
 
 def _divide(
-    track: Observations, explained: np.ndarray, dropout: float, max_gap: float
+    track: Observations, covered: np.ndarray, dropout: float, max_gap: float
 ) -> Tuple[List[np.ndarray], List[np.ndarray]]:
     """Divides a track of P clusters into strokes where nothing was seen over more than `max_gap` [m].
 
-    A step is seen if the floor (P,) [m] that its two clusters explain covers it, within a dropout [s]. Few clusters
-    isolated between an unseen step and a pause are a stray or a glint and are dropped; a quick hand's rest is kept.
+    A step is seen if it is no longer than a cluster's width and the floor `covered` (P,) [m] by its clusters. Across a
+    pause longer than a dropout [s], that floor does not count. A few clusters between an unseen step and a pause are a
+    stray or a glint, and are dropped. Between unseen steps they are what was seen of a quick hand, and are kept.
 
     Returns:
         The clusters of each stroke, and those of each glint before the first and after the last of them, as indices.
     """
     steps = np.linalg.norm(np.diff(track.points, axis=0), axis=1)
     is_pause = np.diff(track.stamps) > dropout
-    floor = np.where(is_pause, 0.0, explained[:-1] + explained[1:])
+    floor = np.where(is_pause, 0.0, covered[:-1] + covered[1:])
     unseen = np.flatnonzero(steps > CLUSTER_WIDTH + floor) + 1
-    pieces = np.split(np.arange(len(explained)), unseen)
+    pieces = np.split(np.arange(len(covered)), unseen)
     runs = _drop_short_pieces_beside_pauses(pieces, is_pause)
     strokes = _join_across_gaps(runs, track.points, max_gap)
     within = range(strokes[0][0], strokes[-1][-1] + 1) if strokes else range(0)
@@ -169,7 +170,8 @@ def _join_across_gaps(pieces: Sequence[np.ndarray], points: np.ndarray, max_gap:
     """Joins successive pieces into strokes, unless a gap between them is wider than `max_gap` [m]."""
     strokes: List[np.ndarray] = []
     for piece in pieces:
-        if strokes and np.hypot(*(points[piece[0]] - points[strokes[-1][-1]])) <= max_gap:
+        gap = np.hypot(*(points[piece[0]] - points[strokes[-1][-1]])) if strokes else np.inf
+        if gap <= max_gap:
             strokes[-1] = np.concatenate([strokes[-1], piece])
         else:
             strokes.append(piece)
@@ -204,7 +206,8 @@ def _join_strokes(
     while others:
         # the nearest pair of an end of the line and an end of another stroke
         line_ends = observations.points[line[[0, -1]]]
-        distances = np.array([cdist(line_ends, observations.points[other[[0, -1]]]) for other in others])
+        other_ends = [observations.points[other[[0, -1]]] for other in others]
+        distances = np.array([cdist(line_ends, ends) for ends in other_ends])
         number, line_end, other_end = np.unravel_index(int(np.argmin(distances)), distances.shape)
         if distances[number, line_end, other_end] > max_gap + TREMOR:
             break
@@ -219,10 +222,10 @@ def _join_strokes(
 def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.ndarray:
     """Returns the floor (P,) [m] that each cluster adds. Clusters on the same floor share it."""
     nodes, shares = _lattice_shares(points)
-    # the number of clusters at each cluster, itself included, independent of where it lies between the nodes
+    # how many clusters are at each cluster, itself included, wherever it lies between the nodes
     clusters_at_node = np.bincount(nodes.ravel(), shares.ravel())
     crowding = (clusters_at_node[nodes] * shares).sum(axis=0) / (shares**2).sum(axis=0)
-    # along a line, this is on average 1.5 times the clusters in a width. Together they then add the line's length
+    # along a line, this is on average 1.5 times the number of clusters in a width. Together they then add its length
     new = CLUSTER_WIDTH / np.maximum(crowding / 1.5, 2.0)
     lit_times, moved = _light_at_nodes(points, stamps, dropout, nodes, shares)
     new = np.maximum(new, MIN_GAIN * (moved[nodes] * shares).sum(axis=0))
@@ -287,19 +290,19 @@ def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
         before = slice(0, -back - forth)
         middle = slice(back, -forth)
         after = slice(back + forth, None)
-        whole = times[after] - times[before]
-        share = (times[middle] - times[before]) / np.maximum(whole, 1e-9)
-        way = points[after] - points[before]
-        offset = points[before] + share[:, None] * way - points[middle]
-        distance = np.hypot(way[:, 0], way[:, 1])
+        duration = times[after] - times[before]
+        share = (times[middle] - times[before]) / np.maximum(duration, 1e-9)
+        chord = points[after] - points[before]
+        offset = points[before] + share[:, None] * chord - points[middle]
+        distance = np.hypot(chord[:, 0], chord[:, 1])
         deviation = np.hypot(offset[:, 0], offset[:, 1])
         straight = np.exp(-((deviation / np.maximum(0.15 * distance, TREMOR)) ** 2))
         # the middle cluster of a row is seen halfway in time. If only two are seen, one of them twice, it is not
         halfway = 4.0 * share * (1.0 - share)
         row = np.maximum(0.5 * distance - TREMOR, 0.0) * straight * halfway
-        is_too_fast = distance > UNSEEN_SPEED * whole
-        row[(whole > dropout) | is_too_fast] = 0.0
-        # the row's ends too, where the stroke may begin or end
+        is_too_fast = distance > UNSEEN_SPEED * duration
+        row[(duration > dropout) | is_too_fast] = 0.0
+        # the row's ends gain floor too, because the stroke may begin or end there
         for part, weight in ((before, 0.5), (middle, 1.0), (after, 0.5)):
             swept[part] = np.maximum(swept[part], weight * row)
     return swept
@@ -320,7 +323,8 @@ def find_best_track(
     predecessor = np.maximum(candidates, 0)
     distance = np.hypot(*(points[:, None] - points[predecessor]).transpose(2, 0, 1))
     time = stamps[:, None] - stamps[predecessor]
-    cost = np.maximum(distance - TREMOR, 0.0) ** 2 / (np.clip(time, 1e-9, dropout) * UNSEEN_SPEED)
+    beyond_tremor = np.maximum(distance - TREMOR, 0.0)
+    cost = beyond_tremor**2 / (np.clip(time, 1e-9, dropout) * UNSEEN_SPEED)
     cost = free_jump * np.log1p(cost / free_jump)
     cost[(candidates < 0) | (time <= 0.0)] = np.inf
     # the gain less the cost of the best track that ends at each cluster

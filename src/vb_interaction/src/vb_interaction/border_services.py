@@ -6,10 +6,10 @@ from typing import Any, Dict, Tuple, Type
 
 from vb_core import names
 from vb_core.errors import CodedError
+from vb_core.interaction_tables import REDO
 from vb_core.ros import services
 from vb_core.ros.messages import mapping_from_values
 from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayResponse
-from vb_core.vocabulary import REDO
 from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import AddBorder, GetDrawnBorder, ListBorders, UndoRedo
 

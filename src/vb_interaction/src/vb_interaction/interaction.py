@@ -1,6 +1,6 @@
 """The interaction between person and system as a state machine (paper, Sect. 4.2).
 
-Its commands and states are those of vb_core.vocabulary. Every command is answered in every state; a repeated command
+Its commands and states are in vb_core.interaction_tables. Every command is answered in every state; a repeated command
 continues where the person left off and erases nothing. Only `cancel`, a completed `save` and a long silence end an
 interaction; silence never ends a paused one. `stop` has priority over everything else and holds until a `resume` given
 after it. Time is injected, in seconds, and may pause or jump back.
@@ -27,14 +27,14 @@ import uuid
 from dataclasses import asdict, dataclass
 from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
+from vb_core.interaction_tables import ALWAYS, NEVER, WHILE_DRAWN, WHILE_POINTING, WHILE_STOPPED
+from vb_core.interaction_tables import COMMANDS, STATES, State
+from vb_core.interaction_tables import BORDER, DEFAULT, GUIDE, PAUSED, SEED
+from vb_core.interaction_tables import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT
+from vb_core.interaction_tables import PAUSE, REDO, RESUME, SAVE, STOP, UNDO
 from vb_core.parameters import Parameters, param
 from vb_core.sentences import words_of_name
 from vb_core.stop_latch import StopLatch, new_id
-from vb_core.vocabulary import ALWAYS, NEVER, WHILE_DRAWN, WHILE_POINTING, WHILE_STOPPED
-from vb_core.vocabulary import COMMANDS, STATES, State
-from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, PAUSED, SEED
-from vb_core.vocabulary import CANCEL, CONTINUE, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, PAUSE, RESUME, SAVE, STOP
-from vb_core.vocabulary import REDO, UNDO
 from vb_interaction.command_answers import Answer
 
 MISSING_SPOT_DELAY = 10.0  # [s] in Border or Seed after which a missing spot is reported: by then people draw
@@ -136,7 +136,7 @@ class Interaction:
             now: [s].
             uncertain: whether the command may have been misheard.
             doubtful_border: whether the preview of what would be saved has issues.
-            confirms: whether the person confirmed this command, by one of ANSWERS.
+            confirms: whether the person confirmed this command, by one of YES_ANSWERS.
             seen_stop: number of the newest stop that the sender knew of. A command that is older than a stop is void.
         """
         if name == STOP:

@@ -14,6 +14,8 @@ from vb_core import names
 from vb_core.border_changes import ADDED, DISABLED, ENABLED, REMOVED, find_border_changes
 from vb_core.errors import CodedError
 from vb_core.files import append_line
+from vb_core.interaction_tables import BORDER, COMMANDS, GUIDE, RESUME, YES_ANSWERS
+from vb_core.interaction_tables import SAVE, SEED, STOP, UNDO, command_name_from_text
 from vb_core.notices import Notice, Severity
 from vb_core.parameters import param
 from vb_core.ros import node, parameters, services
@@ -21,7 +23,6 @@ from vb_core.ros.messages import values_from_mapping
 from vb_core.ros.notices import NoticeListener, NoticePublisher
 from vb_core.stop_latch import StopLatch, new_id
 from vb_core.sentences import words_of_name
-from vb_core.vocabulary import ANSWERS, BORDER, COMMANDS, GUIDE, RESUME, SAVE, SEED, STOP, UNDO, command_name_from_text
 from vb_msgs.msg import BorderProgress, DriverState, InteractionState, LaserSpot, Stop, VirtualBorder
 from vb_msgs.msg import VirtualBorderArray
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
@@ -161,7 +162,7 @@ class InteractionManagerNode:
     # ------------------------------------------------------------------ commands
     def _on_command(self, request: CommandRequest) -> CommandResponse:
         phrase = command_name_from_text(request.command)
-        command = ANSWERS.get(phrase, phrase)  # "yes, save" means "save"
+        command = YES_ANSWERS.get(phrase, phrase)  # "yes, save" means "save"
         if command == STOP:
             answer = self._stop_robots(request.id, request.source)
         else:
@@ -190,7 +191,8 @@ class InteractionManagerNode:
                 answer = Answer(False, "expired", {"command": words_of_name(phrase)})
             else:
                 is_doubtful = self._preview_publisher.is_doubtful(interaction.interaction_id)
-                doubts = {"uncertain": request.uncertain, "doubtful_border": is_doubtful, "confirms": phrase in ANSWERS}
+                confirms = phrase in YES_ANSWERS
+                doubts = {"uncertain": request.uncertain, "doubtful_border": is_doubtful, "confirms": confirms}
                 answer = interaction.command(command, request.source, now, seen_stop=request.seen_stop, **doubts)
             is_delegated = answer.success and COMMANDS[command].is_delegated
             interaction_id = interaction.interaction_id

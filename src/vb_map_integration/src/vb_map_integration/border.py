@@ -1,4 +1,4 @@
-"""The virtual border V = (P, s, delta) of the paper, Sect. 3, the error that refuses one, and borders as GeoJSON.
+"""The virtual border V = (P, s, delta) of the paper, Sect. 3, the error raised for an invalid one, and GeoJSON files.
 
 All code that draws, stores, checks or shows borders passes them on as `VirtualBorder`. Files hold them as GeoJSON (RFC
 7946), in metres of the map frame instead of degrees on the earth: a polygon as a Polygon, a separating curve or (if
@@ -100,7 +100,8 @@ class VirtualBorder:
         if len(points) > MAX_POINTS:
             raise IntegrationError("too_many_points", most=MAX_POINTS)
         if len(points) > 1:
-            points = points[np.concatenate([[True], (np.diff(points, axis=0) != 0.0).any(axis=1)])]
+            differs_from_previous = (np.diff(points, axis=0) != 0.0).any(axis=1)
+            points = points[np.append(True, differs_from_previous)]
         closed = False if self.is_wall else self.closed
         if closed is None:
             gap = float(np.linalg.norm(points[-1] - points[0])) if len(points) > 2 else math.inf
@@ -119,11 +120,14 @@ class VirtualBorder:
         zone = self.zone if isinstance(self.zone, Zone) else ZONES.get(str(self.zone))
         if zone is None:
             raise IntegrationError("bad_zone", zone=self.zone, known=", ".join(ZONES))
-        if (zone.soft and occupancy >= 1.0) or (zone.restricts and zone.value(occupancy) == 0):
+        is_not_soft = zone.soft and occupancy >= 1.0
+        has_no_effect = zone.restricts and zone.value(occupancy) == 0
+        if is_not_soft or has_no_effect:
             raise IntegrationError("bad_occupancy")
         speed = _number(self.max_speed, "bad_speed", speed=self.max_speed)
-        slow = zone.limits_speed
-        if not 0.0 <= speed <= MAX_SPEED or slow != (speed > 0.0) or (slow and self.is_wall):
+        has_limit = speed > 0.0
+        fits_zone = has_limit == zone.limits_speed
+        if not 0.0 <= speed <= MAX_SPEED or not fits_zone or (has_limit and self.is_wall):
             raise IntegrationError("bad_speed", speed=speed)
         for key in ("created", "modified"):
             value = _number(getattr(self, key), "bad_time", key=key)
@@ -132,7 +136,7 @@ class VirtualBorder:
             object.__setattr__(self, key, value)
         for key in ("id", "name"):
             text = getattr(self, key)
-            if not isinstance(text, str) or len(text) > MAX_NAME or not (text.isprintable() or not text):
+            if not isinstance(text, str) or len(text) > MAX_NAME or not text.isprintable():
                 raise IntegrationError("bad_name", key=key)
         points.setflags(write=False)
         seed.setflags(write=False)
@@ -176,7 +180,7 @@ class VirtualBorder:
 
 
 def _coordinates(values: object, code: str) -> np.ndarray:
-    """Copies coordinates to (N, 2) float64, all finite; raises IntegrationError with a code if it cannot."""
+    """Copies coordinates to (N, 2) float64. Raises IntegrationError with this code if one is not finite or too far."""
     try:
         points = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
@@ -256,11 +260,7 @@ def _file_error(key: str, expected: str, found: Any) -> CodedError:
 
 
 def border_from_feature(feature: Any) -> VirtualBorder:
-    """Reads a border from a Feature; inverse of `border_to_feature`.
-
-    Raises:
-        CodedError: "bad_border_file", or as `VirtualBorder`.
-    """
+    """Reads a border from a Feature; inverse of `border_to_feature`. Raises as `borders_from_geojson`."""
     if not isinstance(feature, dict) or feature.get("type") != "Feature":
         raise _file_error("type", "Feature", feature)
     try:
@@ -293,5 +293,6 @@ def border_from_feature(feature: Any) -> VirtualBorder:
 
 def _point_inside(polygon: Any) -> Tuple[float, float]:
     """Returns a point inside a polygon, or on its outline if it has no inside."""
-    point = (polygon if polygon.is_valid else polygon.buffer(0)).representative_point()
-    return (polygon.exterior.coords[0][:2]) if point.is_empty else (point.x, point.y)
+    valid = polygon if polygon.is_valid else polygon.buffer(0)
+    point = valid.representative_point()
+    return polygon.exterior.coords[0][:2] if point.is_empty else (point.x, point.y)

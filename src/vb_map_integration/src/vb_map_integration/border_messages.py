@@ -1,4 +1,4 @@
-"""Borders and issues as messages."""
+"""Converts borders and the issues of their checks to and from messages."""
 
 from __future__ import annotations
 
@@ -27,11 +27,7 @@ _SEVERITIES = {Severity.WARNING: BorderIssue.WARNING, Severity.ERROR: BorderIssu
 
 
 def border_from_message(message: BorderMessage) -> VirtualBorder:
-    """Reads a border from a message; inverse of `message_from_border`.
-
-    Raises:
-        IntegrationError: if the border is invalid.
-    """
+    """Reads a border from a message; inverse of `message_from_border`. Raises IntegrationError if it is invalid."""
     if message.kind not in KINDS:
         raise IntegrationError("bad_kind", kind=message.kind, known=", ".join(map(str, sorted(KINDS))))
     if message.zone not in _ZONES:
@@ -64,7 +60,7 @@ def message_from_border(
     """Writes a border as a message; inverse of `border_from_message`.
 
     Args:
-        outlines: two (N, 2) [m], before and after confirmation, while the border waits for it.
+        outlines: two outlines (N, 2) [m], before and after the confirmation that the border waits for.
     """
     kind = BorderMessage.POLYGON if border.closed else BorderMessage.SEPARATING_CURVE
     message = BorderMessage(

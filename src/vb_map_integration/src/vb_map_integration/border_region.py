@@ -25,7 +25,7 @@ from vb_map_integration.border import IntegrationError, VirtualBorder
 from vb_map_integration.open_chains import BorderOnGrid, enumerate_runs, fill_side_of_curve, fill_wall
 from vb_map_integration.region import BorderRegion, CellWindow
 
-# share of the free space; a border that leaves only a corner for spot cleaning restricts over 0.9 of a room
+# share of the free space. A border that leaves only a corner to be cleaned restricts over 0.9 of a room
 MAX_AREA_SHARE = 0.98
 # marks the cells that a fill has reached, in a mask of blocked cells
 _FILLED = 128
@@ -104,15 +104,16 @@ def _fill_polygon(polygon: BorderOnGrid) -> Tuple[CellWindow, np.ndarray]:
         raise IntegrationError("empty_region")
     row = start[0] - window[0].start
     column = start[1] - window[1].start
-    if 0 <= row < inner.shape[0] and 0 <= column < inner.shape[1] and inner[row, column]:
+    is_in_window = 0 <= row < inner.shape[0] and 0 <= column < inner.shape[1]
+    if is_in_window and inner[row, column]:
         obstacles = cv2.inRange(cells[window], OCCUPIED_THRESHOLD, 127)  # unknown cells, 255, stay
         mask = cv2.subtract(inner, obstacles, dst=inner)
         if OCCUPIED_THRESHOLD <= cells[start] <= 127:
             barred = np.full(cells.shape, 255, np.uint8)
             barred[window] = np.invert(mask)
-            polygon.find_free_cell(barred)  # for its warning or refusal: the whole inside is restricted
+            polygon.find_free_cell(barred)  # only for its warning or refusal: all of the inside is restricted
         return window, mask
-    # the outer area is everything connected to the seed, also behind the polygon
+    # the outside is all that is connected to the seed, also behind the polygon
     polygon.warn("restricts_outside")
     blocked = cv2.inRange(cells, OCCUPIED_THRESHOLD, 255)
     if blocked[start]:
@@ -126,7 +127,7 @@ def _fill_polygon(polygon: BorderOnGrid) -> Tuple[CellWindow, np.ndarray]:
 
 
 def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[CellWindow, np.ndarray]:
-    """Finds the cells whose centre is in a polygon, clipped to the map.
+    """Finds the cells of the map whose centre is in a polygon.
 
     By the nonzero rule, all that the outline winds round is inside: an overshoot at the closing point leaves no hole.
 

@@ -4,8 +4,8 @@ A border is identified by the floor that it closes off as well as by its line:
 
 - On the map on which a person accepted it, it is in force as drawn.
 - On any other map, it waits for a person unless the walls round it are in place and it closes off the same floor.
-- While it waits, it closes off more rather than less: the floor that it closed off where it was accepted, its second
-  possible position and, unless that is much more, the floor here. If none of these is on the map, it is not in force.
+- While it waits, it closes off more rather than less: the floor where it was accepted, the floor at its second possible
+  position and, unless that is much larger, the floor here. If none of them is on the map, it is not in force.
 """
 
 from __future__ import annotations
@@ -158,9 +158,11 @@ class BordersInForce:
         """The speed limit of each cell [cm/s], 0: none; in the map's geometry."""
         cells = np.zeros(self.physical_map.shape, np.int8)
         for status in self.slow_zones:
-            part, inside = cells[status.region.window], status.region.mask != 0  # type: ignore[union-attr]
+            part = cells[status.region.window]  # type: ignore[union-attr]
             limit = np.int8(max(1, min(127, round(100.0 * status.map_border.max_speed))))
-            part[inside] = np.where(part[inside] == 0, limit, np.minimum(part[inside], limit))
+            # a cell keeps a lower limit that it already has
+            is_changed = (status.region.mask != 0) & ((part == 0) | (part > limit))  # type: ignore[union-attr]
+            part[is_changed] = limit
         return self.physical_map.with_data(cells)
 
 
@@ -190,7 +192,7 @@ def compute_borders_in_force(
 def _decide_status(
     stored: VirtualBorder, location: BorderLocation, grid: GridMap, drawn_region: Optional[Region]
 ) -> BorderStatus:
-    """Decides which region of a border is in force, and whether to ask a person. In doubt, it is the larger region."""
+    """Decides which region of a border is in force, and whether to ask a person. In doubt, the larger one is."""
     border = location.border
     if not border.enabled:
         return BorderStatus(stored, border)
@@ -198,22 +200,23 @@ def _decide_status(
     if location.accepted is None:
         return BorderStatus(stored, border, "" if current else DOES_NOT_FIT, error, current, region_after=current)
     before = current
-    if not (border.closed or border.is_wall):  # those close off the same wherever they are, as the line alone decides
-        accepted, _ = _find_region(
-            location.accepted_map, location.accepted
-        )  # none if it was accepted with other limits
+    # polygons and walls close off the same floor wherever they are, because their line alone decides
+    if not (border.closed or border.is_wall):
+        # there is none if other limits were valid when the border was accepted
+        accepted, _ = _find_region(location.accepted_map, location.accepted)
         before = accepted.transfer(location.transform, grid) if accepted else None
     cause = error
     if not cause and location.floor_is_known and not location.walls_agree:
         cause = PLACE
-    # they are the same object if the line alone decides: then there is nothing to compare
+    # both are the same object if the line alone decides: then there is nothing to compare
     if current is not None and before is not current and not cause:
         if before is None or before.iou(current) < _MIN_SAME_FLOOR_IOU:
             cause = EFFECT
     possible = [current, *(_find_region(grid, other)[0] for other in location.alternatives)]
     if not cause:
         return BorderStatus(stored, border, region=join_regions(possible), region_after=current)
-    if before is not None:  # until a person answers, what it restricted there, and nothing that is much larger
+    # until a person answers, the border restricts what it restricted before, and nothing that is much larger
+    if before is not None:
         max_area = _MAX_GROWTH_WHILE_WAITING * before.area_m2
         possible = [before, *(region for region in possible if region is not None and region.area_m2 <= max_area)]
     region = join_regions(possible)
@@ -222,7 +225,7 @@ def _decide_status(
 
 
 def _find_region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[BorderRegion], str]:
-    """Finds the region that a border restricts; else returns None and the code that says why there is none."""
+    """Finds the region that a border restricts. Returns None, and the code that says why, if there is none."""
     try:
         return compute_region(grid, border), ""
     except IntegrationError as error:

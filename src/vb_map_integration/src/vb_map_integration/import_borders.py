@@ -46,8 +46,10 @@ def import_borders() -> int:
             print(error, file=sys.stderr)
             return 1
         added += answer.success
-        print(f"{border.name or 'a border'}: {f'added as {answer.id}' if answer.success else 'refused'}")
+        outcome = f"added as {answer.id}" if answer.success else "refused"
+        print(f"{border.name or 'a border'}: {outcome}")
         for issue in answer.issues:
-            print(f"    {'error' if issue.severity == issue.ERROR else 'warning'} [{issue.code}]: {issue.message}")
+            severity = "error" if issue.severity == issue.ERROR else "warning"
+            print(f"    {severity} [{issue.code}]: {issue.message}")
     print(f"{added} of {len(borders)} added")
     return int(added < len(borders))

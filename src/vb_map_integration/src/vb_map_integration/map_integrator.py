@@ -34,7 +34,7 @@ class ChangeResult:
 
 
 class MapIntegrator:
-    """Physical map plus borders. Every change is checked, written to disk and only then made.
+    """A physical map and its borders. Every change is checked, then written to disk, and only then made.
 
     Regions are always computed on the physical map, so what a border restricts does not depend on other borders.
 
@@ -42,7 +42,7 @@ class MapIntegrator:
         root: folder of the database; None keeps borders in memory only.
         map_name: name of the place that the map shows; empty: the place is recognised by the map alone.
         robots: names of the robots that borders may name; empty: any.
-        robot_radius: [m] to compute what a robot can reach.
+        robot_radius: [m] radius of the robots, which decides what they can reach.
 
     Attributes:
         map_id: the current map's fingerprint.
@@ -54,7 +54,9 @@ class MapIntegrator:
     def __init__(
         self, root: Optional[Path], map_name: str = "", robots: Sequence[str] = (), robot_radius: float = 0.18
     ) -> None:
-        self._expected_name, self._robots, self._robot_radius = map_name, robots, robot_radius
+        self._expected_name = map_name
+        self._robots = robots
+        self._robot_radius = robot_radius
         self._store = DurableValues(root)
         self._database = Database(self._store)
         self._recognizer = PlaceRecognizer(self._database, map_name)
@@ -92,7 +94,7 @@ class MapIntegrator:
         return self.borders_in_force.map_with_borders
 
     def map_with_borders_for(self, robot: str) -> GridMap:
-        """Returns the map for one robot: with the borders that name it and those that name no robot."""
+        """Returns the map for one robot, with the borders that name this robot or none."""
         others = [border.id for border in self.borders if border.robots and robot not in border.robots]
         return self.borders_in_force.draw_map(excluded_ids=others)
 
@@ -165,7 +167,7 @@ class MapIntegrator:
         """Adopts a person's answer about what the current map shows.
 
         Args:
-            is_same_place: it is the place whose borders are in force, and they are right as shown; else a new place.
+            is_same_place: the map shows the place whose borders are in force, and they are right; else a new place.
             name: the place's new name; empty: unchanged.
             map_id: id of the map that the answer is about; empty: whichever is current.
 
@@ -249,7 +251,7 @@ class MapIntegrator:
     ) -> ChangeResult:
         """Replaces the border with the same id. Raises CodedError if it is refused; then nothing has changed.
 
-        A border with unchanged points and seed is not checked against the map: one that does not fit can be renamed.
+        If points and seed are unchanged, the map is not checked, so that a border that does not fit can be renamed.
         """
         self._check_revision(expected_revision)
         place, before = self._database.find_border(border.id)
@@ -270,14 +272,15 @@ class MapIntegrator:
         self._check_robots(border)
         drawn = border.replace(map_id=self.map_id, **changes)
         if before is not None and drawn.has_same_area(self.borders_in_force.statuses[before.id].map_border):
-            after, check = drawn.replace(points=before.points, seed=before.seed, map_id=before.map_id), None
+            after = drawn.replace(points=before.points, seed=before.seed, map_id=before.map_id)
+            check = None
         else:
             transform = self._recognition.transform
             after = drawn.transform(transform.inverse)
             # A preview is not enough: the map, the borders or the robots may have changed since. The border is checked as
-            # it will be read back: a rounding error may change it on its way to its place's frame and back.
+            # it will be read back, because rounding may change it on the way to its place's frame and back.
             check = self.borders_in_force.check_border(after.transform(transform), robot_positions)
-            if not self._recognition.is_certain:  # a border would belong to no place
+            if not self._recognition.is_certain:  # nobody knows yet which place the border would belong to
                 raise IntegrationError("confirm_map_first")
             self._remember_map()
         return self._make_change((BorderChange(after.id, before, after),), request_id=request_id, check=check)

@@ -149,8 +149,8 @@ class MapIntegratorNode:
         except CodedError as error:
             return self._refuse(response, error)
         region = check.region
-        cells = region.prior.with_data(np.where(region.restricted_cells, np.int8(100), np.int8(0)))
-        response.region = messages.message_from_grid(cells, rospy.Time.now(), names.MAP_FRAME)
+        preview = region.prior.with_data(np.where(region.restricted_cells, np.int8(100), np.int8(0)))
+        response.region = messages.message_from_grid(preview, rospy.Time.now(), names.MAP_FRAME)
         response.area_m2 = region.area_m2
         response.line = messages.points_from_array(region.line)
         response.free_parts = check.free_parts
@@ -170,8 +170,8 @@ class MapIntegratorNode:
 
         def store_border() -> ChangeResult:
             border = self._read_border(request).replace(**changes)
-            robots, now = self._robot_positions(border), rospy.get_time()
-            result = store(border, now, robots, request.expected_revision)
+            robots = self._robot_positions(border)
+            result = store(border, rospy.get_time(), robots, request.expected_revision)
             return ChangeResult(result.ids, result.issues + self._warn_if_soft_cost_is_ignored(border))
 
         return self._carry_out(store_border, response)
@@ -187,7 +187,8 @@ class MapIntegratorNode:
         """Returns the positions (x, y) [m] of the robots that a border applies to."""
         positions = []
         for frame, name in itertools.zip_longest(self._params.robot_frames.split(), self._robot_maps):
-            if self._transforms is None or frame is None or (border.robots and name and name not in border.robots):
+            is_for_others = border.robots and name and name not in border.robots
+            if self._transforms is None or frame is None or is_for_others:
                 continue
             try:
                 pose = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0), 0.0)
@@ -232,7 +233,7 @@ class MapIntegratorNode:
         return TriggerResponse(answer.success, answer.message or answer.code)
 
     def _carry_out(self, command: Callable[[], ChangeResult], response: Any) -> Any:
-        """Carries out a command, publishes the map, and fills in the response; if it is refused, only the response."""
+        """Carries out a command, publishes the map, and fills in the response. A refusal publishes nothing."""
         try:
             with self._lock:
                 result = command()
@@ -291,8 +292,9 @@ class MapIntegratorNode:
             array.values = messages.values_from_mapping(worst.values)
         in_force = self._integrator.borders_in_force
         for key, status in in_force.statuses.items():
-            values = status.area_m2, status.is_in_force, status.reason, in_force.outlines(key)
-            array.borders.append(message_from_border(status.map_border, *values))
+            outlines = in_force.outlines(key)
+            border = message_from_border(status.map_border, status.area_m2, status.is_in_force, status.reason, outlines)
+            array.borders.append(border)
         return array
 
     def _show_notices(self) -> None:
@@ -320,12 +322,12 @@ class MapIntegratorNode:
 
 def next_stamp(now: rospy.Time, last: rospy.Time) -> rospy.Time:
     """Returns a timestamp that no earlier state had: in simulated time several changes may fall into one tick."""
-    is_later = not rospy.Duration(0) <= last - now < rospy.Duration(1)  # or the clock was set back
-    return now if is_later else last + rospy.Duration(0, 1000)
+    is_usable = not rospy.Duration(0) <= last - now < rospy.Duration(1)  # it is later, or the clock was set back
+    return now if is_usable else last + rospy.Duration(0, 1000)
 
 
 def _set_fields(response: Any, **values: Any) -> Any:
-    """Sets those of the given fields that a response has; returns the response."""
+    """Sets the given fields, as far as the response has them, and returns the response."""
     for key, value in values.items():
         if hasattr(response, key):
             setattr(response, key, value)

@@ -1,8 +1,8 @@
-"""A border on the cells of a map, and what open chains restrict there: virtual walls, and a curve's side with the seed.
+"""A border on the cells of a map, and the cells that open chains restrict: walls, and the seed's side of a curve.
 
 Coordinates are (column, row) as from `GridMap.world_to_grid`: whole numbers are the centres of cells. Masks are uint8, 0
-or 255, as OpenCV uses them; most cover only a window of the map, as all of a large map is slow, and none is made by
-numpy.zeros, whose small memory pages cost a page fault each.
+or 255, as OpenCV uses them. Most masks cover only a window, because all of a large map takes long. None is made by
+numpy.zeros, whose memory comes in small pages, each of which costs a page fault.
 
 A separating curve's "first and last line segments are linearly extended to the physical borders of the environment to
 allow the separation of the area" (paper, Sect. 3). A cell is *blocked* if it is an obstacle, unknown, or off the map.
@@ -13,7 +13,7 @@ A drawn end may be joined to any wall within the tolerance, as no robot passes t
 
 - ahead, where the extension meets it;
 - behind, where the end has passed it;
-- beside, where a straight extension would miss it: so a line a few centimetres in front of a doorway closes the doorway.
+- beside, where a straight extension would miss it. So a line a few centimetres in front of a doorway closes it.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class BorderOnGrid:
         return tuple(np.floor(self.seed[::-1] + 0.5).astype(int).tolist())  # type: ignore[return-value]
 
     def find_free_cell(self, barred: np.ndarray, away: Optional[np.ndarray] = None) -> Tuple[int, int]:
-        """Returns the seed's cell (row, column), or the nearest one not barred, on the side `away` points to if given.
+        """Returns the seed's cell (row, column) or, if it is barred, the nearest free one, towards `away` if given.
 
         Raises:
             IntegrationError: "seed_on_obstacle" if there is none within MAX_SEED_SHIFT.
@@ -107,7 +107,7 @@ class BorderOnGrid:
 
 
 def enumerate_runs(lengths: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """Numbers the elements of runs of lengths (N,): returns each one's run (K,) and its number there (K,)."""
+    """Numbers the elements of runs of lengths (N,). Returns each element's run (K,) and its number in that run (K,)."""
     total = int(lengths.sum())
     if total > MAX_CROSSINGS:
         raise IntegrationError("too_complex")
@@ -146,7 +146,8 @@ def rasterize_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> ChainCells:
         t_high = (high - start) / step
     is_still = step == 0.0
     is_within = (start >= low) & (start <= high)
-    t_enter = np.where(is_still, np.where(is_within, -np.inf, np.inf), np.minimum(t_low, t_high))
+    t_enter_if_still = np.where(is_within, -np.inf, np.inf)
+    t_enter = np.where(is_still, t_enter_if_still, np.minimum(t_low, t_high))
     t_leave = np.where(is_still, np.inf, np.maximum(t_low, t_high))
     t0 = np.maximum(t_enter.max(axis=1), 0.0)
     t1 = np.minimum(t_leave.min(axis=1), 1.0)
@@ -203,7 +204,8 @@ def fill_side_of_curve(curve: BorderOnGrid) -> Tuple[CellWindow, np.ndarray, np.
     cut = cut_free_space(curve)
     start = curve.find_free_cell(cut.cells[1:-1, 1:-1], cut.direction_to(curve.seed))
     window, mask = cut.fill_side(start)
-    extensions = curve.resolution * np.linalg.norm(cut.line[[0, -1]] - curve.points[[0, -1]], axis=1)
+    added = cut.line[[0, -1]] - curve.points[[0, -1]]
+    extensions = curve.resolution * np.linalg.norm(added, axis=1)
     end_cells = cut.trace.cells[[0, -1]]
     is_on_map = ((end_cells >= 0) & (end_cells < curve.cells.shape)).all(axis=1)
     for cell, on_map, length, side in zip(end_cells.tolist(), is_on_map, extensions, ("line_start", "line_end")):
@@ -220,7 +222,7 @@ class CurveCut:
 
     Attributes:
         cells: (H + 2, W + 2) uint8, the map in a frame of blocked cells.
-        trace: the curve's cells from the blocked cell at its start to that at its end, maybe one beyond the map's rim.
+        trace: the curve's cells from the blocked cell at its start to that at its end; these two may be beyond the rim.
         was_free, is_drawn: (K,) bool, which of them were free, and which are on the drawn chain or next to its ends.
         starts, normals: (K, 2) the start of the segment that crosses each of them, and its unit normal, to the left.
         line: (M, 2) (column, row) the curve with its extensions.
@@ -287,7 +289,8 @@ class CurveCut:
     def _fill_own_cells(self, filled_cells: np.ndarray, side: float) -> None:
         """Fills the curve's own cells whose centre is on the filled side, and that touch filled ones."""
         # a centre c is at the height n . c - n . p over its segment, which begins at p and has the normal n
-        heights = (self.trace.cells[:, ::-1] * self.normals).sum(axis=1) - (self.starts * self.normals).sum(axis=1)
+        centers = self.trace.cells[:, ::-1]
+        heights = (centers * self.normals).sum(axis=1) - (self.starts * self.normals).sum(axis=1)
         is_on_side = (heights * side > 0.0) & self.was_free
         own_cells = self.trace.cells[is_on_side] + 1
         neighbour_rows, neighbour_columns = (own_cells[:, None] + _STEPS_ROUND).T
@@ -299,7 +302,7 @@ class CurveCut:
 def end_direction(points: np.ndarray, length: float) -> np.ndarray:
     """Fits the direction (2,), a unit vector, in which a chain (N, 2) leaves its last point, to its last `length`.
 
-    The last two points alone would follow hand tremor.
+    The direction between the last two points alone would follow hand tremor.
     """
     back = points[::-1, 0] + 1j * points[::-1, 1]
     lengths = np.abs(np.diff(back))
@@ -360,7 +363,7 @@ def cut_free_space(curve: BorderOnGrid) -> CurveCut:
 def _extend(
     cells: np.ndarray, points: np.ndarray, fit_length: float, tolerance: float
 ) -> Tuple[np.ndarray, ChainCells]:
-    """Extends a drawn chain to blocked cells, of one piece if possible; returns it with its new ends, and its cells."""
+    """Extends a drawn chain to blocked cells, if possible of the same piece. Returns the longer chain and its cells."""
     shape = (cells.shape[0] - 2, cells.shape[1] - 2)
     reach = 2.0 * sum(shape) + float(np.abs(points).max())
     first = points[0] + reach * end_direction(points[::-1], fit_length)
@@ -392,14 +395,14 @@ def _extend(
 def _find_ends(
     cells: np.ndarray, trace_cells: np.ndarray, beyond: np.ndarray, point: np.ndarray, tolerance: float
 ) -> List[_CurveEnd]:
-    """Finds where an end of the curve may be, the nearest first; within the tolerance, cells on the curve come first.
+    """Finds where an end of the curve may be, the nearest first. Within the tolerance, cells on the curve come first.
 
     Args:
         trace_cells: (K, 2) the (row, column) of the curve's cells, outwards.
         beyond: (K,) [cells] how far each of them lies beyond the drawn end; negative within the chain.
         point: (2,) (column, row), the drawn end.
     """
-    # the outermost cell is beyond the map's rim, so there is always one; if the end is off the map, maybe only one
+    # the outermost cell lies beyond the map's rim, so there is always a candidate, even if the drawn end is off the map
     candidates = np.flatnonzero(beyond >= -tolerance)
     if not len(candidates):
         candidates = np.array([len(beyond) - 1])
@@ -410,16 +413,18 @@ def _find_ends(
     ends = []
     for k in met.tolist():
         row, column = (trace_cells[k] + 1).tolist()
-        ends.append(_CurveEnd(max(float(beyond[k]), 0.0), (row, column), len(beyond) - 1 - k))
+        extension = max(float(beyond[k]), 0.0)
+        ends.append(_CurveEnd(extension, (row, column), inset=len(beyond) - 1 - k))
     reach = int(tolerance)
     left = max(int(point[0] + 0.5) - reach, 0)
     top = max(int(point[1] + 0.5) - reach, 0)
-    around = cells[1:-1, 1:-1][top : top + 2 * reach + 1, left : left + 2 * reach + 1]
-    beside = np.argwhere(around) + (top, left)
+    map_cells = cells[1:-1, 1:-1]
+    nearby_cells = map_cells[top : top + 2 * reach + 1, left : left + 2 * reach + 1]
+    beside = np.argwhere(nearby_cells) + (top, left)
     distances = np.hypot(beside[:, 0] - point[1], beside[:, 1] - point[0])
     within = np.count_nonzero(distances <= tolerance)
     nearest = np.argsort(distances, kind="stable")[:within]
-    ends += [_CurveEnd(tolerance, (row, column), None) for row, column in (beside[nearest] + 1).tolist()]
+    ends += [_CurveEnd(tolerance, (row, column), inset=None) for row, column in (beside[nearest] + 1).tolist()]
     return sorted(ends, key=lambda end: end.extension)
 
 

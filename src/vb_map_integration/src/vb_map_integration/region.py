@@ -1,4 +1,4 @@
-"""Regions of a map that borders restrict, maps with regions applied, and the parts into which these split the free floor."""
+"""Regions of a map that borders restrict: draws and joins them, and counts the parts of the floor left free."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vb_core.notices import Notice
 CellWindow = Tuple[slice, slice]  # rows and columns of a part of a map
 Positions = Sequence[Sequence[float]]  # x, y of each robot [m]
 
-# larger maps are checked in coarser cells: the check is about doors and rooms, and people wait for its result
+# larger maps are checked in coarser cells: only doors and rooms matter here, and people wait for the result
 MAX_CELLS = 2_000_000
 # [m^2] smaller parts, by the area that the robot's centre can reach, are not counted
 MIN_PART_AREA = 0.1
@@ -50,7 +50,7 @@ class Region:
         """Raises the cells (H, W) int8 of the map in place; none is lowered."""
         part = cells[self.window]
         value = np.uint8(self.cell_value)
-        # whole bytes are compared, ten times as fast as only the cells of the mask
+        # comparing all bytes of the window is ten times as fast as selecting the cells of the mask
         if self.covers_unknown:  # as int8, unknown is -1, the lowest value
             np.maximum(part, np.bitwise_or(np.invert(self.mask), value).view(np.int8), out=part)
         else:  # as uint8 it is 255, the highest value
@@ -97,7 +97,7 @@ class BorderRegion(Region):
         return cells
 
     def transfer(self, transform: Transform, grid: GridMap) -> Optional[Region]:
-        """Transfers the cells to the free cells of another map, by the transform to its frame; None if there are none."""
+        """Transfers the region to another map's free cells, by the transform to that map; None if there are none."""
         corners = self.prior.grid_to_world([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
         start, *ends = grid.world_to_grid(transform.apply(corners))
         matrix = np.column_stack([*(end - start for end in ends), start])
@@ -148,8 +148,9 @@ def join_regions(possible: Sequence[Optional[Region]]) -> Optional[Region]:
     mask = np.full((bottom - top, right - left), 0, np.uint8)
     for region in regions:
         rows, columns = region.window
-        part = mask[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
-        np.maximum(part, region.mask, out=part)
+        part_rows = slice(rows.start - top, rows.stop - top)
+        part_columns = slice(columns.start - left, columns.stop - left)
+        mask[part_rows, part_columns] |= region.mask
     cell_area = max(region.area_m2 / max(1, cv2.countNonZero(region.mask)) for region in regions)
     area = cell_area * cv2.countNonZero(mask)
     window = slice(top, bottom), slice(left, right)
@@ -157,7 +158,7 @@ def join_regions(possible: Sequence[Optional[Region]]) -> Optional[Region]:
 
 
 def count_free_parts(grid: GridMap, radius: float) -> int:
-    """Counts the parts into which the free space falls for a robot of a given radius [m]; tiny ones are left out."""
+    """Counts the separate parts of the free space that a robot of a radius [m] can be in; tiny ones are left out."""
     free = cv2.inRange(np.ascontiguousarray(grid.data), 0, OCCUPIED_THRESHOLD - 1)
     factor = int(np.ceil(np.sqrt(free.size / MAX_CELLS)))
     cell = grid.resolution * factor
@@ -170,6 +171,7 @@ def count_free_parts(grid: GridMap, radius: float) -> int:
         reach = max(0.0, reach - 0.5)
     if reach > 1.0:
         framed = cv2.copyMakeBorder(free, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
-        free = (cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1] > reach).astype(np.uint8)
+        distances = cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1]
+        free = (distances > reach).astype(np.uint8)
     _, _, stats, _ = cv2.connectedComponentsWithStats(free, connectivity=4)
     return int((stats[1:, cv2.CC_STAT_AREA] * cell**2 >= MIN_PART_AREA).sum())

@@ -22,10 +22,10 @@ import numpy as np
 
 from vb_core import sentences
 from vb_core.grid_map import UNKNOWN, GridMap
+from vb_core.interaction_tables import COMMANDS, QUESTIONS, STATES, STOP
 from vb_core.notices import Notice, Severity
 from vb_core.ros.messages import array_from_points, mapping_from_values, sentence_in
 from vb_core.sentences import border_name, translate
-from vb_core.vocabulary import COMMANDS, QUESTIONS, STATES, STOP
 from vb_core.zones import zone_by_number
 
 PREFIX = "homeassistant"  # topic below which Home Assistant searches for descriptions

@@ -23,11 +23,11 @@ from dataclasses import dataclass
 from typing import Any, Deque, Dict, Optional
 
 from vb_core.errors import CodedError
+from vb_core.interaction_tables import COMMANDS, STOP, YES_ANSWERS
 from vb_core.rate_limiter import RateLimiter
 from vb_core.sentences import words_of_name
-from vb_core.vocabulary import ANSWERS, COMMANDS, STOP
 
-ACCEPTED_COMMANDS = (*COMMANDS, *ANSWERS)
+ACCEPTED_COMMANDS = (*COMMANDS, *YES_ANSWERS)
 MAX_AGE = 5.0  # [s] nobody expects an older request to be carried out
 MAX_BYTES = 2048
 RATE = 2.0  # [1/s] requests let through on average

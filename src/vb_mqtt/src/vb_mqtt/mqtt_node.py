@@ -20,13 +20,13 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.rate_limiter import RateLimiter
 from vb_core.notices import Notice, Severity
 from vb_core.capabilities import effective_commands
+from vb_core.interaction_tables import COMMANDS
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters, services
 from vb_core.ros.commands import CommandSender, send
 from vb_core.ros.messages import NumpyOccupancyGrid
 from vb_core.ros.notices import NoticeListener, NoticePublisher
 from vb_core.ros.robot_status import CapabilitiesListener
-from vb_core.vocabulary import COMMANDS
 from vb_mqtt import entities
 from vb_mqtt.broker_connection import MqttClient, read_connection
 from vb_mqtt.entities import CONFIRM, INTEGRATOR, MANAGER, MONITOR, OFFLINE, ONLINE, LabEntities, entity_key

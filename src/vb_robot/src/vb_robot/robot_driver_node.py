@@ -24,6 +24,7 @@ from std_srvs.srv import Empty, EmptyRequest
 from vb_core import geometry, names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
+from vb_core.interaction_tables import state_by_name
 from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_core.robot_profile import Contact, RobotProfile
@@ -34,7 +35,6 @@ from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.services import call
 from vb_core.ros.transforms import TransformLookup
 from vb_core.stop_latch import HeldStops, new_id
-from vb_core.vocabulary import state_by_name
 from vb_msgs.msg import BorderProgress, DriverState, InteractionState, Stop
 from vb_robot.driving.arbiter import Arbiter, DriveCommand
 from vb_robot.driving.command_gate import NAVIGATION, RATE, STOP, TELEOP

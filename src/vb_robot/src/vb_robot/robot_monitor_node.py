@@ -15,6 +15,7 @@ import rospy
 from vb_core import capabilities, names
 from vb_core.errors import ParameterError
 from vb_core.grid_map import GridMap
+from vb_core.interaction_tables import state_by_name
 from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters, robot_profile
@@ -24,7 +25,6 @@ from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.robot_status import connections_from_message
 from vb_core.ros.transforms import TransformLookup
 from vb_core.stop_latch import HeldStops, new_id
-from vb_core.vocabulary import state_by_name
 from vb_core.zones import zone_by_number
 from vb_msgs.msg import BorderProgress, DetectorStatus, DriverState, InteractionState, RobotStatusArray, Stop
 from vb_msgs.msg import VirtualBorderArray

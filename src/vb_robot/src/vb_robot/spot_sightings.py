@@ -13,7 +13,7 @@ from typing import Deque, Dict, Iterable, Optional, Set, Tuple
 
 import numpy as np
 
-from vb_core.vocabulary import BORDER, DEFAULT, SEED, State
+from vb_core.interaction_tables import BORDER, DEFAULT, SEED, State
 
 TARGET_WINDOW = 1.0  # [s] of sightings that give the spot's position
 MIN_TARGET_SIGHTINGS = 3  # in it, so that one false spot does not move a robot

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Dict, List, Mapping, Sequence
 
 from vb_core.errors import ParameterError
-from vb_core.vocabulary import COMMANDS, STATES, command_name_from_text
+from vb_core.interaction_tables import COMMANDS, STATES, command_name_from_text
 
 
 class ButtonMap:

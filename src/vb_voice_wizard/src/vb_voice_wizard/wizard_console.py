@@ -15,9 +15,9 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from vb_core import sentences
+from vb_core.interaction_tables import COMMANDS, DEFAULT, STATES, STOP
 from vb_core.notices import Notice, Severity
 from vb_core.ros.messages import sentence_in
-from vb_core.vocabulary import COMMANDS, DEFAULT, STATES, STOP
 from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, InteractionState
 
 OK_STYLE, WARNING_STYLE, INFO_STYLE, ERROR_STYLE = "green", "yellow", "cyan", "bold red"

@@ -16,11 +16,11 @@ from vb_msgs.srv import SetBorderEnabled, UndoRedo, UpdateBorder
 
 from vb_core import names
 from vb_core.errors import CodedError
+from vb_core.interaction_tables import REDO, UNDO
 from vb_core.ros import services
 from vb_core.ros.commands import CommandSender, send
 from vb_core.ros.messages import mapping_from_values
 from vb_core.ros.preview_service import PreviewBorderArray
-from vb_core.vocabulary import REDO, UNDO
 from vb_web.action_parser import ActionRequest
 from vb_web.page_messages import apply_draft, issues_section, region_uri
 from vb_web.page_view import answer_from_error, make_answer, json_number

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any, Callable, Dict, Mapping, Optional, Sequence, Tuple
 
 from vb_core.errors import CodedError
-from vb_core.vocabulary import COMMANDS
+from vb_core.interaction_tables import COMMANDS
 from vb_core.zones import ZONES
 
 BORDER_KINDS = ("polygon", "curve", "wall")

@@ -20,12 +20,12 @@ from vb_core.border_changes import find_border_changes
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.capabilities import Capabilities
+from vb_core.interaction_tables import DEFAULT
 from vb_core.request_origin import is_loopback
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.notices import NoticeListener
 from vb_core.ros.robot_status import CapabilitiesListener
 from vb_core.ros.transforms import TransformLookup
-from vb_core.vocabulary import DEFAULT
 from vb_web import page_images, page_messages
 from vb_web.access_control import Sessions, load_codes
 from vb_web.action_executor import ActionExecutor

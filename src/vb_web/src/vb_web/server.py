@@ -23,7 +23,7 @@ from tornado import web
 from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
 
-from vb_core import sentences, vocabulary, zones
+from vb_core import interaction_tables, sentences, zones
 from vb_core.errors import CodedError, ParameterError
 from vb_core.rate_limiter import RateLimiter
 from vb_core.parameters import Parameters, param
@@ -122,12 +122,12 @@ class PageServer:
         self._thread = threading.Thread(target=self._run, name="page_server", daemon=True)
 
     def hello(self, role: Role) -> Dict[str, Any]:
-        """Returns what a browser is told first: its role, and the tables of the vocabulary and the zones."""
+        """Returns what a browser is told first: its role, and the tables of states, commands and zones."""
         return {
             "role": role.name.lower(),
             "languages": sentences.languages(),
             "login": self.sessions is not None,
-            **vocabulary.tables(),
+            **interaction_tables.tables(),
             "zones": zones.table(),
         }
 

@@ -20,9 +20,9 @@ import rospy
 
 from vb_core import names, sentences
 from vb_core.errors import CodedError
+from vb_core.interaction_tables import STOP
 from vb_core.ros import node, services
 from vb_core.ros.messages import values_from_mapping
-from vb_core.vocabulary import STOP
 from vb_msgs.msg import DriverState, InteractionState, RobotStatus, RobotStatusArray, Stop
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
@@ -127,9 +127,9 @@ class CommandSender:
         identity: str = "",
         carry_out: Callable[[CommandRequest], Any] = send,
     ) -> bool:
-        """Sends a command after the person's earlier ones. Drops it and returns False if too many of these wait.
+        """Sends a command after the person's earlier ones. Drops it and returns False if too many of them still wait.
 
-        A stop that is dropped has still been sent to the robots; only nobody answers it.
+        Even a stop that is dropped has been sent to the robots. It only remains unanswered.
 
         Args:
             context: passed on to `on_answer`.
@@ -151,7 +151,8 @@ class CommandSender:
         with self._lock:
             unanswered = self._unanswered.setdefault(source, [])
             # the limit for stops is twice as high, so that other commands never keep a stop out
-            if len(unanswered) >= (2 * _MAX_WAITING if command == STOP else _MAX_WAITING):
+            limit = 2 * _MAX_WAITING if command == STOP else _MAX_WAITING
+            if len(unanswered) >= limit:
                 return False
             waits_for = [] if command == STOP else list(unanswered)
             unanswered.append(answered)
@@ -174,7 +175,7 @@ class CommandSender:
         try:
             if request.command != STOP and time.monotonic() - given_at > VALIDITY:
                 raise CodedError("expired", command_code=f"command_{request.command}")
-            answer = carry_out(request) if request.command != STOP else self._send_stop(request)
+            answer = self._send_stop(request) if request.command == STOP else carry_out(request)
         except CodedError as caught:
             error = caught
         finally:
@@ -186,7 +187,7 @@ class CommandSender:
         self._on_answer(request, context, answer, error)
 
     def _send_stop(self, stop: CommandRequest) -> CommandResponse:
-        """Sends a stop. Returns the manager's answer or, if no manager responds, one that names the robots holding it.
+        """Sends a stop. Returns the manager's answer or, if none comes, one that names the robots that hold the stop.
 
         Raises:
             CodedError: "stop_unconfirmed" if no robot holds it, or as in `send`.

@@ -1,4 +1,4 @@
-"""Conversions between messages of cameras and numpy: images, and camera_info.
+"""Converts images and camera_info between ROS messages and numpy.
 
 cv_bridge does the same, but loads a second OpenCV with video and GDAL backends, which takes 48 MiB per process.
 """
@@ -57,7 +57,7 @@ def array_from_compressed_image(message: CompressedImage) -> np.ndarray:
 
 
 def decode(message: Union[Image, CompressedImage], reader: PixelReader) -> Picture:
-    """Decodes an image message to a picture by its camera's reader. Raises CodedError "bad_image", or as `PixelReader.read`."""
+    """Decodes an image message with its camera's reader. Raises CodedError "bad_image", or as `PixelReader.read`."""
     if isinstance(message, Image):
         return reader.read(array_from_image(message), message.encoding)
     image = array_from_compressed_image(message)
@@ -91,8 +91,10 @@ def camera_from_info(info: CameraInfo, rectified: bool = False) -> CameraModel:
     if info.distortion_model not in models and not rectified:
         raise CodedError("unsupported_camera", f"the distortion model '{info.distortion_model}' is not supported")
     roi = info.roi
-    part = (roi.width, roi.height) not in ((0, 0), (info.width, info.height)) or roi.x_offset > 0 or roi.y_offset > 0
-    if info.binning_x > 1 or info.binning_y > 1 or part:
+    is_full_size = (roi.width, roi.height) in ((0, 0), (info.width, info.height))
+    is_cropped = not is_full_size or roi.x_offset > 0 or roi.y_offset > 0
+    is_binned = info.binning_x > 1 or info.binning_y > 1
+    if is_binned or is_cropped:
         raise CodedError("unsupported_camera", "binning or a region of interest is set: send the full image")
     if rectified:
         return CameraModel(info.width, info.height, np.array(info.P).reshape(3, 4)[:, :3], np.zeros(5))

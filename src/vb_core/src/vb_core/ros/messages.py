@@ -76,7 +76,8 @@ def sentence_in(message: Any, language: str, prefix: str = "") -> str:
 
 def points_from_array(points: np.ndarray) -> List[Point]:
     """Converts an array (N, 2) or (N, 3) [m] to points. Inverse of `array_from_points`."""
-    return [Point(float(p[0]), float(p[1]), float(p[2]) if len(p) > 2 else 0.0) for p in points]
+    with_z = ((*point, 0.0)[:3] for point in points)
+    return [Point(float(x), float(y), float(z)) for x, y, z in with_z]
 
 
 def array_from_points(points: Iterable[Point]) -> np.ndarray:

@@ -72,8 +72,8 @@ def _log_without_registering() -> None:
 def _freeze_startup_objects() -> None:
     """Excludes the objects made so far, which live as long as the node, from Python's garbage collection.
 
-    The collector would halt all threads while it goes through them. In these 30 to 60 ms, or several times as long on a
-    busy computer, no stop is answered and no image searched.
+    The collector would halt all threads while it goes through them. For 30 to 60 ms, or several times as long on a busy
+    computer, no stop would be answered and no image searched.
     """
     gc.collect()
     gc.freeze()
@@ -117,7 +117,7 @@ def wait_until(condition: Callable[[], bool], timeout: float, period: float = 0.
 def has_exited(master: rosgraph.Master, name: str) -> bool:
     """Returns whether a registered node no longer answers at its address: the master lists killed nodes too.
 
-    A node that hangs is not gone: it may go on at any time.
+    A node that hangs has not exited: it may continue at any time.
     """
     try:
         host, port = rosgraph.network.parse_http_host_and_port(master.lookupNode(name))
@@ -195,7 +195,7 @@ class Queue(Generic[T]):
             return True
 
     def get(self) -> Optional[T]:
-        """Waits for the oldest item and takes it. Returns None once the queue is closed and empty."""
+        """Waits for the oldest item, removes it and returns it. Returns None once the queue is closed and empty."""
         with self._condition:
             self._condition.wait_for(lambda: self._items or self._closed)
             item = self._items.popleft() if self._items else None
@@ -203,19 +203,19 @@ class Queue(Generic[T]):
             return item
 
     def close(self) -> None:
-        """Closes the queue: waiting items are still taken, then `get` returns None."""
+        """Closes the queue. `get` still returns the waiting items, and then None."""
         with self._condition:
             self._closed = True
             self._condition.notify_all()
 
 
 class Mailbox(Queue[T]):
-    """A queue of the newest items, usually of one: the oldest is dropped for a new one, and counted. Closing it empties it.
+    """A queue of the newest items, usually only one. If it is full, a new item replaces the oldest, which is counted.
 
-    A subscriber's callback puts, a worker thread takes: slow work never makes a queue grow.
+    A subscriber's callback puts items, and a worker thread gets them, so slow work never makes a queue grow.
 
     Args:
-        on_added: called when an item has been added and none was dropped for it, for a worker that serves several mailboxes.
+        on_added: called when an item was added and none dropped for it; for a worker that serves several mailboxes.
         size: number of items that may wait.
     """
 
@@ -226,7 +226,7 @@ class Mailbox(Queue[T]):
         self.dropped = 0
 
     def put(self, item: T) -> bool:
-        """Stores an item, in place of the oldest one if too many are still there."""
+        """Stores an item, in place of the oldest one if the mailbox is full."""
         with self._condition:
             self.received += 1
             is_full = len(self._items) == self._size
@@ -239,12 +239,12 @@ class Mailbox(Queue[T]):
         return True
 
     def wait_until_taken(self) -> None:
-        """Waits until all items are taken or the mailbox is closed: for a source that can wait."""
+        """Waits until the worker has got all items, or the mailbox is closed. Only for a source that can wait."""
         with self._condition:
             self._condition.wait_for(lambda: not self._items or self._closed)
 
     def close(self) -> None:
-        """Wakes up the waiting thread. `get` then returns None."""
+        """Drops all items and wakes up the waiting thread. `get` then returns None."""
         with self._condition:
             self._items.clear()
             super().close()

@@ -1,4 +1,4 @@
-"""Converts notices to and from messages; a publisher that repeats them, and a listener that keeps the current ones."""
+"""Converts notices to and from messages, publishes a node's notices, and keeps those that all nodes published."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class NoticeListener:
     Notices are repeated in ROS time, so they expire in it: a simulation may be slow, or pause.
 
     Args:
-        on_change: is called after each message, from the subscriber's thread.
+        on_change: called after each message, from the subscriber's thread.
     """
 
     def __init__(self, on_change: Callable[[], None] = lambda: None) -> None:
@@ -71,7 +71,7 @@ class NoticeListener:
 class NoticePublisher:
     """Publishes notices on /virtual_borders/notices, at once and again every second.
 
-    Warnings and errors are also logged, once while they hold: roslaunch's terminal shows only the log.
+    A warning or an error is also logged once for as long as it holds, because roslaunch's terminal shows only the log.
 
     Args:
         source: name of the reporter, if it is not the whole node.
@@ -81,7 +81,7 @@ class NoticePublisher:
         self._source = source or rospy.get_name()
         self._lock = threading.Lock()
         self._notices: List[Notice] = []
-        self._logged: Dict[Tuple[Any, ...], float] = {}  # [s] of wall time when each held last
+        self._logged: Dict[Tuple[Any, ...], float] = {}  # [s] wall time at which each last held
         self._publisher = rospy.Publisher(names.NOTICES, NoticeArray, queue_size=10, latch=True)
         self._timer = node.WakeTimer(REPEAT_PERIOD)
         node.Worker(self._timer, lambda _: self._publish())
@@ -118,7 +118,8 @@ class NoticePublisher:
         for notice in self._notices:
             # a warning that becomes an error counts as new
             key = (notice.code, notice.robot, notice.border_id, notice.camera, notice.severity)
-            if notice.severity >= Severity.WARNING and now - self._logged.get(key, -math.inf) > LOG_PERIOD:
+            held_recently = now - self._logged.get(key, -math.inf) <= LOG_PERIOD
+            if notice.severity >= Severity.WARNING and not held_recently:
                 new_notices.append(notice)
             self._logged[key] = now
         self._logged = {key: logged_at for key, logged_at in self._logged.items() if now - logged_at <= LOG_PERIOD}

@@ -52,7 +52,7 @@ def reconfigure_description(params: Parameters, fixed: Sequence[str] = ()) -> An
         entries.append(entry)
     group = {"name": "Default", "type": "", "id": 0, "parent": 0, "state": True, "cstate": "true", "groups": []}
     group["parameters"] = entries
-    columns = {"defaults": "default", **{name: name for name in ("min", "max", "level", "type")}}
+    columns = {"defaults": "default", "min": "min", "max": "max", "level": "level", "type": "type"}
     by_name = {column: {entry["name"]: entry[key] for entry in entries} for column, key in columns.items()}
     return types.SimpleNamespace(config_description=group, all_level=1, **by_name)
 

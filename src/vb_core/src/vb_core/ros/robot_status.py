@@ -1,4 +1,4 @@
-"""Reads from robot_monitor's messages what is connected; page, display, hub and check_lab derive the lab's capabilities from it."""
+"""Reads from robot_monitor's messages what is connected, and keeps the lab's capabilities that follow from it."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ class CapabilitiesListener:
 
     def __init__(self, on_message: Callable[[], None] = lambda: None) -> None:
         self._on_message = on_message
-        self._newest: Optional[Tuple[float, RobotStatusArray, Capabilities]] = None  # each with its arrival time [s]
+        self._newest: Optional[Tuple[float, RobotStatusArray, Capabilities]] = None  # begins with its arrival time [s]
         rospy.Subscriber(names.ROBOTS, RobotStatusArray, self._on_robots, queue_size=1, tcp_nodelay=True)
 
     def current(self) -> Optional[Tuple[RobotStatusArray, Capabilities]]:
-        """Returns the newest message and the capabilities derived from it, or None if it is too old, or there was none."""
+        """Returns the newest message and the capabilities derived from it; None if there is none or it is too old."""
         newest = self._newest
         if newest is None or not 0.0 <= rospy.get_time() - newest[0] <= _SILENCE:
             return None

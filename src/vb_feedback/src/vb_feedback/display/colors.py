@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Dict, Sequence, Tuple
 
-from vb_core.vocabulary import STATES
+from vb_core.interaction_tables import STATES
 
 Color = Tuple[float, float, float]
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import List, Tuple
 
 from vb_core import sentences
+from vb_core.interaction_tables import DEFAULT, STATES
 from vb_core.sentences import words_of_name
-from vb_core.vocabulary import DEFAULT, STATES
 from vb_feedback.display import colors
 from vb_feedback.display.colors import Color
 from vb_feedback.display.layout import LINE_SPACING, Layout, fit_texts, text_height, text_width, transliterate

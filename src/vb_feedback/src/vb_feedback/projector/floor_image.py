@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from vb_core.grid_map import GridMap
-from vb_core.vocabulary import DEFAULT
+from vb_core.interaction_tables import DEFAULT
 from vb_feedback.display import colors
 from vb_feedback.display.colors import Color
 from vb_feedback.projector.projector_calibration import ProjectorCalibration, markers

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import List, Optional
 
+from vb_core.interaction_tables import DEFAULT, QUESTIONS, state_by_name
 from vb_core.sounds import ERROR, QUESTION, STOPPED, SUCCESS, TICK
-from vb_core.vocabulary import DEFAULT, QUESTIONS, state_by_name
 from vb_msgs.msg import InteractionState
 
 TICK_PERIOD = 0.5  # [s] minimum between ticks; 25 ticks a second, one for each spot, would sound like a buzz

@@ -1,4 +1,4 @@
-"""Locates a border on a new map by the walls round it: maps are distorted, so the whole map's transform is only a start."""
+"""Locates a border on a new map by the walls round it. Maps are distorted, so their transform is a first guess."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class BorderLocation:
 
 @dataclass(frozen=True)
 class BorderLocator:
-    """Locates the borders of a place on one map of it.
+    """Locates the borders of a place on one of its maps.
 
     Attributes:
         grid, map_id: the map, and its fingerprint.
@@ -61,7 +61,7 @@ class BorderLocator:
         return WallMap(self.grid)
 
     def locate(self, border: VirtualBorder) -> BorderLocation:
-        """Locates a stored border: where the walls round it are if these settle its position, else where it is expected."""
+        """Locates a stored border by the walls round it if they settle its position, else where it is expected."""
         stored = self.stored_maps.get(border.map_id) or next(iter(self.stored_maps.values()), None)
         if stored is None or stored.fingerprint == self.map_id:
             return BorderLocation(border.transform(self.transform))

@@ -1,10 +1,10 @@
 """Recognises which place a map shows, and locates that place's borders on it.
 
 Recognition fails closed. A map is recognised by its exact fingerprint; else by the name that a person gave it and by
-registration against the maps on which borders were drawn, never against the last map seen. A transform that no other
-comes near is proposed; without one, the borders of the most likely place stay where they are. Each border is then
-searched for by the walls round it. If these settle which place it is, nobody is asked: maps of one place agree in 50
-to 97 % of their walls, and so may different floors with the same outer walls, but not round most of the borders.
+registration in the maps on which borders were drawn, never in the last map seen. A transform is proposed if none else
+fits nearly as well. Otherwise the likeliest place's borders stay where they are. Each border is then located by the
+walls round it. If they settle which place it is, nobody is asked: maps of one place agree in 50 to 97 % of their walls.
+Different floors with the same outer walls may agree as much, but not round most of the borders.
 """
 
 from __future__ import annotations
@@ -96,7 +96,8 @@ class PlaceRecognizer:
         # if the stored place has no borders, the map may still show the named place, which has some
         if stored is not None and (named_place in (0, stored.place) or self._database.borders(stored.place)):
             name = self._database.place_name(stored.place)
-            return PlaceRecognition(stored.place, stored.transform, not self._name or name in ("", self._name))
+            has_expected_name = not self._name or name in ("", self._name)
+            return PlaceRecognition(stored.place, stored.transform, is_certain=has_expected_name)
         candidates = self._candidates()
         if not candidates:
             return PlaceRecognition()
@@ -182,7 +183,9 @@ class PlaceRecognizer:
 
 def is_extension(previous: GridMap, current: GridMap) -> bool:
     """Returns whether a map is the previous one, grown: on the same lattice of cells, and with its obstacles."""
-    if abs(previous.resolution - current.resolution) > 1e-6 or abs(previous.origin[2] - current.origin[2]) > 1e-9:
+    has_other_resolution = abs(previous.resolution - current.resolution) > 1e-6
+    has_other_yaw = abs(previous.origin[2] - current.origin[2]) > 1e-9
+    if has_other_resolution or has_other_yaw:
         return False
     offset = current.world_to_grid(previous.cell_to_world([[0, 0]]))[0]
     column, row = np.rint(offset).astype(int)
@@ -196,8 +199,10 @@ def is_extension(previous: GridMap, current: GridMap) -> bool:
 
 def _snap(transform: Transform, expected: Transform, grid: GridMap) -> Transform:
     """Snaps a transform to the identity or the expected one if it is within half a cell + 0.2 % of the map's size."""
+    corners = grid.corners()
+    tolerance = 0.5 * grid.resolution + 0.002 * np.ptp(corners, axis=0).max()
     for target in (Transform(), expected):
-        distance = np.linalg.norm(transform.apply(grid.corners()) - target.apply(grid.corners()), axis=1).max()
-        if distance < 0.5 * grid.resolution + 0.002 * np.ptp(grid.corners(), axis=0).max():
+        shifts = transform.apply(corners) - target.apply(corners)
+        if np.linalg.norm(shifts, axis=1).max() < tolerance:
             return target
     return transform

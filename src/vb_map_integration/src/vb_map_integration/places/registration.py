@@ -1,7 +1,7 @@
 """Registration of an old map in a new one: the transform between two maps of the same place, and how certain it is.
 
-Walls decide. Wherever both maps know the floor, a wall in one must be a wall in the other; what only one of
-them has seen is no evidence. Long connected walls carry the evidence, since furniture is moved and walls are not.
+Walls decide. Wherever both maps know the floor, a wall in one must be a wall in the other. What only one of the maps
+shows is no evidence. Only long connected walls count as evidence, because furniture is moved and walls are not.
 
 1. A coarse search over all rotations finds where the walls of both maps fit best: one correlation by FFT per angle.
 2. The best hypotheses are refined to a fraction of a cell: each wall cell is pulled to the nearest wall of the other
@@ -48,11 +48,11 @@ class Registration:
 
     Attributes:
         transform: transform from the old map's frame to the new one's.
-        agreement: share found again of the long walls that both maps should show; the lower of both directions.
+        agreement: share of the long walls that both maps should show that is found again; the lower of both directions.
         overlap: share of the smaller map's free floor that the other map knows.
         walls_m: [m] length of long walls found again; the lower of both directions.
-        balance_m: [m] length of long walls found again less that of missing ones; the mean of both directions.
-        margin: 0 .. 1, how much lower the next best hypothesis's balance is, as a share; 0 if none was compared.
+        balance_m: [m] length of the long walls found again minus that of the missing ones; the mean of both directions.
+        margin: 0 .. 1, the share by which the next best hypothesis's balance is lower; 0 if none was compared.
     """
 
     transform: Transform
@@ -64,7 +64,7 @@ class Registration:
 
     @property
     def is_certain(self) -> bool:
-        """Whether borders may be moved by it without asking a person: walls agree, and no other transform comes near."""
+        """Whether borders may be moved by it without asking a person: walls agree, and nowhere else nearly as well."""
         return self.walls_agree and self.walls_m >= MIN_WALL_LENGTH and self.margin >= MIN_MARGIN
 
     @property
@@ -119,9 +119,10 @@ def evaluate_transform(old: WallMap, new: WallMap, transform: Transform) -> Regi
     return Registration(transform, min(shares), max(overlaps), min(lengths), float(np.mean(balances)))
 
 
-def _is_same(transform: Transform, other: Transform, place: np.ndarray) -> bool:
-    distance = float(np.linalg.norm(transform.apply(place) - other.apply(place)))
-    return distance < _SAME_DISTANCE and abs(math.remainder(transform.yaw - other.yaw, 2.0 * math.pi)) < _SAME_ANGLE
+def _is_same(transform: Transform, other: Transform, center: np.ndarray) -> bool:
+    distance = float(np.linalg.norm(transform.apply(center) - other.apply(center)))
+    turn = math.remainder(transform.yaw - other.yaw, 2.0 * math.pi)
+    return distance < _SAME_DISTANCE and abs(turn) < _SAME_ANGLE
 
 
 def _search(old: WallMap, new: WallMap) -> List[Transform]:
@@ -149,7 +150,9 @@ def _search(old: WallMap, new: WallMap) -> List[Transform]:
             cv2.circle(scores, cell_of_peak, max(2, int(0.6 / cell)), 0.0, -1)
     chosen: List[Transform] = []
     for _, transform in sorted(peaks, key=lambda peak: -peak[0]):
-        if len(chosen) < _HYPOTHESES and not any(_is_same(transform, other, old.center) for other in chosen):
+        if len(chosen) == _HYPOTHESES:
+            break
+        if not any(_is_same(transform, other, old.center) for other in chosen):
             chosen.append(transform)
     return chosen
 

@@ -1,9 +1,9 @@
-"""Walls of maps: how far they are, whether two maps show the same ones, and where those round a border are in a new map.
+"""Measures distances to a map's walls, compares the walls of two maps, and finds the walls round a border in a new map.
 
 The walls within some metres of a border decide where it is. They are searched for near the position where the map's
 transform puts them. If they are found there and nowhere else, the border is there too. If their position is ambiguous
-(along a straight wall, in an open hall), walls a little farther away are included, which may confirm that the border is
-where it is expected; if that stays ambiguous, a person has to confirm it.
+(along a straight wall, in an open hall), walls a little farther away are included. They may confirm that the border is
+where it is expected. If the position stays ambiguous, a person has to confirm it.
 
 Reach and limits were chosen on half of 28 maps that robots recorded, with parts displaced by half a metre;
 docs/results/maps/README.md has the results on the other half and on further maps.
@@ -29,7 +29,7 @@ MIN_STRUCTURE_EXTENT = 3.0
 _MAX_BRIDGED_GAP = 0.1
 _UNKNOWN_RIM = 4  # unknown cells that are kept round the known part of a map
 _DISTANCE_UNIT = 1e-4  # [m] unit of the stored distances to walls
-_MAX_DISTANCE = 20_000  # [_DISTANCE_UNIT] larger distances are stored as this
+_MAX_DISTANCE = 20_000  # [_DISTANCE_UNIT] the largest distance that is stored
 _POINTS_AT_ONCE = 30_000  # points that OpenCV interpolates in one call
 _DRAWN_FLOOR = 400_000  # points of free floor that are drawn for the coarse search
 
@@ -53,7 +53,7 @@ _SHIFTS_ASIDE = _MIN_SEPARATION * np.column_stack([np.cos(_EIGHT_ANGLES), np.sin
 _NO_SEARCH_SHARE = 0.97  # no search if this share of the walls is found again where expected, and clearly less nearby
 _MIN_KNOWN = 0.5  # share of the walls that must be in the known part of the new map
 # a position is accepted from these agreements (see `LocalFit.agreement`) and this margin on
-_EXPECTED_DISTANCE = 0.15  # [m] a border farther from where it is expected needs the higher values, ..._ELSEWHERE
+_EXPECTED_DISTANCE = 0.15  # [m] a border found farther from where it is expected needs the higher values ..._ELSEWHERE
 _MIN_HIGHER_AGREEMENT = 0.8
 _MIN_LOWER_AGREEMENT = 0.5
 _MIN_MARGIN = 0.05
@@ -103,7 +103,8 @@ class WallMap:
             (self._interpolate(positions + step) - self._interpolate(positions - step)) / (2.0 * self.grid.resolution)
             for step in np.eye(2, dtype=np.float32)
         ]
-        return self._interpolate(positions), np.column_stack(slopes) @ Transform(yaw=self.grid.origin[2]).rotation.T
+        gradients = np.column_stack(slopes) @ Transform(yaw=self.grid.origin[2]).rotation.T
+        return self._interpolate(positions), gradients
 
     def _interpolate(self, positions: np.ndarray) -> np.ndarray:
         """Returns the distances (N,) [m] to the nearest wall at positions (N, 2) float32 (column, row)."""
@@ -193,7 +194,9 @@ def _known_part(grid: GridMap) -> GridMap:
         return grid
     top = max(0, rows[0] - _UNKNOWN_RIM)
     left = max(0, columns[0] - _UNKNOWN_RIM)
-    cells = grid.data[top : rows[-1] + 1 + _UNKNOWN_RIM, left : columns[-1] + 1 + _UNKNOWN_RIM]
+    bottom = rows[-1] + 1 + _UNKNOWN_RIM
+    right = columns[-1] + 1 + _UNKNOWN_RIM
+    cells = grid.data[top:bottom, left:right]
     x, y = grid.grid_to_world([[left - 0.5, top - 0.5]])[0]
     return GridMap(np.ascontiguousarray(cells), grid.resolution, (x, y, grid.origin[2]))
 
@@ -230,7 +233,8 @@ def refine(
         new_jacobian = np.column_stack([-(gradients @ rotation.T), _cross_products(gradients, arms)])
         distances = np.concatenate([old_distances, new_distances])
         jacobian = np.concatenate([old_jacobian, new_jacobian])
-        weighted = jacobian * np.square(np.maximum(0.0, 1.0 - np.square(distances / reach)))[:, None]
+        weights = np.square(np.maximum(0.0, 1.0 - np.square(distances / reach)))
+        weighted = jacobian * weights[:, None]
         normal_matrix = weighted.T @ jacobian + len(distances) * _DAMPING
         step = np.clip(np.linalg.solve(normal_matrix, -weighted.T @ distances), -_MAX_STEP, _MAX_STEP)
         center_in_new = center_in_new + step[:2]
@@ -247,12 +251,13 @@ def compare_walls(walls: np.ndarray, other: WallMap) -> Tuple[float, float]:
     """Compares wall cells (N, 2) [m] with another map.
 
     Returns:
-        Of those that the map knows, the share that are walls there, and the share that it knows; 0 if it knows none.
+        Of the cells that the other map knows, the share that are walls there; and the share that it knows. 0 if none.
     """
     distances, is_known = other.distances(walls)
     if not is_known.any():
         return 0.0, 0.0
-    return float((distances[is_known] < TOLERANCE + other.grid.resolution / 2.0).mean()), float(is_known.mean())
+    is_wall = distances[is_known] < TOLERANCE + other.grid.resolution / 2.0
+    return float(is_wall.mean()), float(is_known.mean())
 
 
 @dataclass(frozen=True)
@@ -261,9 +266,9 @@ class LocalFit:
 
     Attributes:
         transform: from the old map's frame to the new one's, for this border.
-        agreement: shares of the walls round it that are found again, of both directions, the lower one first.
+        agreement: the shares of the walls round it that are found again, in both directions; the lower one first.
         known_share: share of the old map's walls there that are in the known part of the new map.
-        margin: 0 .. 1, how much lower the score of the next best position is, as a share.
+        margin: 0 .. 1, by which share the score of the next best position is lower.
         moved_m: [m] distance from the expected position.
     """
 
@@ -297,11 +302,12 @@ def fit_locally(old: WallMap, new: WallMap, expected: Transform, outline: np.nda
         outline: (N, 2) [m] the border's, in the old map's frame.
     """
     near = _fit(WALL_RADIUS, old, new, expected, outline)
-    # if the walls are found, but fit other positions about as well, or if there are too few, more walls may decide
+    # if there are too few walls, or they fit other positions about as well, more walls may decide
     if near is not None and not (near.is_possible and near.margin < _MIN_MARGIN):
         return near
     wider = _fit(WIDER_WALL_RADIUS, old, new, expected, outline)
-    return wider if wider is not None and wider.is_certain and wider.moved_m <= _EXPECTED_DISTANCE else near
+    is_confirmed = wider is not None and wider.is_certain and wider.moved_m <= _EXPECTED_DISTANCE
+    return wider if is_confirmed else near
 
 
 def _fit(radius: float, old: WallMap, new: WallMap, expected: Transform, outline: np.ndarray) -> Optional[LocalFit]:
@@ -311,7 +317,7 @@ def _fit(radius: float, old: WallMap, new: WallMap, expected: Transform, outline
         return None
     sample = subsample(walls, _MAX_WALLS)
     center = outline.mean(axis=0)
-    here, *aside = _scores(sample, new, expected, np.concatenate([[[0.0, 0.0]], _SHIFTS_ASIDE]))
+    here, *aside = _scores(sample, new, expected, np.vstack([[0.0, 0.0], _SHIFTS_ASIDE]))
     share, _ = compare_walls(expected.apply(walls), new)
     if share >= _NO_SEARCH_SHARE and max(aside) <= (1.0 - _MIN_MARGIN) * here:
         best = expected

@@ -74,7 +74,7 @@ def fingerprint(grid: GridMap) -> str:
 
 
 class Database:
-    """Borders by place, with their history, in a store of its own; each method makes its changes completely or not at all."""
+    """Borders by place, with their history, in a store. Each method makes its changes completely or not at all."""
 
     def __init__(self, store: DurableValues) -> None:
         self._store = store
@@ -103,7 +103,8 @@ class Database:
         place = place or number
         needed = {border.map_id for border in self.borders(place)}  # the place's borders are compared with these maps
         others = [key for key, other in self.maps_of(place).items() if other.number not in (place, number)]
-        changes: Dict[str, Any] = {f"maps/{key}": None for key in others[:-MAX_MAPS] if key not in needed}
+        dropped = [key for key in others[:-MAX_MAPS] if key not in needed]
+        changes: Dict[str, Any] = {f"maps/{key}": None for key in dropped}
         changes[f"maps/{map_id}"] = {
             "id": number,
             "place": place,
@@ -125,7 +126,8 @@ class Database:
 
     def find_place(self, name: str) -> int:
         """Returns the place that has a name and borders; 0 if there is none."""
-        places = (int(place) for place, other in self._store.values_of_kind("names").items() if name == other)
+        names = self._store.values_of_kind("names")
+        places = (int(place) for place, other in names.items() if name == other)
         return next(filter(self.borders, places), 0)
 
     def rename_place(self, place: int, name: str) -> None:
@@ -142,7 +144,7 @@ class Database:
 
     def check_name(self, name: str, place: int = 0) -> None:
         """Checks whether a place can have a name; raises CodedError "bad_name", "name_taken"."""
-        if len(name) > MAX_NAME or not (name.isprintable() or not name):
+        if len(name) > MAX_NAME or not name.isprintable():
             raise CodedError("bad_name", key="name")
         if self.find_place(name) not in (0, place):
             raise CodedError("name_taken", name=name)
@@ -210,8 +212,7 @@ class Database:
             key = self._newest_key(place, kind)
             return {key: {**self._store.get(key), "undone": kind == "undo"}}
         records = self._store.values_of_kind("changes")
-        dropped = [number for number, record in records.items() if record["place"] == place and record["undone"]]
-        dropped += list(records)[: 1 - MAX_CHANGES]
+        dropped = [*self._numbers(place, "redo"), *list(records)[: 1 - MAX_CHANGES]]
         changes: Dict[str, Any] = {f"changes/{number}": None for number in dropped}
         number = 1 + max(map(int, records), default=0)
         changes[f"changes/{number}"] = {"place": place, "undone": False, "entries": entries}

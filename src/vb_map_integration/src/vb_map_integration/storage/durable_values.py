@@ -1,15 +1,15 @@
 """Stores values on disk so that neither a crash nor a damaged file loses anything acknowledged.
 
-There is so little data that each change writes all of it to a new file, which then replaces the old one: a file is
-complete or absent. Its first line is a checksum of the rest. The copy of the day is replaced in the same way. At start
-the file is read, or, if it is damaged or missing, the copy with the highest revision.
+There is so little data that each change writes all of it to a new file, which then replaces the old one. A file is
+therefore complete or absent. Its first line is a checksum of the rest. The copy of the day is replaced in the same way.
+At start, the file is read. If it is damaged or missing, the copy with the highest revision is read instead.
 
     borders.jsonl                     checksum; format and revision; then one line per value: key, tab, value
     borders.jsonl.damaged             a file that was found damaged at start
     copies/borders-YYYY-MM-DD.jsonl   borders.jsonl as it was at the end of each of the last days with a change or start
 
-While the program runs, the values in memory are authoritative: files deleted or damaged meanwhile are written again
-with the next change. Only one process may use the folder: it holds a lock for as long as it runs.
+While the program runs, the values in memory are authoritative: if files are deleted or damaged, the next change writes
+them again. Only one process may use the folder: it holds a lock for as long as it runs.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ LOCK_TIMEOUT = 5.0  # [s] how long a new process waits for the previous one to e
 
 @dataclass(frozen=True)
 class _Value:
-    """A value and its JSON; each is computed only once, as each change writes all values."""
+    """A value and its JSON. Each is computed only once, because each change writes all values."""
 
     json: str
 
@@ -55,7 +55,7 @@ class _Content(NamedTuple):
 
 
 class DurableValues:
-    """Values that JSON can hold, by keys "kind/name" in the order in which these were added; not to be changed in place.
+    """Values that JSON can hold, by keys "kind/name" in the order of their addition. Never change a value in place.
 
     Args:
         folder: the files' folder; None keeps everything in memory.
@@ -72,7 +72,8 @@ class DurableValues:
     def __init__(self, folder: Optional[Path], today: Any = datetime.date.today) -> None:
         self.revision = 0
         self.notices: List[Notice] = []
-        self._folder, self._today = folder, today
+        self._folder = folder
+        self._today = today
         self._values: Dict[str, _Value] = {}
         self._lock: Optional[int] = None
         if folder is None:
@@ -159,7 +160,7 @@ class DurableValues:
             self._report("database_read_only", Severity.ERROR, what=str(folder), reason=error)
 
     def _choose_copy(self, folder: Path, copies: Mapping[Path, Optional[_Content]]) -> Optional[_Content]:
-        """Returns the content of the copy with the highest revision; dates are for people, since clocks go wrong."""
+        """Returns the content of the copy with the highest revision. Dates decide nothing, because clocks go wrong."""
         intact = {path: content for path, content in copies.items() if content is not None}
         if not intact:
             return None
@@ -187,7 +188,7 @@ class DurableValues:
         self.notices = [notice for notice in self.notices if notice.code != "database_read_only"]
 
     def _take_folder(self, folder: Path, timeout: float) -> None:
-        """Locks the folder within `timeout` [s]; again if the lock file was deleted and another process may hold it."""
+        """Locks the folder within `timeout` [s]. Does so again if the lock file was deleted, as another may hold it."""
         path = folder / "borders.lock"
         if self._lock is not None and path.exists() and os.path.samestat(os.fstat(self._lock), path.stat()):
             return
@@ -213,11 +214,7 @@ class DurableValues:
 
 
 def _read(path: Path) -> Optional[_Content]:
-    """Reads a file; returns None if it is missing or damaged.
-
-    Raises:
-        CodedError: "database_newer".
-    """
+    """Reads a file. Returns None if it is missing or damaged. Raises CodedError "database_newer"."""
     try:
         checksum, _, rest = path.read_bytes().partition(b"\n")
     except (FileNotFoundError, NotADirectoryError):

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Dict, Iterable, Mapping, Optional, Sequence, Tuple
 
 from vb_core.grid_map import GridMap, Window, crop
+from vb_core.interaction_tables import SEED
 from vb_core.notices import Notice, Severity
-from vb_core.vocabulary import SEED
 from vb_robot.clearance_map import ClearanceMap, bounding_window
 from vb_robot.dispatching.dispatch_policy import DispatchPolicy, DispatchStatus
 from vb_robot.dispatching.viewpoint import DrawingState, RobotCameraView, Viewpoint, ViewpointPlanner

@@ -14,9 +14,9 @@ from typing import Dict, Iterable, Optional, Tuple
 
 import numpy as np
 
+from vb_core.interaction_tables import DEFAULT, State
 from vb_core.robot_profile import RobotProfile
 from vb_core.stop_latch import HeldStops
-from vb_core.vocabulary import DEFAULT, State
 from vb_robot.driving.escape import Escape
 from vb_robot.driving.command_gate import ESCAPE, FOLLOW, INPUT_TIMEOUT, NAVIGATION, NONE, STOP, TELEOP, CommandGate
 from vb_robot.driving.rotation_shim import RotationShim

@@ -25,16 +25,16 @@ from typing import Deque, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
+from vb_core.interaction_tables import COMMANDS, STOP, YES_ANSWERS
 from vb_core.sentences import words_of_name
 from vb_core.sounds import SOUNDS, TICK
-from vb_core.vocabulary import ANSWERS, COMMANDS, STOP
 from vb_voice_wizard.voice.microphone import SAMPLE_RATE
 from vb_voice_wizard.voice.endpointing import PADDING, Endpointer, Utterance
 from vb_voice_wizard.voice.speech_model import SpeechModel
 
 # what people say for each command, and to confirm it when asked
 PHRASES = {name: [words_of_name(name), *command.phrases] for name, command in COMMANDS.items()}
-PHRASES.update({answer: ["yes, " + words_of_name(command)] for answer, command in ANSWERS.items()})
+PHRASES.update({answer: ["yes, " + words_of_name(command)] for answer, command in YES_ANSWERS.items()})
 # Evidence at which an utterance is as probably a command as something that sounds like it. In the development group,
 # about as many single words are then missed as wrongly accepted; nothing comes near two words (docs/results/voice).
 _EVEN_ONE_WORD = -3.5

@@ -6,7 +6,7 @@ export const words = new Words();
 export const view = {}; // the newest sections, by name
 // Whether the server answers, what a touch of the map means (editor.js), and the link to the server.
 export const page = { online: false, mode: "look", link: null };
-export const hello = { role: "nobody", states: [], commands: [], zones: [] }; // with vb_core's tables: vocabulary.py, zones.py
+export const hello = { role: "nobody", states: [], commands: [], zones: [] }; // interaction_tables.py, zones.py of vb_core
 export const sentence = (code, values) => words.say(code, values);
 export const isOperator = () => hello.role === "operator";
 // Whether a command has an effect with what is connected. Where that is not known (null: not any more), all are offered.

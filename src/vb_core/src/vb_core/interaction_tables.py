@@ -53,7 +53,7 @@ _STATES = (
     State("paused", prompt="paused", color="#9682ff", tone=("G6", "E6")),
 )
 STATES: Dict[str, State] = {state.name: state for state in _STATES}
-DEFAULT, BORDER, SEED, GUIDE, PAUSED = _STATES
+DEFAULT, BORDER, SEED, GUIDE, PAUSED = _STATES  # the states themselves; commands are known by their names
 
 
 def state_by_name(name: str) -> State:
@@ -117,11 +117,11 @@ _COMMANDS = (
     Command("continue", "k", "play", CAMERA, button_place=5),
 )
 COMMANDS: Dict[str, Command] = {command.name: command for command in _COMMANDS}
-DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, SAVE, CANCEL, STOP, RESUME, UNDO, REDO, PAUSE, CONTINUE = COMMANDS
+DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, SAVE, CANCEL, STOP, RESUME, UNDO, REDO, PAUSE, CONTINUE = COMMANDS  # names
 
 QUESTIONS = ("confirm_save", "confirm_command")  # codes with which the system asks for confirmation
-# what a person replies to them, and the command that the reply confirms
-ANSWERS = {"yes_" + name: name for name, command in COMMANDS.items() if command.consequences != NEVER}
+# by the reply that answers such a question with yes, the command that it confirms
+YES_ANSWERS = {"yes_" + name: name for name, command in COMMANDS.items() if command.consequences != NEVER}
 
 
 def command_name_from_text(text: str) -> str:
