@@ -77,7 +77,7 @@ class Bench:
         for name, goal in goals.items():
             robot, previous = self.robots[name], self.robots[name].destination
             robot.destination = goal
-            if goal is not None and goal is not previous:
+            if goal is not None and goal != previous:
                 robot.goal, sent_x = self.outcome, goal.pose[0]
                 robot.pose = goal.pose if self.outcome is REACHED else robot.pose
                 self.sent.append((self.now, sent_x))
