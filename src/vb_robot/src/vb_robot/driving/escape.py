@@ -17,7 +17,9 @@ from vb_robot.driving.velocity import MAX_SPEED, VelocityRequest, steer
 from vb_robot.driving.workspace import Workspace
 
 START_CLEARANCE = PATH_MARGIN + 0.02  # [m] beyond the radius, below which an escape starts
-END_CLEARANCE = PATH_MARGIN + 0.04  # [m] beyond the radius, from which it has ended; larger, because single cells flicker
+END_CLEARANCE = (
+    PATH_MARGIN + 0.04
+)  # [m] beyond the radius, from which it has ended; larger, because single cells flicker
 TARGET_CLEARANCE = END_CLEARANCE + 0.05  # [m] so that a robot that stops a few centimetres short of the target is free
 REACH = 0.5  # [m] to the farthest target; a robot that has no target within it is trapped, not pinched
 PINCHED_AFTER = 1.5  # [s] for which navigation must have had a goal without moving the robot
@@ -54,8 +56,8 @@ class Escape:
             has_goal: whether navigation has a goal, and nobody draws or guides.
             moves: whether navigation moves the robot.
         """
-        is_time_unset = now < self._idle_since  # at the start, or if time was set back
-        if moves or not has_goal or is_time_unset:
+        begins_later = now < self._idle_since  # at the start, or if time was set back
+        if moves or not has_goal or begins_later:
             self._idle_since = now
         gap = workspace.distance_to_blocked(pose) - self._radius
         clearance = START_CLEARANCE if self._target is None else END_CLEARANCE
