@@ -29,10 +29,7 @@ NEIGHBORS = ((0, 1), (1, 0), (1, 1), (1, -1))  # (rows, columns); each edge is u
 
 
 def bounding_window(spot: np.ndarray, line: np.ndarray, robot: Pose) -> Window:
-    """Returns the window (x_min, y_min, x_max, y_max) [m] around a spot (2,) [m], a line (N, 2) [m] and a robot.
-
-    What is too far from the spot is left out.
-    """
+    """Returns the window (x_min, y_min, x_max, y_max) [m] around a spot (2,), and a line (N, 2) and robot near it [m]."""
     points = np.vstack([spot, line, robot[:2]])
     points = points[np.abs(points - spot).max(axis=1) <= MAX_WINDOW_REACH]
     low = points.min(axis=0) - WINDOW_MARGIN
@@ -122,8 +119,7 @@ class ClearanceMap:
         """Predicts the area that a border along the chain would restrict with a seed, less exactly than integration.
 
         Args:
-            seed: (2,) [m]
-            chain: (M, 2) [m]; open ends are extended straight to the next obstacle.
+            seed: (2,) [m]; chain: (M, 2) [m]; open ends are extended straight to the next obstacle.
 
         Returns:
             (H, W) bool; no cell if the chain does not separate any area.

@@ -29,10 +29,7 @@ FOLLOW_DELAY = 1.0  # [s] in which a stationary camera may see the spot too; if 
 
 @dataclass(frozen=True)
 class Sighting:
-    """A sighting of the spot: its time [s], its position (x, y) [m] in the map frame, its camera, and its confidence.
-
-    `mobile` says whether the camera is on a robot.
-    """
+    """A sighting: time [s], the spot's position (x, y) [m] in the map frame, camera, whether on a robot, confidence."""
 
     stamp: float
     position: Tuple[float, float]
@@ -44,9 +41,8 @@ class Sighting:
 class SpotSightings:
     """Collects the sightings of one interaction, and decides which robot acts on them and how.
 
-    In Guide, only one robot acts: the one whose camera has seen the spot longest without a pause follows it. In Border
-    and Seed, a robot is sent once a stationary camera has seen the spot in this interaction. Until then, the robot
-    follows.
+    In Guide, only one robot acts: that whose camera has seen the spot longest without a pause follows it. In Border and
+    Seed, a robot is sent once a stationary camera has seen the spot in this interaction. Until then, it follows.
 
     Args:
         mobile_cameras: names of cameras on robots, known before any of them has seen a spot.
@@ -154,10 +150,7 @@ class SpotSightings:
         return is_recent and self.time_since_seen(now) <= LOST_TIMEOUT
 
     def time_since_seen(self, now: float) -> float:
-        """Returns the time [s] since a camera last saw the spot of a border.
-
-        It is 0 before the first sighting, and in Seed, because the seed does not move.
-        """
+        """Returns the time [s] since a camera last saw a border's spot: 0 before the first sighting, and for a seed."""
         newest = self.newest()
         if newest is None or self.state != BORDER:
             return 0.0

@@ -60,19 +60,12 @@ class SentGoalState(enum.Enum):
 
 @dataclass(frozen=True)
 class DispatchStatus:
-    """A robot's current state.
+    """A robot's current state."""
 
-    Attributes:
-        pose: (x, y, yaw) [m, m, rad], map frame; None if it is not localised.
-        has_navigation: whether its navigation is running.
-        goal: the state of the last goal that was sent to it.
-        is_busy: whether it drives to another node's goal.
-    """
-
-    pose: Optional[Pose]
-    has_navigation: bool = True
-    goal: SentGoalState = SentGoalState.NONE
-    is_busy: bool = False
+    pose: Optional[Pose]  # (x, y, yaw) [m, m, rad], map frame; None if the robot is not localised
+    has_navigation: bool = True  # whether its navigation is running
+    goal: SentGoalState = SentGoalState.NONE  # the state of the last goal that was sent to it
+    is_busy: bool = False  # whether it drives to another node's goal
 
     @property
     def can_be_sent(self) -> bool:
@@ -174,9 +167,8 @@ class DispatchPolicy:
         self._failures = [failure for failure in self._failures if now - failure.time < FAILED_MEMORY]
         if unseen_s <= LOST_TIMEOUT:
             self._hidden = []
-        candidates: Dict[str, DispatchStatus] = {}
-        if task is not None:
-            candidates = {name: status for name, status in robots.items() if status.can_be_sent}
+        wanted = robots if task is not None else {}
+        candidates = {name: status for name, status in wanted.items() if status.can_be_sent}
         if self.serving not in candidates:
             self.serving = self.goal = None
         must_choose = True

@@ -47,25 +47,15 @@ NO_POINTS = np.zeros((0, 2))
 
 @dataclass(frozen=True)
 class DrawingState:
-    """The drawing so far, map frame.
+    """The drawing so far, map frame."""
 
-    Attributes:
-        spot: (2,) [m] the spot's last position; None if it is not known.
-        chain: (M, 2) [m] the line drawn so far.
-        velocity: (2,) [m/s] the spot's velocity, or None.
-        closed: whether the chain is a polygon.
-        marks_side: whether the spot marks the side to be restricted, from which robots keep off.
-        seen_by_stationary: whether a stationary camera sees the spot, so that a robot need not.
-        seed: (2,) [m] the seed with which the border would be saved now, or None.
-    """
-
-    spot: Optional[np.ndarray] = None
-    chain: np.ndarray = field(default_factory=lambda: NO_POINTS)
-    velocity: Optional[np.ndarray] = None
-    closed: bool = False
-    marks_side: bool = False
-    seen_by_stationary: bool = False
-    seed: Optional[np.ndarray] = None
+    spot: Optional[np.ndarray] = None  # (2,) [m] the spot's last position; None if it is not known
+    chain: np.ndarray = field(default_factory=lambda: NO_POINTS)  # (M, 2) [m] the line drawn so far
+    velocity: Optional[np.ndarray] = None  # (2,) [m/s] of the spot, or None
+    closed: bool = False  # whether the chain is a polygon
+    marks_side: bool = False  # whether the spot marks the side to be restricted, which robots must not enter
+    seen_by_stationary: bool = False  # whether a stationary camera sees the spot, so that a robot need not
+    seed: Optional[np.ndarray] = None  # (2,) [m] the seed with which the border would be saved now, or None
 
     def interior_point(self) -> Optional[np.ndarray]:
         """Returns a point (2,) [m] inside a closed line, near its middle, or None if the line is open."""
@@ -153,19 +143,12 @@ class RobotCameraView:
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """A pose to which a robot may be sent.
+    """A pose to which a robot may be sent."""
 
-    Attributes:
-        pose: (x, y, yaw) [m, m, rad], map frame.
-        cost: [m] of path.
-        sees_spot: False for a pose at which the robot only leaves the side to be restricted.
-        number: counts the goals that were sent, so that the same pose sent again is another goal; 0 for a candidate.
-    """
-
-    pose: Pose
-    cost: float
-    sees_spot: bool = True
-    number: int = 0
+    pose: Pose  # (x, y, yaw) [m, m, rad], map frame
+    cost: float  # [m] of path
+    sees_spot: bool = True  # False for a pose at which the robot only leaves the side to be restricted
+    number: int = 0  # counts the goals that were sent, so that the same pose sent again is another goal
 
 
 class ViewpointPlanner:
@@ -248,10 +231,7 @@ class ViewpointPlanner:
         return Viewpoint((*positions[best].tolist(), yaw), float(cost[best]))
 
     def _cross_area(self, robot: Pose, positions: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-        """Returns (N,) bool: whether the shortest path to each position crosses the area that the border will restrict.
-
-        Args:
-            lengths: (N,) [m] of these paths.
+        """Returns (N,) bool: whether the shortest path to each position, of length (N,) [m], crosses the expected area.
 
         Navigation does not know the border before it is saved. A robot that is on the area must leave it in any case.
         """
@@ -306,10 +286,7 @@ class ViewpointPlanner:
 
 
 def _poses_around(target_point: np.ndarray, robot: Pose) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns positions (N, 2) [m], yaws (N,) [rad] and distances (N,) [m] of poses that face a point.
-
-    The robot's own position is among them, unless it is much too near or too far.
-    """
+    """Returns positions (N, 2) [m], yaws (N,) [rad] and distances (N,) [m] of poses that face a point, even the robot's."""
     x, y = target_point - robot[:2]
     robot_distance = float(np.hypot(x, y))
     robot_yaw = math.atan2(y, x)

@@ -1,13 +1,8 @@
 """Arbitrates between the sources that request motion of one robot.
 
 At most one source drives at a time, and every command passes one gate, `CommandGate`. In doubt the robot stops, and a
-code says why. The sources, in order of priority:
-
-1. a stop, which is in force until it is released ("resume"),
-2. teleoperation,
-3. following the spot,
-4. escape from a border or obstacle that is too near,
-5. navigation.
+code says why. In order of priority, the sources are: a stop, which is in force until resume; teleoperation; following
+the spot; escape from a border or obstacle that is too near; navigation.
 """
 
 from __future__ import annotations
@@ -39,21 +34,16 @@ MAX_STANDING_TURN_RATE = 0.1  # [rad/s] of a robot that counts as standing; navi
 class DriveCommand:
     """The current command to the wheels.
 
-    Attributes:
-        v, w: [m/s, rad/s]
-        source: the source that drives: "none", "stop", "teleop", "follow", "escape" or "navigation".
-        code: "driving", or the reason why the robot stops or slows down.
-        publish: whether to publish it. Without a source, only refusals are published, and zeros after the last source and
-            for a new subscriber.
-        cancel: whether to cancel navigation's goals.
+    It is not always published: while no source drives, only refusals are published, and zeros after the last source and
+    for a new subscriber.
     """
 
-    v: float = 0.0
-    w: float = 0.0
-    source: str = NONE
-    code: str = "idle"
-    publish: bool = False
-    cancel: bool = False
+    v: float = 0.0  # [m/s]
+    w: float = 0.0  # [rad/s]
+    source: str = NONE  # "none", "stop", "teleop", "follow", "escape" or "navigation"
+    code: str = "idle"  # "driving", or the reason why the robot stops or slows down
+    publish: bool = False  # whether to publish it
+    cancel: bool = False  # whether to cancel navigation's goals
 
 
 class Arbiter:
@@ -141,11 +131,7 @@ class Arbiter:
             return self._last
 
     def step(self, now: float, listeners: int = 1) -> DriveCommand:
-        """Computes the command at time `now` [s]. Call it `command_gate.RATE` times a second.
-
-        Args:
-            listeners: the number of the command's subscribers.
-        """
+        """Computes the command at time `now` [s] for so many subscribers. Call it `command_gate.RATE` times a second."""
         with self._lock:
             if listeners > self._listeners:
                 self._zeros_until = now + START_ZEROS

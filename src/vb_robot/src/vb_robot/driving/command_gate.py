@@ -264,10 +264,7 @@ class CommandGate:
         return min(speeds, key=lambda entry: entry[0])
 
     def _age(self, now: float, name: str) -> float:
-        """Returns the age [s] of an input's newest message, less its slack. Without a message, the age is inf.
-
-        The age is also inf if the message's stamp comes from another clock.
-        """
+        """Returns the age [s] of an input's newest message less its slack; inf without one, or with a future stamp."""
         age = now - self.stamps.get(name, -math.inf)
         if not age >= -MAX_FUTURE_STAMP:  # also for nan
             return math.inf

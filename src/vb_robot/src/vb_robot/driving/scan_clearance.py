@@ -49,8 +49,7 @@ class Scan:
 
     Args:
         ranges: (N,) [m] as in sensor_msgs/LaserScan; nan is an invalid beam, inf one without an echo.
-        angle_min, angle_increment: [rad]
-        range_min, range_max: [m]
+        angle_min, angle_increment: [rad]; range_min, range_max: [m].
         mount: T_base_scanner, 4x4.
         radius: [m] of the robot. Echoes more than SELF_ECHO_MARGIN within it come from the robot's own parts.
         no_return: what stands for no echo besides inf: "zero" or "nan". Otherwise, a range of 0 is an echo too near.

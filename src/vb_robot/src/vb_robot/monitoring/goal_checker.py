@@ -96,14 +96,10 @@ class GoalChecker:
         return find_border_name(self.known, nearest)
 
     def check(self, start, goal) -> Optional[Tuple[str, str]]:
-        """Returns why navigation will refuse to go from a start to a goal: a code, and the border's name.
+        """Returns why navigation will refuse a goal (2,) [m] from a start (2,) [m]: a code, and the border's name.
 
         The codes are "goal_off_map", "goal_in_border", "goal_in_obstacle", "goal_behind_border" and
-        "goal_out_of_reach". Returns None if nothing is known against the goal.
-
-        Args:
-            start: (2,) [m]; None if it is not known.
-            goal: (2,) [m].
+        "goal_out_of_reach". Returns None if nothing is known against the goal. `start` is None if it is not known.
         """
         grid = self.borders
         if not grid.contains_cells(grid.world_to_cell(goal))[0]:
@@ -130,10 +126,7 @@ class GoalChecker:
         return cv2.connectedComponents(room.astype(np.uint8), connectivity=4)[1]
 
     def _component_at(self, layer: str, point, reach: float) -> int:
-        """Returns the label of the part of the floor at a point (2,) [m]. Returns 0 if there is no part.
-
-        Off any part, the nearest one within `reach` [m] counts.
-        """
+        """Returns the label of the floor's part at a point (2,) [m], else the nearest within `reach` [m]; 0 for none."""
         components, grid = self._components[layer], self.borders
         cell = tuple(grid.world_to_cell(point)[0])
         if grid.contains_cells(np.array([cell]))[0] and components[cell]:

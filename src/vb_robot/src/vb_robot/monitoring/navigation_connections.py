@@ -23,26 +23,16 @@ PLANNERS: Mapping[str, Tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class NavigationWiring:
-    """What a robot's move_base is connected to.
+    """What a robot's move_base is connected to. An empty name means that there is none, or that it is not known."""
 
-    Attributes:
-        move_base: the name of its node; "" if none is running.
-        maps: the map topics that it subscribes to.
-        missing_maps: those of them for which it waits in vain.
-        unheard, plans_round_borders: see vb_msgs/RobotStatus.
-        path: the topic of its path; "" if not known.
-        planner: the name of its local planner, one of PLANNERS; "" if not known.
-        radius: [m] of the robot's inscribed circle, from its costmap; None if not given.
-    """
-
-    move_base: str = ""
-    maps: Tuple[str, ...] = ()
-    missing_maps: Tuple[str, ...] = ()
-    unheard: Tuple[str, ...] = ()
-    plans_round_borders: bool = False
-    path: str = ""
-    planner: str = ""
-    radius: Optional[float] = None
+    move_base: str = ""  # the name of its node
+    maps: Tuple[str, ...] = ()  # the map topics that it subscribes to
+    missing_maps: Tuple[str, ...] = ()  # those of them for which it waits in vain
+    unheard: Tuple[str, ...] = ()  # see vb_msgs/RobotStatus
+    plans_round_borders: bool = False  # see vb_msgs/RobotStatus
+    path: str = ""  # the topic of its path
+    planner: str = ""  # the name of its local planner, one of PLANNERS
+    radius: Optional[float] = None  # [m] of the robot's inscribed circle, from its costmap; None if not given
 
 
 def resolve_name(robot: str, name: str) -> str:
