@@ -339,7 +339,7 @@ class NetworkRobotSystemScript(ParticipantScript):
             asked_to_hold = person.perception.now - person.perception.hold_requested_at < person.model.patience
             waited = person.perception.now - start
             if not moved_aside and not asked_to_hold and waited > 2.0 and person.spot is not None:
-                # the person's body may hide the spot; but if the display says that a robot is coming, no camera reaches it
+                # the person's body may hide the spot; but while the display asks to wait for the robot, the person stays
                 moved_aside = True
                 person.step_aside(person.spot, stroke.points)
             yield

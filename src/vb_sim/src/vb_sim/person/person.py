@@ -122,7 +122,8 @@ class Person:
         self.scenario = scenario
         self.grid: GridMap = physical_map(world)
         # without ceiling cameras, a person begins by leading the robot
-        start_near = scenario.stand if method == "nrs" else np.array(world.robots[0].start[:2], dtype=float)
+        start = scenario.stand if method == "nrs" else world.robots[0].start[:2]
+        start_near = np.array(start, dtype=float)
         self.walker = Walker(self.grid, model, start_near)
         self.walker.position = self.walker.find_position_near(start_near, 1.2, 2.0, self.rng)
         self.drawing_speed = float(self.rng.uniform(model.drawing_speed[0], max(model.drawing_speed)))
