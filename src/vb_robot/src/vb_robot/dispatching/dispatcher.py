@@ -14,8 +14,7 @@ from vb_robot.dispatching.dispatch_policy import DispatchPolicy, DispatchStatus
 from vb_robot.dispatching.viewpoint import DrawingState, RobotCameraView, Viewpoint, ViewpointPlanner
 from vb_robot.spot_sightings import LOST_TIMEOUT, SpotSightings
 
-# [s] for which no camera sees the spot and no robot comes, before a notice says so: the first spots are confirmed late,
-# and choosing a robot takes 1 s
+# [s] until a notice says that no robot comes: the first spots are confirmed late, and choosing a robot takes 1 s
 UNSERVED_TIME = 2.0
 
 

@@ -77,7 +77,8 @@ class Workspace:
     """
 
     def __init__(self, borders: GridMap, physical: GridMap, radius: float, uncertainty: float = 0.0) -> None:
-        self.borders, self._radius = borders, radius
+        self.borders = borders
+        self._radius = radius
         # the map's edge is neither a border nor an obstacle, because the floor may continue beyond it
         self._border_distance = clearance_grid(forbidden_cells(borders, physical), borders.resolution)
         near_border = (self._border_distance < uncertainty) & (borders.data >= 0)

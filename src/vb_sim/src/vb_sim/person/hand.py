@@ -59,16 +59,11 @@ class Side:
 
 @dataclass(frozen=True)
 class DrawingStyle:
-    """One real person's way of drawing.
-
-    Attributes:
-        overshoot: distance of the hand beyond each corner [share of the side]; negative if it cuts the corner.
-        gap: distance of a closed figure's end beyond its start [share of the diagonal]; negative if it ends before.
-    """
+    """One real person's way of drawing."""
 
     sides: Tuple[Side, ...]
-    overshoot: Tuple[float, ...]
-    gap: float
+    overshoot: Tuple[float, ...]  # how far the hand goes beyond each corner [share of the side]; negative if it cuts it
+    gap: float  # how far a closed figure ends beyond its start [share of the diagonal]; negative if it ends before
 
 
 @lru_cache(maxsize=1)
@@ -94,8 +89,7 @@ class Stroke:
     Args:
         border: (N, 2) [m] the intended chain.
         closed: whether the chain returns to its start.
-        style: the movement's style. The model's `stroke_scale` multiplies its deviations; with 0, the hand draws straight
-            lines at an even speed.
+        style: the movement's style. The model's `stroke_scale` multiplies its deviations; 0 draws straight and evenly.
         is_floor: returns whether points (N, 2) [m] are on the floor; the ends of an open border are drawn only there.
     """
 

@@ -138,7 +138,7 @@ class PathFollower:
 
 
 class Navigator:
-    """Plans paths on the map with the virtual borders and follows them. Another thread may set maps."""
+    """Plans paths on the map with the virtual borders, and follows them. Another thread may set maps."""
 
     def __init__(self, profile: RobotProfile) -> None:
         self._profile = profile
