@@ -1,7 +1,7 @@
 """Answers queries about a map for a round robot: clearance, lines of sight, shortest paths.
 
-Only the floor around the line and the robots matters. `bounding_window` gives the window of the map that contains it, so
-that the time for a query does not depend on the map's size. The path of a robot outside the window enters at its edge.
+Only the floor around the line and the robots matters. `bounding_window` gives the window of the map that contains it,
+so that the time for a query does not depend on the map's size. The path of a robot outside enters at its edge.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ NEIGHBORS = ((0, 1), (1, 0), (1, 1), (1, -1))  # (rows, columns); each edge is u
 
 
 def bounding_window(spot: np.ndarray, line: np.ndarray, robot: Pose) -> Window:
-    """Returns the window (x_min, y_min, x_max, y_max) [m] around a spot (2,), and a line (N, 2) and robot near it [m]."""
+    """Returns the window (x_min, y_min, x_max, y_max) [m] around a spot (2,), and a line (N, 2) and robot near it."""
     points = np.vstack([spot, line, robot[:2]])
     points = points[np.abs(points - spot).max(axis=1) <= MAX_WINDOW_REACH]
     low = points.min(axis=0) - WINDOW_MARGIN

@@ -95,7 +95,7 @@ class RobotDriverNode:
         robot_driver/keep_out (nav_msgs/OccupancyGrid, latched): /virtual_borders/map with borders inflated by the
             localisation uncertainty: for navigation's costmaps
     Services called:
-        request_nomotion_update (std_srvs/Empty): AMCL's, while AMCL is uncertain of a pose that it once knew or was given
+        request_nomotion_update (std_srvs/Empty): AMCL's, while it is uncertain of a pose that it once knew or was given
     Parameters:
         ~* DriverParams
         robot_profile: in the robot's namespace
@@ -190,7 +190,7 @@ class RobotDriverNode:
         entered, stamp = message.entered.to_sec(), message.header.stamp.to_sec()
         self._arbiter.set_state(state_by_name(message.name), message.interaction_id, entered, stamp)
         self._stops.update_from_latch(message.stopped, message.stops)
-        self._stops.store()  # stored by the callback's thread, so that a slow disk does not delay commands to the wheels
+        self._stops.store()  # in the callback's thread, so that a slow disk does not delay commands to the wheels
 
     def _on_stop(self, message: Stop) -> None:
         self._stops.add(message.id or new_id())
@@ -200,7 +200,7 @@ class RobotDriverNode:
         self._arbiter.add_contributors(message.interaction_id, message.cameras)
 
     def _on_scan(self, message: LaserScan) -> None:
-        """Stores a scan with the time of its last beam, from which its age counts. The message has that of its first."""
+        """Stores a scan with the time of its last beam, from which its age counts. The message has its first beam's."""
         frame = message.header.frame_id.lstrip("/")
         if frame not in self._mounts:
             T = self._lookup(self._base, frame, rospy.Time(0))
@@ -259,10 +259,10 @@ class RobotDriverNode:
         self._amcl_updates_left = MAX_AMCL_UPDATES
 
     def _request_amcl_update(self) -> None:
-        """Makes AMCL compare scans with the map although the robot stands still, if AMCL once knew or was given its pose.
+        """Makes AMCL compare scans with the map although the robot stands still, if its pose was once known or given.
 
-        On its own, AMCL does so only while the robot moves. But a robot that does not know its pose stands still, so that
-        one bad moment would last forever. A pose given in RViz is accurate only to half a metre, which is not enough.
+        On its own, AMCL does so only while the robot moves. But a robot that does not know its pose stands still, so
+        that one bad moment would last forever. A pose given in RViz is accurate to half a metre, which is not enough.
         """
         if self._amcl_updates_left and self._arbiter.gate.pose_uncertain:
             self._amcl_updates_left -= 1
@@ -299,7 +299,7 @@ class RobotDriverNode:
                 if rospy.is_shutdown():
                     return
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {traceback.format_exc()}")
-                # whatever has failed, the last command must not stay in force; zero goes out before the report, which may fail
+                # the last command must not stay in force; zero goes out before the report, which may fail too
                 with contextlib.suppress(Exception):
                     self._execute(self._arbiter.halt("internal_error"), now)
 

@@ -1,4 +1,4 @@
-"""Node: watches what is connected to the robots, says why it refuses a goal, and sends robots to goals and to the spot."""
+"""Node: watches what is connected to robots, says why a goal is refused, sends robots to goals and to the spot."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ class RobotMonitorNode:
             rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
 
     def close(self) -> None:
-        """Restores the planners' usual speeds, and cancels the goals of dispatched robots, as nobody would watch them."""
+        """Restores the planners' usual speeds, and cancels dispatched robots' goals, as nobody would watch them."""
         for queue in (self._timer, self._graph_timer, self._goals_to_check, self._dispatch_timer):
             queue.close()
         for dispatched in self._dispatched.values():
@@ -326,9 +326,10 @@ class RobotMonitorNode:
 
     def _find_lasting(self, faults: List[Notice], now: float) -> List[Notice]:
         """Returns the faults that have lasted for SETTLING_TIME."""
-        since = [min(self._faulty_since.get((fault.code, fault.robot), now), now) for fault in faults]
-        self._faulty_since = {(fault.code, fault.robot): start for fault, start in zip(faults, since)}
-        return [fault for fault, start in zip(faults, since) if now - start >= SETTLING_TIME]
+        keys = [(fault.code, fault.robot) for fault in faults]
+        self._faulty_since = {key: min(self._faulty_since.get(key, now), now) for key in keys}
+        lasting = {key for key, since in self._faulty_since.items() if now - since >= SETTLING_TIME}
+        return [fault for fault, key in zip(faults, keys) if key in lasting]
 
     def _log(self, now: float) -> None:
         """Logs what is connected once the lab has started, and later its changes. Faults are notices instead."""

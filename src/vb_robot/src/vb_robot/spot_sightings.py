@@ -77,7 +77,7 @@ class SpotSightings:
         self.state, self._interaction, self._entered = state, interaction, entered
 
     def add(self, sighting: Sighting) -> bool:
-        """Adds a sighting. Returns whether it counts: it must be confident, from this state, and robots must act in it."""
+        """Adds a sighting. Returns whether it counts: it must be confident and from this state, in which robots act."""
         if sighting.mobile:
             self._mobile_names.add(sighting.camera)
         if not self.state.robots_act or sighting.stamp < self._entered or sighting.confidence < MIN_CONFIDENCE:
@@ -110,7 +110,7 @@ class SpotSightings:
         return now - self.first_mobile_stamp >= FOLLOW_DELAY
 
     def _update_follower(self, now: float) -> Optional[str]:
-        """Returns the robot camera that has seen the spot longest without a pause. If none sees it now, returns the last.
+        """Returns the robot camera that has seen the spot longest without a pause. If none sees it, returns the last.
 
         The images' own times count, not when they arrive, so that all robots' drivers choose the same camera.
         """
@@ -139,7 +139,7 @@ class SpotSightings:
         return [sighting for sighting in self._recent if sighting.stamp >= stamp]
 
     def seen_by_stationary(self, now: float) -> bool:
-        """Returns whether a stationary camera sees the spot now. In Seed, one sighting is enough, as the seed is still."""
+        """Returns whether a stationary camera sees the spot. In Seed, one sighting is enough, as the seed is still."""
         newest = self.newest()
         stamps = [sighting.stamp for sighting in self._recent if not sighting.mobile]
         if newest is None or not stamps:
@@ -163,14 +163,14 @@ class SpotSightings:
             return None
         sightings = self._since(newest.stamp - 0.3 * TARGET_WINDOW)
         if len(sightings) < MIN_TARGET_SIGHTINGS:
-            in_order = sorted(self._since(newest.stamp - 3.0 * TARGET_WINDOW), key=lambda sighting: sighting.stamp)
-            sightings = in_order[-MIN_TARGET_SIGHTINGS:]
+            longer = self._since(newest.stamp - 3.0 * TARGET_WINDOW)
+            sightings = sorted(longer, key=lambda sighting: sighting.stamp)[-MIN_TARGET_SIGHTINGS:]
         if len(sightings) < MIN_TARGET_SIGHTINGS:
             return None
         return np.median([sighting.position for sighting in sightings], axis=0)
 
     def velocity(self) -> Optional[np.ndarray]:
-        """Measures the spot's velocity (2,) [m/s] over VELOCITY_WINDOW. Returns None if the spot rests or has just turned.
+        """Measures the spot's velocity (2,) [m/s] over VELOCITY_WINDOW. Returns None if it rests or has just turned.
 
         Only the camera that saw the spot last counts, because the positions from two cameras differ by centimetres.
         """

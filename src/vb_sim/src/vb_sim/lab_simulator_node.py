@@ -65,8 +65,8 @@ class RobotConnection:
 class LabSimulatorNode:
     """Moves the robots, and publishes the ground truth of the lab and the clock.
 
-    /clock runs in real time, or as fast as /sim/pace says; on a slow computer it runs slower. /use_sim_time must be set.
-    A robot's topics are in its namespace; the first robot usually has none.
+    /clock runs in real time, or as fast as /sim/pace says, but slower on a slow computer. /use_sim_time must be set. A
+    robot's topics are in its namespace; the first robot usually has none.
 
     Subscribed topics:
         <robot>/cmd_vel (geometry_msgs/Twist)

@@ -32,8 +32,8 @@ class DistanceField:
         # from the cell's centre to the obstacle's edge, half a cell before the obstacle's centre
         self._distance = np.maximum(cells.astype(float) - 0.5, 0.0) * grid.resolution
         self._rows, self._columns = free.shape
-        # How far a beam may advance from any point of a cell; 0 in obstacles. Two cells' corners may be 1.4 cells nearer to
-        # each other than their centres, but then the beam crosses only a corner of an obstacle's cell.
+        # How far a beam may advance from any point of a cell; 0 in obstacles. Two cells' corners may be 1.4 cells
+        # nearer to each other than their centres, but then the beam crosses only a corner of an obstacle's cell.
         safe_steps = np.maximum((cells - 1.0) * grid.resolution, 0.5 * grid.resolution)
         self._steps = np.where(free, safe_steps, 0.0).astype(np.float64).ravel()
 
@@ -54,8 +54,8 @@ class DistanceField:
     def cast_rays(self, origin: Point2, angles: np.ndarray, range_max: float) -> np.ndarray:
         """Returns the ranges (N,) [m] of beams from `origin` [m] at `angles` (N,) [rad] in the map; inf without a hit.
 
-        Uses sphere tracing: each beam advances by the distance that is known to be free, which may be a hundred cells of
-        open floor. Only beams that graze a wall advance by half cells.
+        Uses sphere tracing: each beam advances by the distance that is known to be free, which may be a hundred cells
+        of open floor. Only beams that graze a wall advance by half cells.
         """
         direction_x = np.cos(angles) / self._resolution
         direction_y = np.sin(angles) / self._resolution
@@ -125,7 +125,8 @@ class SimulatedLab:
         angles = -math.pi + 2.0 * math.pi / model.beams * np.arange(model.beams)
         x, y, yaw = self.robots[index].pose
         ranges = self.field.cast_rays((x, y), angles + yaw, model.range_max)
-        discs = [(body.pose[:2], robot.radius) for body, robot in zip(self.robots, self.world.robots)]
+        bodies = zip(self.robots, self.world.robots)
+        discs = [(body.pose[:2], robot.radius) for body, robot in bodies]
         del discs[index]  # a robot does not see itself
         if self.person is not None:
             discs.append((self.person[:2], model.person_radius))
@@ -140,8 +141,8 @@ class SimulatedLab:
 class Lockstep:
     """Makes simulated time wait for the nodes that drive a robot, so that they are in time even on a busy computer.
 
-    While all nodes arrive in every step, `wait` returns once they have. A node that is silent for `timeout` probably has
-    nothing to do: from then on `wait` returns at once, until all nodes arrive within one step again.
+    While all nodes arrive in every step, `wait` returns once they have. A node that is silent for `timeout` probably
+    has nothing to do: from then on `wait` returns at once, until all nodes arrive within one step again.
 
     Args:
         expected: the names of these nodes.

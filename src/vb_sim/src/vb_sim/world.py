@@ -1,7 +1,7 @@
 """Reads a simulated world from a YAML file: room, furniture, cameras, robots and scenarios.
 
 An unknown key, a wrong type or a value out of range raises a `ParameterError` that says where it is in the file, for
-instance "cameras[1]/height". Angles in the file and the fields are in degrees; those that methods return are in radians.
+instance "cameras[1]/height". Angles in the file and the fields are in degrees; methods return them in radians.
 """
 
 from __future__ import annotations
@@ -248,7 +248,8 @@ class World(Parameters):
             for name, count in Counter(item.name for item in items).items():
                 if count > 1:
                     raise ParameterError(kind, f"the name '{name}' is used twice")
-        scenarios = {str(key): _read_scenario(str(key), scenario) for key, scenario in self.scenarios.items()}
+        documents = {str(key): document for key, document in self.scenarios.items()}
+        scenarios = {key: _read_scenario(key, document) for key, document in documents.items()}
         object.__setattr__(self, "scenarios", scenarios)
 
     def scenario(self, key: str) -> Scenario:

@@ -1,12 +1,12 @@
 """Decides where each robot should go: the policy, apart from maps, messages and actions.
 
 1. One robot serves. It stays where it is for as long as it sees the target from there.
-2. If it has not seen the target for a while, or its position has failed, all robots bid: each offers the cheapest position
-   from which it would see the target. Staying where it is costs a robot nothing.
-3. Bids that see the spot come first, then those of robots with fewer failures, then those of idle robots, then the cheaper.
-   The serving robot's bid counts as SWITCH_GAIN cheaper, so that two robots do not alternate.
-4. A position has failed if navigation does not accept it, if the robot makes no progress towards it, or if no camera sees
-   the spot from there in time. A failed position is not offered for a while.
+2. If it has not seen the target for a while, or its position has failed, all robots bid: each offers the cheapest
+   position from which it would see the target. Staying where it is costs a robot nothing.
+3. Bids that see the spot come first, then those of robots with fewer failures, then those of idle robots, then the
+   cheaper. The serving robot's bid counts as SWITCH_GAIN cheaper, so that two robots do not alternate.
+4. A position has failed if navigation does not accept it, if the robot makes no progress towards it, or if no camera
+   sees the spot from there in time. A failed position is not offered for a while.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class PositionAssessment(enum.Enum):
 
 
 class EventWait(NamedTuple):
-    """A robot's wait: the awaited event ("" for none), when it began [s], and the robot's pose, None before it began."""
+    """A robot's wait: the awaited event ("" for none), when it began [s], and the robot's pose, None before that."""
 
     event: str = ""
     since: float = 0.0
@@ -98,7 +98,7 @@ class EventWait(NamedTuple):
 
 
 class Failure(NamedTuple):
-    """A robot's failure at a position: the robot's name, the time [s], and the circle that it then avoids for a while."""
+    """A robot's failure at a position: its name, the time [s], and the circle that it then avoids for a while."""
 
     robot: str
     time: float
@@ -233,7 +233,7 @@ class DispatchPolicy:
             self._unfit_since = now
 
     def _must_choose(self, now: float, unseen_s: float, assessment: PositionAssessment) -> bool:
-        """Returns whether to choose another position or robot. Is patient while the present goal may become fit again."""
+        """Returns whether to choose another position or robot, with patience while the present goal may fit again."""
         if assessment in (PositionAssessment.FIT, PositionAssessment.UNKNOWN):
             return False
         if self.goal is None:

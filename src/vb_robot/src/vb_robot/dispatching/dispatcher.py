@@ -80,7 +80,7 @@ class Dispatcher:
         self.sightings.add_contributors(interaction, cameras)
 
     def decide(self, now: float, robots: Mapping[str, DispatchStatus]) -> Dict[str, Optional[Viewpoint]]:
-        """Decides the goal of each robot at time `now` [s], as `DispatchPolicy.step` does. A new goal takes some 10 ms."""
+        """Decides each robot's goal at time `now` [s], as `DispatchPolicy.step` does. A new goal takes some 10 ms."""
         sightings = self.sightings
         robot_wanted = sightings.should_dispatch()
         sightings.forget_after(now)
@@ -106,8 +106,7 @@ class Dispatcher:
         elif sightings.newest() is not None:
             target = sightings.target()
         else:
-            # after a restart, the spot was last seen at the line's end; but a closed line's seed is inside the line, so that
-            # a robot inside would hide it
+            # after a restart, the spot was last at the line's end; a closed line's seed is inside, where robots hide it
             inner_point = drawing.interior_point() if sightings.state == SEED else None
             target = drawing.spot if inner_point is None else inner_point
         if target is None:

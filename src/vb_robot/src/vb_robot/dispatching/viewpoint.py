@@ -64,7 +64,7 @@ class DrawingState:
         return np.array(Polygon(self.chain).representative_point().coords[0])
 
     def extrapolate_line(self, clearance_map: ClearanceMap) -> np.ndarray:
-        """Extrapolates the line from the spot, up to a wall at most: (K, 2) [m]. Returns only a spot that does not move."""
+        """Extrapolates the line from the spot, up to a wall at most: (K, 2) [m]; only the spot if it does not move."""
         if self.velocity is None or self.marks_side:
             return np.array([self.spot])
         wall = clearance_map.ray_end(self.spot, self.velocity)
@@ -286,7 +286,7 @@ class ViewpointPlanner:
 
 
 def _poses_around(target_point: np.ndarray, robot: Pose) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns positions (N, 2) [m], yaws (N,) [rad] and distances (N,) [m] of poses that face a point, even the robot's."""
+    """Returns positions (N, 2) [m], yaws (N,) [rad], distances (N,) [m] of poses facing a point, even the robot's."""
     x, y = target_point - robot[:2]
     robot_distance = float(np.hypot(x, y))
     robot_yaw = math.atan2(y, x)

@@ -131,7 +131,7 @@ class Arbiter:
             return self._last
 
     def step(self, now: float, listeners: int = 1) -> DriveCommand:
-        """Computes the command at time `now` [s] for so many subscribers. Call it `command_gate.RATE` times a second."""
+        """Computes the command at time `now` [s] for this number of subscribers. Call it at `command_gate.RATE`."""
         with self._lock:
             if listeners > self._listeners:
                 self._zeros_until = now + START_ZEROS

@@ -1,13 +1,13 @@
 """The gate that every command passes: it limits a command to what is known to be safe, and names the reason.
 
 If anything that a command depends on is unknown, the robot stops, with a code that says why. All periodic inputs share
-one age limit: if any of them falls silent, the robot has stopped INPUT_TIMEOUT after its last message, or up to MAX_SLACK
-later if the input is slower than 10 Hz. The older the oldest input is, the slower the robot drives, so that it can brake
-in time from any speed. A message that is a little late, as on a busy computer, slows the robot for a moment but does not
-stop it.
+one age limit: if any of them falls silent, the robot has stopped INPUT_TIMEOUT after its last message, or up to
+MAX_SLACK later if the input is slower than 10 Hz. The older the oldest input is, the slower the robot drives, so that
+it can brake in time from any speed. A message that is a little late, as on a busy computer, slows the robot for a
+moment but does not stop it.
 
-With or without ROS, the gate makes any source of velocities respect borders and a laser scanner. Give it every input, and
-send the result of `limit` to the base.
+With or without ROS, the gate makes any source of velocities respect borders and a laser scanner. Give it every input,
+and send the result of `limit` to the base.
 
 >>> import numpy as np
 >>> from vb_core.grid_map import GridMap
@@ -69,11 +69,11 @@ class CommandGate:
     Attributes:
         workspace: the maps; None while they are not known.
         speed_limits: the map of the slow zones' limits, if there is one.
-        contacts: for each (topic, sensor), the motion that its contact forbids: "forward", "all", or "" without contact.
+        contacts: by (topic, sensor), the motion that the contact forbids: "forward", "all", or "" without contact.
         pose_uncertain: whether the localisation reports that the robot may be anywhere.
         other_commanders: other nodes that can command this robot's base now.
         other_stamps: [s] of each other node's last command to this robot's base, by the node's name.
-        clock_age: [s] of real time since ROS's clock last moved. While it stands still, an input's age cannot be computed.
+        clock_age: [s] of real time since ROS's clock last moved. While it stands still, stamps do not show their age.
         stamps: [s] of the newest scan, state, pose and spot, and of each source's newest command, by name.
     """
 
@@ -187,7 +187,7 @@ class CommandGate:
                 max_speed, reason = self._speed_limit(now, source, v, w)
                 if abs(v) > max_speed:
                     code = reason
-                    # only the speed is reduced, because this arc has been checked; a round robot can always turn in place
+                    # only the speed is reduced, as this arc has been checked; a round robot can always turn in place
                     scale = max_speed / abs(v)
                     if max_speed >= 0.02:
                         v, w = scale * v, scale * w

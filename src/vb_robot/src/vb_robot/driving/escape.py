@@ -1,7 +1,7 @@
 """Drives a robot away from a border or obstacle that is too near, so that navigation finds a path again.
 
-Navigation's planner requires PATH_MARGIN more clearance than its controller. So the controller may let the robot stop at
-a position from which no path can start. The robot then drives straight to the nearest position with enough clearance.
+Navigation's planner requires PATH_MARGIN more clearance than its controller, which may therefore stop the robot where
+no path can start. The robot then drives straight to the nearest position with enough clearance.
 """
 
 from __future__ import annotations

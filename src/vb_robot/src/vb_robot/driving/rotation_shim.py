@@ -2,8 +2,8 @@
 
 DWA, move_base's local planner, compares the poses at which short turns end. If a robot faces away from its path, turns
 to either side end equally far from the path, and the robot turns back and forth in place for minutes. Therefore, while
-the path starts behind the robot, the shim (Nav2's term) turns the robot the shorter way until the path is ahead. A round
-robot can always turn in place.
+the path starts behind the robot, the shim (Nav2's term) turns the robot the shorter way until the path is ahead. A
+round robot can always turn in place.
 
 The shim acts only while navigation's controller drives forwards or turns, and the path continues. It does not disturb a
 rotating recovery, which would never end if it were turned back, nor the robot's heading at the goal.
@@ -32,7 +32,7 @@ class RotationShim:
     """Passes navigation's requests on, except while the path is behind the robot.
 
     Attributes:
-        path: (N, 2) [m] navigation's newest path, map frame; while it is None, because it is not known, all requests pass.
+        path: (N, 2) [m] navigation's newest path, map frame; None while it is not known, when all requests pass.
     """
 
     def __init__(self) -> None:
@@ -69,7 +69,7 @@ class RotationShim:
         return VelocityRequest(0.0, self._direction * max(abs(request.w), MIN_TURN_RATE))
 
     def _angle_to_path(self, pose: Pose) -> Optional[float]:
-        """Returns the angle [rad] from the heading to the path's direction, or None if there is no path to follow here."""
+        """Returns the angle [rad] from the heading to the path's direction, or None if no path can be followed here."""
         if self.path is None or not len(self.path):
             return None
         target, path_distance, remaining = look_ahead(self.path, pose[:2], LOOK_AHEAD)

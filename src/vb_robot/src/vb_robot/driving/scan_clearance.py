@@ -88,7 +88,7 @@ class Scan:
         self._gap = max(math.radians(GAP_DEG), 3.0 * abs(angle_increment))
 
     def covers(self, bearing: float, half_angle: float) -> bool:
-        """Returns whether beams cover, without wide gaps, all directions within `half_angle` [rad] of a bearing [rad]."""
+        """Returns whether beams, without wide gaps, cover all directions within `half_angle` [rad] of a bearing."""
         offsets = wrap_angle(self._bearings - bearing)
         offsets = np.sort(offsets[np.abs(offsets) <= half_angle + self._gap])
         reach = half_angle - self._gap
@@ -96,7 +96,7 @@ class Scan:
         return bool(covers_sides and (np.diff(offsets) <= self._gap).all())
 
     def free_distance(self, v: float, w: float, radius: float, clearance: Clearance) -> float:
-        """Returns how far [m] the arc of (v, w) [m/s, rad/s] is clear of the scan's points, or inf if none is in the way."""
+        """Returns how far [m] the arc of (v, w) [m/s, rad/s] is clear of scan points, or inf if none is in the way."""
         curvature = w / v
         width = radius + clearance.sides
         checked_curvature = curvature if abs(curvature) <= 1.0 / MIN_ARC_RADIUS else 0.0
@@ -137,7 +137,7 @@ def lowest_speed_limit(limits: GridMap, position, reach: float) -> float:
 
 @dataclass(frozen=True)
 class Fix:
-    """A robot's pose (x, y, yaw) [m, m, rad] at time `stamp` [s], on the map and, if there is odometry, in its frame."""
+    """A robot's pose (x, y, yaw) [m, m, rad] at time `stamp` [s], on the map and, if known, in odometry's frame."""
 
     stamp: float
     pose: Pose

@@ -1,9 +1,9 @@
 """Follows the laser spot with the robot's own camera (paper, Sect. 5.1: visual servoing).
 
 The control is position-based: the error is the spot's position in the robot's base frame, measured by the camera. The
-robot begins to move only when the spot leaves the zone ahead or the range of good distances, and moves until the spot is
-well inside again. So it does not follow every small stroke. The spot's position on the floor stays the same while the
-robot moves; the gate checks how old the position is, and whether the localisation has jumped.
+robot begins to move only when the spot leaves the zone ahead or the range of good distances, and moves until the spot
+is well inside again. So it does not follow every small stroke. The spot's position on the floor stays the same while
+the robot moves; the gate checks how old the position is, and whether the localisation has jumped.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The maps of one robot's driver, which give the robot's distance from borders and obstacles.
 
 A scanner measures the distance to a wall, but the distance to a border depends on the localisation. So the robot keeps
-farther from borders, but not from walls, by its localisation uncertainty. One map, `Workspace.keep_out`, has the borders
-inflated by it. The gate, the escape and navigation share this map, so that they agree.
+farther from borders, but not from walls, by its localisation uncertainty. One map, `Workspace.keep_out`, has the
+borders inflated by it. The gate, the escape and navigation share this map, so that they agree.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from vb_core.geometry import Pose
 from vb_robot.driving.scan_clearance import HORIZON, arc_positions
 
 LETHAL_THRESHOLD = 99  # [%] a cell of this occupancy or more is never entered
-# The localisation's error. AMCL reports the spread of its particles. Its pose is their mean, whose error is much smaller.
+# The localisation's error. AMCL reports the spread of its particles. Its pose is their mean, with a far smaller error.
 # At 96 of 100 updates, that error was below the distance that robots keep with these values (`git show
 # 27ba7133:docs/results/robots/navigation.md`). Navigation's own clearance covers the rest.
 STD_FACTOR = 0.75  # the part of the particles' standard deviation that counts
@@ -94,7 +94,7 @@ class Workspace:
         return self._at(self._blocked_distance, point)
 
     def nearest_free_position(self, point, clearance: float, reach: float) -> Optional[np.ndarray]:
-        """Finds the nearest point (2,) [m], within `reach` [m], that is known and has a clearance [m] from blocked cells."""
+        """Finds the nearest known point (2,) [m] within `reach` [m] that has a clearance [m] from blocked cells."""
         has_room = (self._blocked_distance >= clearance) & (self.borders.data >= 0)
         cell, center = nearest_cell(self.borders, has_room, point[:2], reach)
         return None if cell is None else center

@@ -34,7 +34,7 @@ class KnownBorder:
     is_polygon: bool
 
     def may_restrict(self, point) -> bool:
-        """Returns whether a point (2,) [m] is on the seed's side of a polygon. True for a curve, which has no inside."""
+        """Returns whether a point (2,) [m] is on the seed's side of a polygon; true for a curve, which has none."""
         return not self.is_polygon or self._contains(point) == self._contains(self.seed)
 
     def _contains(self, point) -> bool:
@@ -121,12 +121,12 @@ class GoalChecker:
         return None
 
     def _label(self, grid: GridMap) -> np.ndarray:
-        """Labels the connected parts (H, W) of the floor with room for the robot. 0 is no room. Unknown cells are free."""
+        """Labels the connected parts (H, W) of the floor with room for the robot; 0 is no room. Unknown is free."""
         room = clearance_grid(grid.data >= LETHAL_THRESHOLD, grid.resolution) >= self._radius
         return cv2.connectedComponents(room.astype(np.uint8), connectivity=4)[1]
 
     def _component_at(self, layer: str, point, reach: float) -> int:
-        """Returns the label of the floor's part at a point (2,) [m], else the nearest within `reach` [m]; 0 for none."""
+        """Returns the label of the floor's part at a point (2,), else of the nearest within `reach` [m]; 0 for none."""
         components, grid = self._components[layer], self.borders
         cell = tuple(grid.world_to_cell(point)[0])
         if grid.contains_cells(np.array([cell]))[0] and components[cell]:

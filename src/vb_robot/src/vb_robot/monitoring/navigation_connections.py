@@ -12,8 +12,8 @@ import yaml
 
 from vb_core import names
 
-# local planners whose speed can be limited while they run, with the parameters that set their maximum speeds, and others
-# that must stay below these
+# local planners whose speed can be limited while they run, and their parameters: the maximum speeds, and others that
+# must stay below these
 PLANNERS: Mapping[str, Tuple[str, ...]] = {
     "DWAPlannerROS": ("max_vel_trans", "max_vel_x", "min_vel_trans"),
     "TebLocalPlannerROS": ("max_vel_x", "max_vel_x_backwards", "penalty_epsilon"),
@@ -41,7 +41,7 @@ def resolve_name(robot: str, name: str) -> str:
 
 
 def find_move_base(graph: Any, robot: str) -> str:
-    """Finds the node that plans for a robot, whatever it is called, even while it waits for a map. Returns "" for none."""
+    """Finds the node that plans for a robot, whatever its name, even while it waits for a map. Returns "" for none."""
     servers = graph.publishers.get(resolve_name(robot, "move_base/status"))
     nodes = servers or graph.subscribers.get(resolve_name(robot, "move_base_simple/goal"))
     return nodes[0] if nodes else ""

@@ -30,7 +30,7 @@ OUTCOMES = {
 
 
 def next_goal_state(state: SentGoalState, status: Optional[int]) -> SentGoalState:
-    """Returns a goal's new state, from its status in navigation. The status is None if navigation does not know the goal."""
+    """Returns a goal's new state, from its status in navigation; None if navigation does not know the goal."""
     if not state.is_running:
         return state
     if status is None:  # the goal has not arrived yet, or navigation was started again

@@ -29,9 +29,9 @@ def cap_speeds(usual: Mapping[str, float], limit: float) -> Dict[str, float]:
 class PlannerSpeed:
     """The speed limit of one local planner.
 
-    While there is a limit, the planner's usual values are on the parameter server, so that they are restored even if this
-    node or the planner restarts. A value that a person sets while there is no limit becomes the usual value. While there
-    is a limit, a higher speed that a person sets, or with which the planner restarts, is limited again.
+    While there is a limit, the planner's usual values are on the parameter server, so that they are restored even if
+    this node or the planner restarts. A value that a person sets while there is no limit becomes the usual value. While
+    there is a limit, a higher speed that a person sets, or with which the planner restarts, is limited again.
 
     Args:
         server: the planner's name, for instance /move_base/DWAPlannerROS.

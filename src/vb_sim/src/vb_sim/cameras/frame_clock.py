@@ -28,7 +28,7 @@ class SmoothClock:
         simulated, steady = self._simulated(), self._steady()
         if simulated != self._last:
             self._last = simulated
-            # a step may be noticed late but never early; so the largest offset is right while both clocks run equally fast
+            # a step may be noticed late but never early, so the largest offset is right while both clocks keep pace
             self._offsets.append(simulated - steady)
         extrapolated = steady + max(self._offsets)
         return min(max(extrapolated, simulated), simulated + TICK)

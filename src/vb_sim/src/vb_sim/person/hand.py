@@ -179,7 +179,7 @@ def perceive_border(border: np.ndarray, closed: bool, offset: Point2, turn: floa
     sides = np.roll(moved, -1, axis=0) - moved  # from each corner to the next
     sides /= np.linalg.norm(sides, axis=1, keepdims=True)
     normals = outwards * np.column_stack([sides[:, 1], -sides[:, 0]])
-    # a corner is moved along the bisector of its sides' normals, by the margin divided by the cosine of half their angle
+    # a corner moves along the bisector of its sides' normals, by the margin divided by the cosine of half their angle
     bisectors = np.roll(normals, 1, axis=0) + normals
     squared_lengths = (bisectors**2).sum(axis=1, keepdims=True)
     return moved + margin * 2.0 * bisectors / np.maximum(squared_lengths, 0.2)

@@ -38,7 +38,7 @@ def simulate_follower(spots: np.ndarray, robot: np.ndarray) -> np.ndarray:
 
 
 def choose_order(border: np.ndarray, closed: bool, robot: np.ndarray) -> np.ndarray:
-    """Chooses the order (N, 2) [m] that best keeps the spot in front of the robot; of equals, the one that begins nearest.
+    """Chooses the order (N, 2) [m] that best keeps the spot before the robot; of equals, that which begins nearest.
 
     A border may be drawn from either end, and a closed one from any corner, either way round. A robot follows only
     forwards and does not see the floor close to it, so the spot should not move towards it.
@@ -64,7 +64,7 @@ def choose_order(border: np.ndarray, closed: bool, robot: np.ndarray) -> np.ndar
 
 
 class RobotOnlyScript(ParticipantScript):
-    """The paper's baseline: the person guides the robot to the border, draws while it follows, and leads it to the seed."""
+    """The paper's baseline: the person guides the robot to the border, draws while it follows, leads it to the seed."""
 
     source = "buttons"
     _stroke: Stroke
@@ -162,8 +162,8 @@ class RobotOnlyScript(ParticipantScript):
         """Moves the spot along waypoints (2,) [m], no faster than the robot follows.
 
         Args:
-            good_enough: called with the spot's position whenever the robot has found the spot again after losing it more
-                than twice. If it returns True, the spot stays there.
+            good_enough: called with the spot's position whenever the robot has found the spot again after losing it
+                more than twice. If it returns True, the spot stays there.
         """
         person = self.person
         person.doing = activity
@@ -339,7 +339,7 @@ class NetworkRobotSystemScript(ParticipantScript):
             asked_to_hold = person.perception.now - person.perception.hold_requested_at < person.model.patience
             waited = person.perception.now - start
             if not moved_aside and not asked_to_hold and waited > 2.0 and person.spot is not None:
-                # the person's body may hide the spot; but while the display asks to wait for the robot, the person stays
+                # the person's body may hide the spot; but a person whom the display asks to wait for the robot stays
                 moved_aside = True
                 person.step_aside(person.spot, stroke.points)
             yield

@@ -100,8 +100,8 @@ class Person:
 
     Args:
         scenario: the task.
-        method: "nrs" or "robot_only". A person keeps one style, but aim, tremor and mistakes differ between scenarios and
-            methods, because nobody repeats a movement or a mistake.
+        method: "nrs" or "robot_only". A person keeps one style, but aim, tremor and mistakes differ between scenarios
+            and methods, because nobody repeats a movement or a mistake.
         random_seed: seed of everything that differs between people.
 
     Attributes:
@@ -250,7 +250,7 @@ class Person:
         raise ParticipantGaveUp(f"{command} was not accepted: {self.last_answer.message} [{self.last_answer.code}]")
 
     def _maybe_give_wrong_command(self, command: str, source: str) -> Step:
-        """Sometimes gives another command first, as if the person misspoke or was misheard. The display shows its effect.
+        """Sometimes gives another command first: the person misspoke, or was misheard. The display shows its effect.
 
         Raises:
             DrawingSlip: if the state changed, so that the person must start over.

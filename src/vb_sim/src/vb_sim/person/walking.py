@@ -67,7 +67,7 @@ class Walker:
         return np.asarray(position, dtype=float)
 
     def walk_to(self, position: np.ndarray) -> None:
-        """Starts walking to a position (2,) [m], or to within 0.4 m of one that is not accessible, if a path leads there."""
+        """Starts walking to a position (2,) [m], or within 0.4 m of an inaccessible one, if a path leads there."""
         self._path = self._plan(self.position, np.asarray(position, dtype=float), self.robot, 0.4)
         self._waiting_time = 0.0
 

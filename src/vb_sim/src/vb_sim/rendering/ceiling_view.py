@@ -1,8 +1,8 @@
 """Renders the images of a ceiling camera.
 
 The static scene is rendered once, as several images with different sensor noise. To render an image of the camera, one
-of them is changed, but only in the rectangles with moving objects. The next rendering undoes these changes. Therefore an
-image takes little time, whatever its size.
+of them is changed, but only in the rectangles with moving objects. The next rendering undoes these changes. Therefore
+an image takes little time, whatever its size.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Renders the image of a laser spot on the floor.
 
 The beam's footprint is an ellipse of light, many times brighter than the floor. Lens and filter blur it, motion during
-the exposure smears it, and some of its light is scattered into a halo. The sensor saturates in the spot's core. The core
-is white, because even the light that leaks through the filters of the other colours saturates there; the halo around it
-is coloured. The spot's size follows from power, exposure and distance.
+the exposure smears it, and some of its light is scattered into a halo. The sensor saturates in the spot's core. The
+core is white, because even the light that leaks through the filters of the other colours saturates there; the halo
+around it is coloured. The spot's size follows from power, exposure and distance.
 """
 
 from __future__ import annotations
@@ -82,7 +82,8 @@ def render_spot(
     v = np.arange(top, bottom, dtype=np.float32)[:, None] - np.float32(center[1])
     light = _spread_light(u, v, (1.0 - optics.halo_share) * total, covariance, smear)
     distance = np.sqrt(u * u + v * v)
-    light += np.float32(_halo_peak(total, optics)) * np.exp(-distance / np.float32(optics.halo_scale_px))
+    halo = np.exp(-distance / np.float32(optics.halo_scale_px))
+    light += np.float32(_halo_peak(total, optics)) * halo
     return SpotImage(left, top, (float(center[0]), float(center[1])), light)
 
 

@@ -54,7 +54,7 @@ def prism(
     """Builds the faces of an upright prism over a convex outline (N, 2), counter-clockwise, from `low` to `high` [m].
 
     Args:
-        bands: (upper height [m], brightness) of strips of its sides, from the bottom up; above them, the brightness is 1.
+        bands: (upper height [m], brightness) of strips of its sides, from the bottom up; above, the brightness is 1.
     """
     outline = np.asarray(outline, dtype=float)
     color = np.array(color, dtype=float)
@@ -129,7 +129,7 @@ class RayGrid:
 
     @staticmethod
     def _distorted_rays(camera: CameraModel) -> Tuple[np.ndarray, np.ndarray]:
-        # exact in the middle of each square of 8 x 8 pixels; between the middles, linear interpolation is accurate enough
+        # exact in the middle of each square of 8 x 8 pixels; linear interpolation between these is accurate enough
         step = 8
         columns = math.ceil(camera.width / step) + 2  # one more square at each edge
         rows = math.ceil(camera.height / step) + 2

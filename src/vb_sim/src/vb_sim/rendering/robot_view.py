@@ -46,9 +46,10 @@ class RobotView(CameraView):
         self._depth_grid = RayGrid(self.depth_model)
         x, y = self._depth_grid.x, self._depth_grid.y
         self._slant = np.sqrt(1.0 + x * x + y * y)
-        rows = _nearest_pixels(self.depth_model.height, self.model.height)
-        columns = _nearest_pixels(self.depth_model.width, self.model.width)
-        self._sampled = np.ix_(rows, columns)  # the colour pixels nearest to the centres of the depth pixels
+        # the rows and columns of the colour pixels that are nearest to the centres of the depth pixels
+        rows = (np.arange(self.depth_model.height) + 0.5) * self.model.height / self.depth_model.height
+        columns = (np.arange(self.depth_model.width) + 0.5) * self.model.width / self.depth_model.width
+        self._sampled = np.ix_(rows.astype(int), columns.astype(int))
         self._drawn_key: Optional[Tuple] = None  # identifies the scene in the buffers
         self._make_noise()
 
@@ -207,8 +208,3 @@ class RobotView(CameraView):
         grazing = cosine < math.cos(math.radians(figures.depth_grazing_deg))
         blind = grazing | (depth < figures.depth_min) | (depth > figures.depth_max)
         return depth, blind
-
-
-def _nearest_pixels(few: int, many: int) -> np.ndarray:
-    """Returns which of `many` pixels in a row are nearest to the centres of `few` pixels along the same row."""
-    return ((np.arange(few) + 0.5) * many / few).astype(int)

@@ -158,7 +158,7 @@ class Navigator:
         return self._planner
 
     def _planner_with_obstacles(self, map_planner: Planner, pose: Pose, points: np.ndarray) -> Planner:
-        """Creates a planner on map and scan. If the scan shows no new obstacle, returns the planner on the map alone."""
+        """Creates a planner on map and scan. If the scan shows no new obstacle, returns that on the map alone."""
         grid, distance = map_planner.costmap.grid, map_planner.costmap.distance
         points = points[np.hypot(points[:, 0], points[:, 1]) < _OBSTACLE_RANGE]
         cells = grid.world_to_cell(base_to_map(points, pose))
@@ -222,7 +222,7 @@ class Navigator:
             try:
                 path = self._planner_with_obstacles(map_planner, pose, obstacles).plan(start, self._goal)
             except CodedError:
-                # a person may be at the goal or beside the robot; plans without people, as the follower stops before them
+                # a person may be at the goal or beside the robot; plans without them, as the follower stops before them
                 path = map_planner.plan(start, self._goal)
         except CodedError:
             self._failed = True

@@ -88,7 +88,7 @@ def inflate(static: np.ndarray, distance: np.ndarray, radius: float, inflation: 
 
 
 class Planner:
-    """Plans paths on one costmap. It keeps the search from the last start, so that further goals from there are fast."""
+    """Plans paths on one costmap. It keeps the search from the last start, so that more goals from there are fast."""
 
     def __init__(self, costmap: Costmap) -> None:
         self.costmap = costmap
@@ -120,7 +120,7 @@ class Planner:
             nodes.append(int(predecessors[nodes[-1]]))
         cells = np.column_stack(np.unravel_index(nodes[::-1], costs.shape))
         centers = self._grid.cell_to_world(self._simplify(cells, costs))
-        # the exact start and end replace their cells' centres; a start in another cell than the first precedes it instead
+        # the exact start and end replace their cells' centres; a start in another cell than the first precedes that
         is_near_first = np.allclose(centers[0], start, atol=self._grid.resolution)
         between = centers[1:-1] if is_near_first else np.vstack([centers[:1], centers[1:-1]])
         path = np.vstack([start, between, end])
@@ -145,8 +145,8 @@ class Planner:
         cell = self._cell(start, "start")
         if self._free[cell]:
             return cell
-        # A robot may be in the inscribed zone because of a localisation error. It may plan a path out of that zone, where
-        # move_base frees only the robot's own cell. The path must not start in or cross an obstacle or border.
+        # A robot may be in the inscribed zone because of a localisation error. It may plan a path out of that zone,
+        # where move_base frees only the robot's own cell. The path must not start in or cross an obstacle or border.
         nearest, position = nearest_cell(self._grid, self._free, start, _ESCAPE)
         cells = self._grid.world_to_cell(np.linspace(start, position, 16))
         if nearest is not None and (self.costmap.costs[tuple(cells.T)] != LETHAL).all():
