@@ -45,10 +45,8 @@ class Robot:
 
     def best_viewpoint(self, _robot, avoid):
         self.searches += 1
-        for offer in self.offers:
-            if all(math.dist(offer.pose[:2], (x, y)) >= radius for x, y, radius in avoid):
-                return offer
-        return None
+        free = [offer for offer in self.offers if all(math.dist(offer.pose[:2], (x, y)) >= r for x, y, r in avoid)]
+        return free[0] if free else None
 
 
 class Bench:

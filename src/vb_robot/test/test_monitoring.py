@@ -183,12 +183,12 @@ def test_a_robot_inside_is_reported_in_any_order_of_the_maps(order):
 
 
 def test_only_what_forbids_a_place_lends_its_name():
+    fields = ("name", "zone", "occupancy", "robots")
     rows = [("soft", 0, 0.5, []), ("detour", 1, 0.75, []), ("slow", 2, 1.0, []), ("ada's", 0, 1.0, ["ada"])]
-    message = VirtualBorderArray()
-    for name, zone, occupancy, robots in [*rows, ("rug", 0, 1.0, [])]:
-        values = dict(zip(("name", "zone", "occupancy", "robots"), (name, zone, occupancy, robots)))
-        message.borders.append(VirtualBorder(in_force=True, points=[Point()], **values))
-    assert [border.name for border in keep_out_borders_for("bob", message)] == ["rug"]
+    rows.append(("rug", 0, 1.0, []))
+    borders = [VirtualBorder(in_force=True, points=[Point()], **dict(zip(fields, row))) for row in rows]
+    keep_out = keep_out_borders_for("bob", VirtualBorderArray(borders=borders))
+    assert [border.name for border in keep_out] == ["rug"]
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -198,8 +198,7 @@ def test_a_goal_is_refused_exactly_where_a_search_finds_no_path(seed):
     rng = np.random.default_rng(seed)
     for name in "abc":
         x, y = rng.uniform(0.3, 6.5), rng.uniform(0.0, 3.0)
-        width, height = rng.uniform(0.1, 1.0), rng.uniform(0.5, 4.0)
-        areas[name] = (x, y, min(x + width, 7.9), min(y + height, 3.95))
+        areas[name] = (x, y, min(x + rng.uniform(0.1, 1.0), 7.9), min(y + rng.uniform(0.5, 4.0), 3.95))
     checker = make_checker(areas, radius=0.15)
     grid = checker.borders
     distances, _ = cKDTree(np.argwhere(grid.data >= 99)).query(np.indices(grid.shape).reshape(2, -1).T)

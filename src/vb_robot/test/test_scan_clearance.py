@@ -79,8 +79,7 @@ def test_a_covered_sector_has_beams_to_its_edges_and_no_hole(holes, alone, beari
         ranges[np.arange(begin, begin + wide) % 400] = math.nan
     ranges[alone] = math.inf
     offsets = [(0.9 * beam - bearing) % 360.0 - 180.0 for beam in np.flatnonzero(np.isinf(ranges))]
-    # a sector without a beam is one gap from edge to edge
-    inside = sorted(offset for offset in offsets if abs(offset) <= half + 4.0) or [math.inf]
+    inside = sorted(offset for offset in offsets if abs(offset) <= half + 4.0)
     gaps = np.diff([-half, *inside, half])
     scan = scan_of(ranges, -math.pi, math.radians(0.9))
     assert scan.covers(math.radians(bearing), math.radians(half)) == bool((gaps <= 4.0).all())
