@@ -334,7 +334,7 @@ class RobotMonitorNode:
     def _log(self, now: float) -> None:
         """Logs what is connected once the lab has started, and later its changes. Faults are notices instead."""
         lines = self._capabilities.robot_notices
-        last_change = max(self._started, *self._faulty_since.values())
+        last_change = max([self._started, *self._faulty_since.values()])
         is_settling = now - last_change < SETTLING_TIME
         if is_settling or lines == self._logged:
             return
