@@ -26,16 +26,12 @@ SPOT = (2.0, 2.5)
 
 
 class FaultyMoveBase:
-    """A move_base action server that accepts a robot's goals, none of which is ever reached.
-
-    Attributes:
-        asked, goals: time [s] of each goal, and its pose.
-        cancelled: how often a goal was cancelled or replaced.
-    """
+    """A move_base action server that accepts a robot's goals, none of which is ever reached."""
 
     def __init__(self, name):
         self.name = name
-        self.asked, self.goals, self.cancelled = [], [], 0
+        self.asked, self.goals = [], []  # time [s] of each goal, and its pose
+        self.cancelled = 0  # how often a goal was cancelled or replaced
         self._lock = threading.RLock()
         self._handle = self._server = None
         self.revive()

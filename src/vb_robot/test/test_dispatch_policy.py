@@ -1,4 +1,4 @@
-"""The dispatch policy, and the record of sightings."""
+"""The dispatch policy, and the sightings of the spot."""
 
 import itertools
 import math
@@ -45,22 +45,18 @@ class Robot:
 
     def best_viewpoint(self, _robot, avoid):
         self.searches += 1
-        free = (offer for offer in self.offers if all(math.dist(offer.pose[:2], (x, y)) >= r for x, y, r in avoid))
-        return next(free, None)
+        free = [offer for offer in self.offers if all(math.dist(offer.pose[:2], (x, y)) >= r for x, y, r in avoid)]
+        return free[0] if free else None
 
 
 class Bench:
-    """Steps a dispatch policy at 4 Hz; goals end when they are cancelled.
-
-    Attributes:
-        outcome: the state of a goal once it was sent; a robot that has REACHED it is there.
-        sent: time [s] and x [m] of each goal.
-    """
+    """Steps a dispatch policy at 4 Hz; goals end when they are cancelled."""
 
     def __init__(self, outcome=ACTIVE, **robots):
         self.robots, self.policy = robots, DispatchPolicy(robots)
         self.now, self.robot_wanted, self.key, self.unseen_s = 100.0, True, ("a", 1), 0.0
-        self.outcome, self.sent = outcome, []
+        self.outcome = outcome  # the state of each goal once it was sent; a robot that has REACHED it is there
+        self.sent = []  # time [s] and x [m] of each goal
 
     def step(self):
         """Returns the x to which a robot was sent, or None."""
@@ -70,14 +66,15 @@ class Bench:
             pose = robot.pose if robot.localized else None
             statuses[name] = DispatchStatus(pose, robot.has_navigation, robot.goal, robot.is_busy)
         planners = {name: robot if robot.has_map else None for name, robot in self.robots.items()}
-        goals = self.policy.step(self.now, self.key if self.robot_wanted else None, self.unseen_s, statuses, planners)
+        task = self.key if self.robot_wanted else None
+        goals = self.policy.step(self.now, task, self.unseen_s, statuses, planners)
         assert set(goals) == set(self.robots)
         assert sum(goal is not None for goal in goals.values()) <= 1
         sent_x = None
         for name, goal in goals.items():
-            robot, previous = self.robots[name], self.robots[name].destination
-            robot.destination = goal
-            if goal is not None and goal is not previous:
+            robot = self.robots[name]
+            previous, robot.destination = robot.destination, goal
+            if goal is not None and goal != previous:
                 robot.goal, sent_x = self.outcome, goal.pose[0]
                 robot.pose = goal.pose if self.outcome is REACHED else robot.pose
                 self.sent.append((self.now, sent_x))

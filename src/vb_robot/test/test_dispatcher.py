@@ -43,7 +43,7 @@ class Lab:
             if robot_sees and self.robot_views(self.spot):
                 self.see("robot", self.spot, mobile=True)
         goal = self.dispatcher.decide(self.now, {"": DispatchStatus(self.robot, True, self.goal)})[""]
-        if goal is not None and goal is not self.last_goal:
+        if goal is not None and goal != self.last_goal:
             self.robot, self.goal = goal.pose, SentGoalState.REACHED
             self.sent.append((self.now, self.robot))
         self.last_goal = goal

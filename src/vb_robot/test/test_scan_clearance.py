@@ -79,9 +79,10 @@ def test_a_covered_sector_has_beams_to_its_edges_and_no_hole(holes, alone, beari
         ranges[np.arange(begin, begin + wide) % 400] = math.nan
     ranges[alone] = math.inf
     offsets = [(0.9 * beam - bearing) % 360.0 - 180.0 for beam in np.flatnonzero(np.isinf(ranges))]
-    offsets = sorted(offset for offset in offsets if abs(offset) <= half + 4.0)
-    covered = bool(offsets) and offsets[0] <= 4.0 - half and offsets[-1] >= half - 4.0 and all(np.diff(offsets) <= 4.0)
-    assert scan_of(ranges, -math.pi, math.radians(0.9)).covers(math.radians(bearing), math.radians(half)) == covered
+    inside = sorted(offset for offset in offsets if abs(offset) <= half + 4.0)
+    gaps = np.diff([-half, *inside, half])
+    scan = scan_of(ranges, -math.pi, math.radians(0.9))
+    assert scan.covers(math.radians(bearing), math.radians(half)) == bool((gaps <= 4.0).all())
 
 
 @pytest.mark.parametrize("nans, step, covered", [(3, 1.0, True), (4, 1.0, False), (2, 3.0, True), (3, 3.0, False)])

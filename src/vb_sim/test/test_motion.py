@@ -194,7 +194,8 @@ class Clock(threading.Condition):
 
 
 def test_lockstep_waits_for_all_that_drive():
-    lockstep = Lockstep(("navigation", "driver"), timeout=5.0)
+    nodes = ("navigation", "driver")
+    lockstep = Lockstep(nodes, timeout=5.0)
     clock = lockstep._condition = Clock()
 
     def step(*early, late=()):
@@ -206,7 +207,6 @@ def test_lockstep_waits_for_all_that_drive():
         lockstep.wait()
         return clock.waited
 
-    nodes = ("navigation", "driver")
     assert step() == step("driver") == step(*nodes) == 0.0  # nobody drives, or not all; from here on both are expected
     assert [step(*nodes), step("driver", late=["navigation"]), step(late=nodes)] == [0.0, 1.0, 2.0]
     assert step("driver") == 5.0, "it gives up on who is silent"

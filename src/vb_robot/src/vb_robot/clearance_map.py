@@ -1,7 +1,7 @@
-"""Answers a round robot's queries about a map: clearance, lines of sight, shortest paths.
+"""Answers queries about a map for a round robot: clearance, lines of sight, shortest paths.
 
-Only the floor around the line and the robots matters. `bounding_window` gives this part of the map, so that the time
-for a choice does not depend on the map's size. The path of a robot outside it enters at the window's edge.
+Only the floor around the line and the robots matters. `bounding_window` gives the window of the map that contains it,
+so that the time for a query does not depend on the map's size. The path of a robot outside enters at its edge.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from scipy.sparse.csgraph import dijkstra
 from vb_core.geometry import Pose
 from vb_core.grid_map import GridMap, Window, clearance_grid, sample
 
-STOP_MARGIN = 0.10  # [m] beyond the radius at a position where a robot stops
-TRAVEL_MARGIN = 0.03  # [m] beyond the radius on a path; navigation has its own inflation
+STOP_MARGIN = 0.10  # [m] clearance beyond the radius at a position where a robot stops
+TRAVEL_MARGIN = 0.03  # [m] clearance beyond the radius on a path; navigation has its own inflation
 BLOCKED_THRESHOLD = 50  # [%] occupancy from which a cell is blocked, even by a soft border
 PATH_CELL = 0.05  # [m] minimum cell size of the grid for path searches
 MAX_PATH_CELLS = 10000  # the path grid is coarser on larger maps; a search takes 1 ms per 1,000 cells
-START_TOLERANCE = 0.35  # [m] maximum distance of a path's start from free cells, for a robot at a wall
+START_TOLERANCE = 0.35  # [m] maximum distance of a path's start from free cells, as a robot may stand at a wall
 WINDOW_MARGIN = 3.0  # [m] around spot, robots and line; a robot looks from up to 1.5 m at 0.8 m of extrapolated line
 MAX_WINDOW_REACH = 8.0  # [m] from the spot, beyond which robots and lines do not enlarge the window
-WINDOW_STEP = 2.0  # [m] windows' edges are multiples of it, so that a moving spot uses one window for some time
+WINDOW_STEP = 2.0  # [m] windows' edges are multiples of it, so that a window stays the same while a spot moves a little
 NEIGHBORS = ((0, 1), (1, 0), (1, 1), (1, -1))  # (rows, columns); each edge is used in both directions
 
 
 def bounding_window(spot: np.ndarray, line: np.ndarray, robot: Pose) -> Window:
-    """Returns the window (x_min, y_min, x_max, y_max) [m] around a spot (2,) [m], and a line (N, 2) and robot near it."""
+    """Returns the window (x_min, y_min, x_max, y_max) [m] around a spot (2,), and a line (N, 2) and robot near it."""
     points = np.vstack([spot, line, robot[:2]])
     points = points[np.abs(points - spot).max(axis=1) <= MAX_WINDOW_REACH]
     low = points.min(axis=0) - WINDOW_MARGIN
@@ -49,7 +49,8 @@ class ClearanceMap:
     """
 
     def __init__(self, grid: GridMap, radius: float, physical: Optional[GridMap] = None) -> None:
-        self.grid, self.radius = grid, radius
+        self.grid = grid
+        self.radius = radius
         self.blocked = (grid.data >= BLOCKED_THRESHOLD) | (grid.data < 0)
         self.clearance = clearance_grid(self.blocked, grid.resolution)
         view_grid = physical if physical is not None and physical.same_geometry(grid) else grid
@@ -57,16 +58,18 @@ class ClearanceMap:
 
     # ------------------------------------------------------------- positions
     def has_room_at(self, points: np.ndarray) -> np.ndarray:
-        """Returns (N,) bool: whether there is room for the robot and its margin at points (N, 2) [m]."""
+        """Returns (N,) bool: whether there is room at points (N, 2) [m] for the robot and its margin."""
         return sample(self.grid, self.clearance, points) >= self.radius + STOP_MARGIN
 
     def has_line_of_sight(self, points: np.ndarray, target) -> np.ndarray:
         """Returns (N,) bool: whether nothing opaque lies between points (N, 2) and a target (2,) [m]."""
         offsets = points - np.asarray(target, dtype=float)
         lengths = np.linalg.norm(offsets, axis=1)
-        # the samples are at fixed steps from the target, so that a point's result does not depend on the others. The
-        # first steps are skipped, because a spot at the foot of a wall is visible although its cell may be the wall's
-        distances = np.arange(2.0 * self.grid.resolution, lengths.max(initial=0.0), 0.5 * self.grid.resolution)
+        # the samples are at fixed steps from the target, so that a point's result does not depend on the others
+        step = 0.5 * self.grid.resolution
+        # the first steps are skipped: a spot at the foot of a wall is visible, although its cell may be the wall's
+        first = 2.0 * self.grid.resolution
+        distances = np.arange(first, lengths.max(initial=0.0), step)
         units = offsets / np.maximum(lengths, 1e-9)[:, None]
         samples = target + distances[None, :, None] * units[:, None, :]
         opacity = sample(self.grid, self.opaque, samples.reshape(-1, 2), outside=1.0)
@@ -76,16 +79,16 @@ class ClearanceMap:
 
     # ------------------------------------------------------------- paths
     def path_lengths(self, start, positions: np.ndarray, others=(), barred: Optional[np.ndarray] = None) -> np.ndarray:
-        """Returns the lengths (N,) [m] of the shortest paths from a start (2,) [m] to positions (N, 2) [m], or inf if none.
+        """Returns the lengths (N,) [m] of the shortest paths from a start (2,) [m] to positions (N, 2) [m].
 
-        Paths avoid other robots (K, 2) [m], of the same size, and barred cells (H, W) bool. Straight lines connect a
-        start outside a window to the free cells of its edge.
+        A length is inf if there is no path. Paths avoid other robots (K, 2) [m], of the same size, and barred cells
+        (H, W) bool. Straight lines connect a start outside the map's window to the free cells at its edge.
         """
         coarse = self.grid.resolution * np.sqrt(self.grid.data.size / MAX_PATH_CELLS)
         step = max(1, int(np.ceil(max(PATH_CELL, coarse) / self.grid.resolution - 0.01)))
         rows, columns = np.array(self.grid.shape) // step
         blocks = self.clearance[: rows * step, : columns * step].reshape(rows, step, columns, step)
-        # uses a block's largest clearance, because the smallest would close doorways that are wide enough
+        # a block's largest clearance counts, because the smallest would close doorways that are wide enough
         free = blocks.max(axis=(1, 3), initial=0.0) >= self.radius + TRAVEL_MARGIN
         if barred is not None:
             free &= ~barred[: rows * step, : columns * step].reshape(blocks.shape).any(axis=(1, 3))
@@ -134,7 +137,8 @@ class ClearanceMap:
         _, labels = cv2.connectedComponents(canvas, connectivity=4)
         label = sample(self.grid, labels, np.asarray(seed, dtype=float).reshape(1, 2))[0]
         side = labels == label
-        return side if label > 0 and side.sum() <= 0.98 * int(canvas.sum()) else nowhere
+        separates = side.sum() <= 0.98 * int(canvas.sum())
+        return side if label > 0 and separates else nowhere
 
     def ray_end(self, start: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Returns the point (2,) [m] at which a ray in a direction hits a blocked cell or the map's edge."""
@@ -165,7 +169,8 @@ class ShortestPaths:
         nodes = np.arange(cost.size).reshape(cost.shape)
         start = cost.size  # an additional node
         # edges (from, to, length); a length of 0 would mean that there is no edge
-        edges = [(np.full(len(entries), start), nodes[tuple(entries.T)], np.maximum(entry_costs, 1e-6))]
+        from_start = np.full(len(entries), start)
+        edges = [(from_start, nodes[tuple(entries.T)], np.maximum(entry_costs, 1e-6))]
         for dr, dc in NEIGHBORS:
             left, right = max(0, -dc), max(0, dc)
             from_cells = (slice(0, rows - dr), slice(left, columns - right))

@@ -45,10 +45,12 @@ from vb_robot.ros.subscriptions import contact_message_class, subscribe_map, sub
 
 STATE_PERIOD = 0.5  # [s] between reports of the source that drives, even if nothing changes
 MIN_STOP = 0.5  # [s] shortest stop that is reported as a notice
-WIRING_PERIOD, AMCL_UPDATE_PERIOD = 1.0, 0.3  # [s] in wall time
+COMMANDERS_PERIOD = 1.0  # [s] of wall time between searches for other nodes that can command the base
+AMCL_UPDATE_PERIOD = 0.3  # [s] of wall time
 AMCL = {"who": "AMCL"}  # in sentences
+PLANAR = [0, 1, 5]  # indices of x, y and yaw in a pose's covariance
 MAX_AMCL_UPDATES = 40  # after so many, AMCL has found its pose, or will not find it
-# codes that are reported as notices, unlike usual ones such as "driving" and "speed_limit"
+# codes that are reported as notices, unlike everyday ones such as "driving" and "speed_limit"
 STOP_CODES = frozenset(
     "stopped state_lost scan_lost pose_lost pose_jumped pose_uncertain no_map clock_stopped "
     "internal_error other_cmd_vel_publisher contact obstacle floor_not_scanned border inside_border bad_command".split()
@@ -77,10 +79,10 @@ class RobotDriverNode:
         scan (sensor_msgs/LaserScan): as the profile names it
         <contact> (rospy/AnyMsg): each contact sensor, with the message type that the profile names
         move_base/status (actionlib_msgs/GoalStatusArray)
-        move_base/recovery_status (move_base_msgs/RecoveryStatus): a recovery turns the robot on its own; optional
+        move_base/recovery_status (move_base_msgs/RecoveryStatus): a recovery may turn the robot; optional
         move_base/NavfnROS/plan (nav_msgs/Path): or another planner's; the robot first turns towards it; optional
-        amcl_pose, initialpose (geometry_msgs/PoseWithCovarianceStamped): how far off the localisation may be, and that
-            somebody has told it where the robot is; optional
+        amcl_pose (geometry_msgs/PoseWithCovarianceStamped): how far off the localisation may be; optional
+        initialpose (geometry_msgs/PoseWithCovarianceStamped): somebody has set the robot's pose; optional
         cmd_vel (geometry_msgs/Twist): or the profile's base/topic and base/output; a command of another node is
             answered with a zero
         /tf, /tf_static (tf2_msgs/TFMessage): map -> odom -> base_link, and where the sensors are on the robot
@@ -93,7 +95,7 @@ class RobotDriverNode:
         robot_driver/keep_out (nav_msgs/OccupancyGrid, latched): /virtual_borders/map with borders inflated by the
             localisation uncertainty: for navigation's costmaps
     Services called:
-        request_nomotion_update (std_srvs/Empty): AMCL's, while it is uncertain of a pose that it knew or was told
+        request_nomotion_update (std_srvs/Empty): AMCL's, while it is uncertain of a pose that it once knew or was given
     Parameters:
         ~* DriverParams
         robot_profile: in the robot's namespace
@@ -123,10 +125,10 @@ class RobotDriverNode:
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
         self._states = rospy.Publisher(names.DRIVERS, DriverState, queue_size=5)
         self._keep_out = rospy.Publisher("~keep_out", NumpyOccupancyGrid, queue_size=1, latch=True)
-        self._amcl_updates_left = 0  # how often an update may still be requested before AMCL knows its pose again
+        self._amcl_updates_left = 0  # how many updates may still be requested before AMCL knows its pose again
         self._subscribe(profile, contacts)
         self._thread = node.start_thread(self._run)
-        self._beats = tuple(node.WakeTimer(period) for period in (WIRING_PERIOD, AMCL_UPDATE_PERIOD))
+        self._beats = tuple(node.WakeTimer(period) for period in (COMMANDERS_PERIOD, AMCL_UPDATE_PERIOD))
         node.Worker(self._beats[0], lambda _woken: self._look_for_commanders())
         node.Worker(self._beats[1], lambda _woken: self._request_amcl_update())
 
@@ -171,7 +173,7 @@ class RobotDriverNode:
         name = message._connection_header.get("callerid", "somebody")
         if name not in self._allowed:
             self._arbiter.gate.other_stamps[name] = rospy.get_time()
-            self._cmd_vel.publish(Twist())  # the base obeys the newest command, which is this one until the next step
+            self._cmd_vel.publish(Twist())  # the base obeys the newest command: this zero, until the next step
 
     def _on_recovery(self, _message: RecoveryStatus) -> None:
         self._arbiter.recover(rospy.get_time())
@@ -188,7 +190,7 @@ class RobotDriverNode:
         entered, stamp = message.entered.to_sec(), message.header.stamp.to_sec()
         self._arbiter.set_state(state_by_name(message.name), message.interaction_id, entered, stamp)
         self._stops.update_from_latch(message.stopped, message.stops)
-        self._stops.store()  # here in the callback, so that a slow disk does not delay commands to the wheels
+        self._stops.store()  # in the callback's thread, so that a slow disk does not delay commands to the wheels
 
     def _on_stop(self, message: Stop) -> None:
         self._stops.add(message.id or new_id())
@@ -198,7 +200,7 @@ class RobotDriverNode:
         self._arbiter.add_contributors(message.interaction_id, message.cameras)
 
     def _on_scan(self, message: LaserScan) -> None:
-        """Stores a scan with the time of its last beam, from which its age counts. The message has the first beam's."""
+        """Stores a scan with the time of its last beam, from which its age counts. The message has its first beam's."""
         frame = message.header.frame_id.lstrip("/")
         if frame not in self._mounts:
             T = self._lookup(self._base, frame, rospy.Time(0))
@@ -218,7 +220,8 @@ class RobotDriverNode:
         )
         duration = max(message.time_increment, 0.0) * max(len(message.ranges) - 1, 0)
         stamp = message.header.stamp.to_sec()
-        self._arbiter.gate.set_scan(scan, stamp + min(duration, max(rospy.get_time() - stamp, 0.0)))
+        age = max(rospy.get_time() - stamp, 0.0)
+        self._arbiter.gate.set_scan(scan, stamp + min(duration, age))
 
     def _on_contact(self, contact: Contact, message: Any) -> None:
         number = int(getattr(message, contact.sensor)) if contact.sensor else 0
@@ -243,7 +246,8 @@ class RobotDriverNode:
 
     def _on_covariance(self, message: PoseWithCovarianceStamped) -> None:
         with self._lock:
-            changed = self._uncertainty.add(np.reshape(message.pose.covariance, (6, 6))[np.ix_([0, 1, 5], [0, 1, 5])])
+            covariance = np.reshape(message.pose.covariance, (6, 6))
+            changed = self._uncertainty.add(covariance[np.ix_(PLANAR, PLANAR)])
             self._arbiter.gate.pose_uncertain = self._uncertainty.lost
             if not self._uncertainty.lost:
                 self._amcl_updates_left = MAX_AMCL_UPDATES
@@ -255,10 +259,10 @@ class RobotDriverNode:
         self._amcl_updates_left = MAX_AMCL_UPDATES
 
     def _request_amcl_update(self) -> None:
-        """Makes AMCL compare scans with the map although the robot stands still, if it knew or was told its pose.
+        """Makes AMCL compare scans with the map although the robot stands still, if its pose was once known or given.
 
-        On its own, AMCL does so only while the robot moves. But a robot that does not know its pose stands still, so one
-        bad moment would last forever. A pose given in RViz is only accurate to half a metre, which is not enough.
+        On its own, AMCL does so only while the robot moves. But a robot that does not know its pose stands still, so
+        that one bad moment would last forever. A pose given in RViz is accurate to half a metre, which is not enough.
         """
         if self._amcl_updates_left and self._arbiter.gate.pose_uncertain:
             self._amcl_updates_left -= 1
@@ -289,12 +293,13 @@ class RobotDriverNode:
                     clock_moved_at = time.monotonic()
                 self._arbiter.gate.clock_age = time.monotonic() - clock_moved_at
                 self._update_pose()
-                self._execute(self._arbiter.step(now.to_sec(), self._cmd_vel.get_num_connections()), now)
+                command = self._arbiter.step(now.to_sec(), self._cmd_vel.get_num_connections())
+                self._execute(command, now)
             except Exception:
                 if rospy.is_shutdown():
                     return
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {traceback.format_exc()}")
-                # whatever fails, the robot must not keep its last command; zero comes first because reporting may fail too
+                # the last command must not stay in force; zero goes out before the report, which may fail too
                 with contextlib.suppress(Exception):
                     self._execute(self._arbiter.halt("internal_error"), now)
 
@@ -321,11 +326,13 @@ class RobotDriverNode:
 
     # ------------------------------------------------------------- notices
     def _publish_report(self, command: DriveCommand, now: float) -> None:
-        """Publishes which source drives, at once if that changes, and the notices."""
-        previous, report = self._report, (command.source, command.code, self._stops.persisted_ids)
+        """Publishes the notices and which source drives, at once if that changes."""
+        previous = self._report
+        report = (command.source, command.code, self._stops.persisted_ids)
         if report == previous and 0.0 <= now - self._reported_at < STATE_PERIOD:
             return
-        self._report, self._reported_at = report, now
+        self._report = report
+        self._reported_at = now
         message = DriverState(
             robot=self._params.robot,
             source=command.source,

@@ -1,4 +1,4 @@
-"""Node: watches what is connected to the robots, says why goals are refused, sends robots to goals and to the spot."""
+"""Node: watches what is connected to robots, says why a goal is refused, sends robots to goals and to the spot."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ from vb_robot.ros.watched_robot import WatchedRobot
 from vb_robot.spot_sightings import Sighting
 
 CHECK_PERIOD = 0.2  # [s] between checks of poses and speed limits
-DISPATCH_PERIOD = 0.25  # [s] between decisions of the dispatcher, in which the spot moves 0.1 m at most
+DISPATCH_PERIOD = 0.25  # [s] between decisions of the dispatcher; the spot moves 0.1 m at most in that time
 GRAPH_PERIOD = 2.0  # [s] between checks of the ROS graph, in wall time
 STATUS_PERIOD = 1.0  # [s] between repetitions of the robots' status
-SETTLING_TIME = 10.0  # [s] for which a fault must last before a notice says so, as a lab starts and ends node by node
-SLOW_DOWN_DISTANCE = 0.5  # [m] before a slow zone, at which its limit is set; a planner brakes from 1 m/s within it
+SETTLING_TIME = 10.0  # [s] for which a fault must last before a notice says so, because a lab starts node by node
+SLOW_DOWN_DISTANCE = 0.5  # [m] before a slow zone, where its limit is set; a planner can brake from 1 m/s within that
 CANCEL_PERIOD = 0.5  # [s] between cancellations of goals that are sent again and again
 
 
@@ -102,7 +102,7 @@ class RobotMonitorNode:
         self._lock = threading.RLock()
         self._stops = HeldStops()  # in memory only, because the manager keeps stops, and its state repeats them
         self._speed_limits: Optional[GridMap] = None
-        self._has_slow_zones: Optional[bool] = None  # known before the map of their limits; None before
+        self._has_slow_zones: Optional[bool] = None  # arrives with the borders, before the map of limits; None before
         self._cameras: Dict[str, None] = {}
         self._capabilities = capabilities.derive_capabilities(capabilities.Connections())
         self._faulty_since: Dict[Any, float] = {}
@@ -115,9 +115,11 @@ class RobotMonitorNode:
         robots = params.robots or ("",)
         profiles = {name: robot_profile.read(name) for name in robots} if params.dispatch else {}
         bases = [profiles[name].frames.base if name in profiles else "base_link" for name in robots]
-        frames = params.frames or [resolve_name(name, base)[1:] for name, base in zip(robots, bases)]
+        usual_frames = [resolve_name(name, base)[1:] for name, base in zip(robots, bases)]
         check = self._goals_to_check.put
-        self._robots = {name: WatchedRobot(name, frame, transforms, check) for name, frame in zip(robots, frames)}
+        self._robots: Dict[str, WatchedRobot] = {}
+        for name, frame in zip(robots, params.frames or usual_frames):
+            self._robots[name] = WatchedRobot(name, frame, transforms, check)
         self._dispatcher = Dispatcher({name: profile.radius for name, profile in profiles.items()})
         self._dispatched = {
             name: DispatchedRobot(self._robots[name], profile, transforms) for name, profile in profiles.items()
@@ -156,7 +158,7 @@ class RobotMonitorNode:
             rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
 
     def close(self) -> None:
-        """Restores the planners' usual speeds, and cancels dispatched robots' goals, which nobody would supervise."""
+        """Restores the planners' usual speeds, and cancels dispatched robots' goals, as nobody would watch them."""
         for queue in (self._timer, self._graph_timer, self._goals_to_check, self._dispatch_timer):
             queue.close()
         for dispatched in self._dispatched.values():
@@ -205,20 +207,23 @@ class RobotMonitorNode:
     def _cancel_goals_while_stopped(self) -> None:
         """Repeatedly cancels the goals of robots without a driver while a stop is in force."""
         now = rospy.get_time()
-        if self._params.obey and self._stops.stopped and not 0.0 <= now - self._cancelled_at < CANCEL_PERIOD:
+        was_cancelled = 0.0 <= now - self._cancelled_at < CANCEL_PERIOD
+        if self._params.obey and self._stops.stopped and not was_cancelled:
             self._cancelled_at = now
             for robot in self._robots.values():
                 if not robot.is_driven():
                     robot.cancel_goals()
 
     def _speed_limit_at(self, robot: WatchedRobot) -> Optional[float]:
-        """Returns the speed limit [m/s] at a robot, which is inf without a limit and None while it is not known."""
+        """Returns the speed limit [m/s] at a robot. It is inf if there is none, and None while it is not known."""
         if robot.pose is None or self._has_slow_zones is None:
             return None
         if not self._has_slow_zones:
             return math.inf
+        if self._speed_limits is None:
+            return None
         reach = SLOW_DOWN_DISTANCE + (robot.wiring.radius or 0.0)
-        return lowest_speed_limit(self._speed_limits, robot.pose[:2], reach) if self._speed_limits is not None else None
+        return lowest_speed_limit(self._speed_limits, robot.pose[:2], reach)
 
     # ------------------------------------------------------------- dispatching
     def _on_spot(self, sighting: Sighting) -> None:
@@ -228,7 +233,8 @@ class RobotMonitorNode:
     def _on_progress(self, message: BorderProgress) -> None:
         chain, points = array_from_points(message.chain), array_from_points(message.points)
         seed = array_from_points([message.seed])[0] if message.has_seed else None
-        drawing = DrawingState(points[-1] if len(points) else None, chain, closed=message.closed, seed=seed)
+        spot = points[-1] if len(points) else None
+        drawing = DrawingState(spot, chain, closed=message.closed, seed=seed)
         with self._dispatch_lock:
             self._dispatcher.set_progress(message.interaction_id, drawing, message.cameras)
 
@@ -255,7 +261,7 @@ class RobotMonitorNode:
         self._publish_status()
 
     def _on_send_robot(self, request: Any) -> SendRobotResponse:
-        """Sends a robot to a goal, or ends its drive, if it can. The answer says why not."""
+        """Sends a robot to a goal, or ends its drive, if that is possible. Otherwise the answer says why not."""
         robot = self._robots.get(request.robot)
         if robot is None:
             return _answer(False, Notice("robot_unknown", values={"who": request.robot}))
@@ -289,43 +295,47 @@ class RobotMonitorNode:
             robot.update_pose()
             speed = robot.speed
             limit = self._speed_limit_at(robot)
-            # a planner keeps its limit while it is not known whether it may be lifted
+            # while it is not known whether a planner's limit may be lifted, the planner keeps it
             if self._params.obey and speed is not None and limit is not None:
                 speed.request_limit(limit)
         self._cancel_goals_while_stopped()
         self._publish_status()
 
     def _publish_status(self) -> None:
-        """Publishes what is connected, at once if that changes, and the notices."""
+        """Publishes the notices, and what is connected, at once if that changes."""
         with self._lock:
             now = rospy.get_time()
             stops = self._stops.ids if self._params.obey else None
             robots = [robot.status(stops) for robot in self._robots.values()]
             message = RobotStatusArray(interaction=self._params.interaction, cameras=list(self._cameras), robots=robots)
             changed = (message.robots, message.cameras) != self._published
-            if changed or not 0.0 <= now - self._published_at < STATUS_PERIOD:
-                self._published, self._published_at = (message.robots, message.cameras), now
+            is_due = not 0.0 <= now - self._published_at < STATUS_PERIOD
+            if changed or is_due:
+                self._published = (message.robots, message.cameras)
+                self._published_at = now
                 message.header.stamp = rospy.Time.from_sec(now)
                 self._status.publish(message)
             self._capabilities = capabilities.derive_capabilities(connections_from_message(message))
             notices = self._find_lasting(self._capabilities.problems(), now)
             self._log(now)
             notices.extend(notice for robot in self._robots.values() for notice in robot.notices(now))
-            dispatching = self._dispatcher.notice  # another thread may set it between two readings
-            if dispatching is not None:
-                notices.append(dispatching)
+            dispatcher_notice = self._dispatcher.notice  # read once, because another thread may set it
+            if dispatcher_notice is not None:
+                notices.append(dispatcher_notice)
             self._notices.set(notices)
 
     def _find_lasting(self, faults: List[Notice], now: float) -> List[Notice]:
         """Returns the faults that have lasted for SETTLING_TIME."""
         keys = [(fault.code, fault.robot) for fault in faults]
         self._faulty_since = {key: min(self._faulty_since.get(key, now), now) for key in keys}
-        return [fault for fault, key in zip(faults, keys) if now - self._faulty_since[key] >= SETTLING_TIME]
+        lasting = {key for key, since in self._faulty_since.items() if now - since >= SETTLING_TIME}
+        return [fault for fault, key in zip(faults, keys) if key in lasting]
 
     def _log(self, now: float) -> None:
         """Logs what is connected once the lab has started, and later its changes. Faults are notices instead."""
         lines = self._capabilities.robot_notices
-        is_settling = any(now - since < SETTLING_TIME for since in (self._started, *self._faulty_since.values()))
+        last_change = max([self._started, *self._faulty_since.values()])
+        is_settling = now - last_change < SETTLING_TIME
         if is_settling or lines == self._logged:
             return
         for line in lines:

@@ -1,7 +1,7 @@
-"""Records the sightings of the spot in an interaction, and decides whether driver or dispatcher acts on them.
+"""Records where cameras saw the spot in an interaction, and decides whether a robot follows it or is sent to it.
 
-Driver and dispatcher use the same class and the same sightings to decide whether a robot follows the spot or is sent to
-it, so that they never both act, and never wait for each other.
+A robot's driver follows the spot; the dispatcher sends robots to it. Both decide by this class, from the same
+sightings, so that they never act at the same time and never wait for each other.
 """
 
 from __future__ import annotations
@@ -9,27 +9,27 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Deque, Dict, Iterable, Optional, Set, Tuple
+from typing import Deque, Dict, Iterable, List, Optional, Set, Tuple
 
 import numpy as np
 
 from vb_core.interaction_tables import BORDER, DEFAULT, SEED, State
 
 TARGET_WINDOW = 1.0  # [s] of sightings that give the spot's position
-MIN_TARGET_SIGHTINGS = 3  # in it, so that one false spot does not move a robot
+MIN_TARGET_SIGHTINGS = 3  # in TARGET_WINDOW, so that one false spot does not move a robot
 LOST_TIMEOUT = 0.7  # [s] without a sighting after which the spot is lost; cameras miss single images
 MIN_STRAIGHTNESS = 0.7  # cosine of the largest turn that still counts as straight
 VELOCITY_WINDOW = 0.6  # [s] of sightings that give the direction in which the line continues
-MIN_VELOCITY_SIGHTINGS = 6  # two in each third of that time, so that one false spot has no effect
+MIN_VELOCITY_SIGHTINGS = 6  # two in each third of VELOCITY_WINDOW, so that one false spot has no effect
 MIN_SPEED = 0.1  # [m/s] below which a spot counts as resting
 RUN_GAP = 2.0  # [s] without the spot after which another robot's camera may take over
-MIN_CONFIDENCE = 0.4  # of spots that robots act on; the laser has 0.6 and more, reflections have 0.3
-FOLLOW_DELAY = 1.0  # [s] in which stationary cameras may see the spot too; if none does, the robot follows
+MIN_CONFIDENCE = 0.4  # of a spot on which robots act; the laser has 0.6 and more, reflections have 0.3
+FOLLOW_DELAY = 1.0  # [s] in which a stationary camera may see the spot too; if none does, the robot follows it
 
 
 @dataclass(frozen=True)
 class Sighting:
-    """A sighting of the spot: time [s], (x, y) [m] in the map frame, camera, whether it is on a robot, confidence."""
+    """A sighting: time [s], the spot's position (x, y) [m] in the map frame, camera, whether on a robot, confidence."""
 
     stamp: float
     position: Tuple[float, float]
@@ -41,8 +41,8 @@ class Sighting:
 class SpotSightings:
     """Collects the sightings of one interaction, and decides which robot acts on them and how.
 
-    In Guide, only the robot whose camera has seen the spot longest without a pause acts, and follows. In Border and
-    Seed, a robot is sent once a stationary camera has seen the spot in this interaction. Until then, the robot follows.
+    In Guide, only one robot acts: that whose camera has seen the spot longest without a pause follows it. In Border and
+    Seed, a robot is sent once a stationary camera has seen the spot in this interaction. Until then, it follows.
 
     Args:
         mobile_cameras: names of cameras on robots, known before any of them has seen a spot.
@@ -77,7 +77,7 @@ class SpotSightings:
         self.state, self._interaction, self._entered = state, interaction, entered
 
     def add(self, sighting: Sighting) -> bool:
-        """Adds a sighting. Returns whether it counts: if it is certain, and from this state, in which robots act."""
+        """Adds a sighting. Returns whether it counts: it must be confident and from this state, in which robots act."""
         if sighting.mobile:
             self._mobile_names.add(sighting.camera)
         if not self.state.robots_act or sighting.stamp < self._entered or sighting.confidence < MIN_CONFIDENCE:
@@ -110,9 +110,9 @@ class SpotSightings:
         return now - self.first_mobile_stamp >= FOLLOW_DELAY
 
     def _update_follower(self, now: float) -> Optional[str]:
-        """Returns the robot camera that has seen the spot longest without a pause. If none sees it, the last such one.
+        """Returns the robot camera that has seen the spot longest without a pause. If none sees it, returns the last.
 
-        The times of the images count, not of their arrival, so that all robots' drivers choose the same camera.
+        The images' own times count, not when they arrive, so that all robots' drivers choose the same camera.
         """
         seeing = {camera: run for camera, run in self._runs.items() if abs(now - run[1]) <= RUN_GAP}
         if seeing:
@@ -120,59 +120,73 @@ class SpotSightings:
         return self._follower
 
     def add_contributors(self, interaction: str, cameras: Iterable[str]) -> None:
-        """Adds cameras that contributed to an interaction, also before this program started."""
-        if interaction == self._interaction and self.state != DEFAULT and not self._mobile_names.issuperset(cameras):
+        """Adds cameras that contributed to an interaction, even before this program started."""
+        is_current = interaction == self._interaction and self.state != DEFAULT
+        if is_current and not self._mobile_names.issuperset(cameras):
             self.has_stationary_sighting = True
 
     def forget_after(self, now: float) -> None:
-        """Removes sightings after time `now` [s], because time has jumped back."""
-        self._recent = deque((s for s in self._recent if s.stamp <= now + 1.0), maxlen=self._recent.maxlen)
+        """Removes sightings from after time `now` [s], which are left when time jumps back."""
+        remaining = [sighting for sighting in self._recent if sighting.stamp <= now + 1.0]
+        self._recent = deque(remaining, maxlen=self._recent.maxlen)
 
     def newest(self) -> Optional[Sighting]:
-        """Returns the newest sighting of any camera in this state."""
-        return max(self._recent, key=lambda s: s.stamp) if self._recent else None
+        """Returns the newest sighting of any camera in this state, or None before the first."""
+        return max(self._recent, key=lambda sighting: sighting.stamp) if self._recent else None
+
+    def _since(self, stamp: float) -> List[Sighting]:
+        """Returns the sightings from a time [s] on, in the order of their arrival."""
+        return [sighting for sighting in self._recent if sighting.stamp >= stamp]
 
     def seen_by_stationary(self, now: float) -> bool:
-        """Returns whether a stationary camera sees the spot, or in Seed, where it does not move, has seen it once."""
+        """Returns whether a stationary camera sees the spot. In Seed, one sighting is enough, as the seed is still."""
         newest = self.newest()
-        stamps = [s.stamp for s in self._recent if not s.mobile]
+        stamps = [sighting.stamp for sighting in self._recent if not sighting.mobile]
         if newest is None or not stamps:
             return False
-        sees_it_now = newest.stamp - max(stamps) <= TARGET_WINDOW and self.time_since_seen(now) <= LOST_TIMEOUT
-        return self.state == SEED or sees_it_now
+        if self.state == SEED:
+            return True
+        is_recent = newest.stamp - max(stamps) <= TARGET_WINDOW
+        return is_recent and self.time_since_seen(now) <= LOST_TIMEOUT
 
     def time_since_seen(self, now: float) -> float:
-        """Returns the time [s] since a camera last saw a border's spot. It is 0 before, and in Seed, as a seed is still."""
+        """Returns the time [s] since a camera last saw a border's spot: 0 before the first sighting, and for a seed."""
         newest = self.newest()
-        return max(0.0, now - newest.stamp) if newest is not None and self.state == BORDER else 0.0
+        if newest is None or self.state != BORDER:
+            return 0.0
+        return max(0.0, now - newest.stamp)
 
     def target(self) -> Optional[np.ndarray]:
-        """Returns the spot's last position (2,) [m], the median of its last sightings, or None if they are too few."""
+        """Returns the spot's last position (2,) [m], the median of its last sightings, or None if there are too few."""
         newest = self.newest()
         if newest is None:
             return None
-        positions = [s.position for s in self._recent if s.stamp >= newest.stamp - 0.3 * TARGET_WINDOW]
-        if len(positions) < MIN_TARGET_SIGHTINGS:
-            recent = [s for s in self._recent if s.stamp >= newest.stamp - 3.0 * TARGET_WINDOW]
-            positions = [s.position for s in sorted(recent, key=lambda s: s.stamp)[-MIN_TARGET_SIGHTINGS:]]
-        return np.median(np.array(positions), axis=0) if len(positions) >= MIN_TARGET_SIGHTINGS else None
+        sightings = self._since(newest.stamp - 0.3 * TARGET_WINDOW)
+        if len(sightings) < MIN_TARGET_SIGHTINGS:
+            longer = self._since(newest.stamp - 3.0 * TARGET_WINDOW)
+            sightings = sorted(longer, key=lambda sighting: sighting.stamp)[-MIN_TARGET_SIGHTINGS:]
+        if len(sightings) < MIN_TARGET_SIGHTINGS:
+            return None
+        return np.median([sighting.position for sighting in sightings], axis=0)
 
     def velocity(self) -> Optional[np.ndarray]:
-        """Measures the spot's velocity (2,) [m/s] over VELOCITY_WINDOW, or returns None if it rests or has just turned.
+        """Measures the spot's velocity (2,) [m/s] over VELOCITY_WINDOW. Returns None if it rests or has just turned.
 
-        Only the camera that saw the spot last counts, because cameras differ by centimetres.
+        Only the camera that saw the spot last counts, because the positions from two cameras differ by centimetres.
         """
         newest = self.newest()
         if newest is None:
             return None
-        recent = [s for s in self._recent if s.camera == newest.camera and s.stamp >= newest.stamp - VELOCITY_WINDOW]
-        if len(recent) < MIN_VELOCITY_SIGHTINGS:
+        recent = self._since(newest.stamp - VELOCITY_WINDOW)
+        samples = [(sighting.stamp, *sighting.position) for sighting in recent if sighting.camera == newest.camera]
+        if len(samples) < MIN_VELOCITY_SIGHTINGS:
             return None
-        samples = np.array(sorted((s.stamp, *s.position) for s in recent))
-        thirds = np.array([np.median(third, axis=0) for third in np.array_split(samples, 3)])  # (3, 3) of [s], [m], [m]
+        parts = np.array_split(np.array(sorted(samples)), 3)
+        thirds = np.array([np.median(part, axis=0) for part in parts])  # (3, 3) of [s], [m], [m]
         first, second = np.diff(thirds[:, 1:], axis=0)
         seconds, *displacement = thirds[2] - thirds[0]
         if math.hypot(*displacement) < MIN_SPEED * max(seconds, 0.5 * VELOCITY_WINDOW):
             return None
-        is_straight = np.dot(first, second) >= MIN_STRAIGHTNESS * (np.linalg.norm(first) * np.linalg.norm(second))
+        lengths = np.linalg.norm(first) * np.linalg.norm(second)
+        is_straight = np.dot(first, second) >= MIN_STRAIGHTNESS * lengths
         return np.array(displacement) / seconds if is_straight else None

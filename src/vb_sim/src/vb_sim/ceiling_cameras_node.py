@@ -5,7 +5,7 @@ Subscribed topics:
 Published topics:
     /<camera>/image_raw (sensor_msgs/Image), /<camera>/camera_info (sensor_msgs/CameraInfo): stamped with the middle of
         the exposure; delivered `optics/latency_ms` later.
-    /tf_static (tf2_msgs/TFMessage): map -> <camera>_optical_frame, the pose with calibration error. Images are
+    /tf_static (tf2_msgs/TFMessage): map -> <camera>_optical_frame, the pose with its calibration error. The images are
         rendered from the true pose.
 """
 
@@ -49,7 +49,7 @@ def build() -> CameraNode:
     params = configure_and_read(CeilingCamerasParams)
     world = load_world(params.world)
     models = load_models()
-    cameras = [world.camera(str(name)) for name in params.cameras] if params.cameras else list(world.cameras)
+    cameras = [world.camera(str(name)) for name in params.cameras] or list(world.cameras)
     if not cameras:
         rospy.logwarn("world '%s' has no ceiling cameras", world.name)
     floor = render_floor(world, params.seed)

@@ -1,4 +1,4 @@
-"""Draws the occupancy grid that SLAM would produce in a world, and the ground truth of its scenarios."""
+"""Draws the occupancy grid that SLAM would make of a world, and the ground truth of its scenarios."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ def physical_map(world: World) -> GridMap:
     grid = GridMap(np.full((rows, columns), UNKNOWN, np.int8), room.resolution, (offset, offset, 0.0))
     width, height = room.size
     for t, value in ((min(room.wall_thickness, room.margin), OCCUPIED), (0.0, FREE)):
-        outline = np.array([(-t, -t), (width + t, -t), (width + t, height + t), (-t, height + t)])
+        right, top = width + t, height + t
+        outline = np.array([(-t, -t), (right, -t), (right, top), (-t, top)])
         grid.data[outline_mask(grid, outline)] = value
     obstacles = [wall_outline(wall) for wall in world.walls]
     for thing in world.furniture:
@@ -56,8 +57,9 @@ def outline_mask(grid: GridMap, outline: np.ndarray) -> np.ndarray:
     """Returns (H, W) bool: the cells, at least one, whose centres are within an outline (N, 2) [m]."""
     mask = np.zeros(grid.shape, bool)
     corners = grid.world_to_grid(outline)
-    left, bottom = np.maximum(np.floor(corners.min(axis=0)).astype(int), 0)
-    right, top = np.minimum(np.ceil(corners.max(axis=0)).astype(int) + 1, grid.shape[::-1])
+    low, high = np.floor(corners.min(axis=0)), np.ceil(corners.max(axis=0)) + 1
+    left, bottom = np.maximum(low.astype(int), 0)
+    right, top = np.minimum(high.astype(int), grid.shape[::-1])
     if right <= left or top <= bottom:
         return mask
     columns, rows = np.meshgrid(np.arange(left, right), np.arange(bottom, top))

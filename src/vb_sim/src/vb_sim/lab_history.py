@@ -1,4 +1,4 @@
-"""Stores the recent states of everything that moves in the lab, and interpolates them at an image's timestamp."""
+"""Stores where everything that moves in the lab has been recently, and interpolates it at an image's timestamp."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from typing import Any, Dict, Optional, Tuple
 from vb_core.geometry import Pose, wrap_angle
 from vb_sim.world import Point2
 
-# [m] a spot that jumps farther between two snapshots was moved with the laser off, not swept over the floor
-_MAX_JUMP = 0.4
+_MAX_JUMP = 0.4  # [m] between two snapshots; if a spot jumps farther, the laser was off while it was moved
 _EXTRAPOLATION = 0.03  # [s] how far motion is extrapolated beyond the newest snapshot
 _STALE = 1.0  # [s] without a snapshot after which the scene is empty
 _LENGTH = 64  # [snapshots], more than a second
@@ -19,21 +18,14 @@ _LENGTH = 64  # [snapshots], more than a second
 
 @dataclass(frozen=True)
 class Snapshot:
-    """The poses of everything that moves at one time, in the map frame, [m] and [rad].
+    """Where everything that moves is at one time, map frame."""
 
-    Attributes:
-        robots: (x, y, yaw) by name.
-        laser: (x, y) of the spot; None while the laser is off.
-        laser_velocity: [m/s] velocity of the spot.
-        person: (x, y, yaw), or None.
-    """
-
-    stamp: float
-    robots: Dict[str, Pose] = field(default_factory=dict)
-    laser: Optional[Point2] = None
+    stamp: float  # [s]
+    robots: Dict[str, Pose] = field(default_factory=dict)  # (x, y, yaw) [m, m, rad] by name
+    laser: Optional[Point2] = None  # (x, y) [m] of the spot; None while the laser is off
     laser_color: str = "red"
-    laser_velocity: Point2 = (0.0, 0.0)
-    person: Optional[Pose] = None
+    laser_velocity: Point2 = (0.0, 0.0)  # [m/s] of the spot
+    person: Optional[Pose] = None  # (x, y, yaw) [m, m, rad]; None if nobody is in the lab
 
 
 def snapshot_from_message(message: Any) -> Snapshot:
@@ -59,9 +51,13 @@ class LabHistory:
         self._snapshots = (*self._snapshots[-_LENGTH + 1 :], snapshot)
 
     def at(self, stamp: float) -> Snapshot:
-        """Interpolates the scene at time `stamp` [s]. The scene is empty if all snapshots differ by over a second."""
+        """Interpolates the scene at time `stamp` [s]. It is empty if no snapshot is within _STALE of that time."""
         snapshots = self._snapshots
-        if not snapshots or stamp - snapshots[-1].stamp > _STALE or snapshots[0].stamp - stamp > _STALE:
+        if not snapshots:
+            return Snapshot(stamp)
+        is_too_late = stamp - snapshots[-1].stamp > _STALE
+        is_too_early = snapshots[0].stamp - stamp > _STALE
+        if is_too_late or is_too_early:
             return Snapshot(stamp)
         if len(snapshots) == 1:
             return replace(snapshots[0], stamp=stamp)
@@ -75,20 +71,25 @@ class LabHistory:
 
 def _interpolate(a: Snapshot, b: Snapshot, share: float, interval: float, stamp: float) -> Snapshot:
     nearest = a if share < 0.5 else b
-    robots = {name: _interpolate_pose(a.robots.get(name, pose), pose, share) for name, pose in b.robots.items()}
+    robots = {}
+    for name, pose in b.robots.items():
+        robots[name] = _interpolate_pose(a.robots.get(name, pose), pose, share)
     person = nearest.person
     if a.person is not None and b.person is not None:
         person = _interpolate_pose(a.person, b.person, share)
     laser = nearest.laser
     velocity = (0.0, 0.0)
     if a.laser is not None and b.laser is not None and math.dist(a.laser, b.laser) < _MAX_JUMP:
-        dx = b.laser[0] - a.laser[0]
-        dy = b.laser[1] - a.laser[1]
-        laser = (a.laser[0] + share * dx, a.laser[1] + share * dy)
-        velocity = (dx / interval, dy / interval)
+        laser = _interpolate_point(a.laser, b.laser, share)
+        velocity = ((b.laser[0] - a.laser[0]) / interval, (b.laser[1] - a.laser[1]) / interval)
     return Snapshot(stamp, robots, laser, nearest.laser_color, velocity, person)
 
 
 def _interpolate_pose(a: Pose, b: Pose, share: float) -> Pose:
+    x, y = _interpolate_point(a[:2], b[:2], share)
     rotation = wrap_angle(b[2] - a[2])
-    return (a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]), wrap_angle(a[2] + share * rotation))
+    return (x, y, wrap_angle(a[2] + share * rotation))
+
+
+def _interpolate_point(a: Point2, b: Point2, share: float) -> Point2:
+    return (a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]))

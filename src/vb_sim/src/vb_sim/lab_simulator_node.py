@@ -50,7 +50,7 @@ class LabSimulatorParams(Parameters):
 
 
 class RobotConnection:
-    """Publishers of one robot. Its namespace, if any, precedes the names of its frames and topics."""
+    """The publishers of one robot. If it has a namespace, that precedes the names of its frames and topics."""
 
     def __init__(self, robot: Robot) -> None:
         prefix = f"{robot.namespace.strip('/')}/".lstrip("/")
@@ -65,8 +65,8 @@ class RobotConnection:
 class LabSimulatorNode:
     """Moves the robots, and publishes the ground truth of the lab and the clock.
 
-    /clock runs at real time, or as fast as /sim/pace says, or slower; /use_sim_time must be set. A robot's topics are
-    in its namespace; the first robot usually has none.
+    /clock runs in real time, or as fast as /sim/pace says, but slower on a slow computer. /use_sim_time must be set. A
+    robot's topics are in its namespace; the first robot usually has none.
 
     Subscribed topics:
         <robot>/cmd_vel (geometry_msgs/Twist)
@@ -90,13 +90,12 @@ class LabSimulatorNode:
         self._params = params
         self._lock = threading.Lock()
         self._step_ns = int(round(1e9 / RATE))
-        # a whole number of steps, so that the frames of cameras whose rate divides this one coincide with steps
+        # a whole number of steps, so that camera frames coincide with steps if the camera's rate divides RATE
         self._now_ns = time.time_ns() // self._step_ns * self._step_ns
         self._count = 0
         lab.step(0.0, self._now_ns * 1e-9)
         self._participant = ParticipantState()
         self._participant_time = -math.inf
-
         self._clock = make_clock_publisher()
         # each topic has a short queue, so that a slow or hung subscriber does not stop the lab
         self._lab_state = rospy.Publisher(names.LAB_STATE, LabState, queue_size=1)
@@ -155,7 +154,7 @@ class LabSimulatorNode:
                     self._lockstep.wait()
                 period = self._step_ns * 1e-9 / self._pace
                 now = time.monotonic()
-                # makes up for at most one late step, because cameras and controllers would miss a burst of steps
+                # catches up by at most one step, because cameras and controllers would miss a burst of steps
                 due = max(due + period, now - period)
                 time.sleep(max(due - now, 0.0))
         except rospy.ROSException:

@@ -41,8 +41,8 @@ class NavigationNode:
 
     Subscribed topics:
         /virtual_borders/map (nav_msgs/OccupancyGrid): the static map of both costmaps
-        robot_driver/keep_out (nav_msgs/OccupancyGrid): optional; the map with borders inflated by the
-            localisation uncertainty
+        robot_driver/keep_out (nav_msgs/OccupancyGrid): the map with borders inflated by the localisation uncertainty;
+            optional
         scan (sensor_msgs/LaserScan): only while driving
         move_base_simple/goal (geometry_msgs/PoseStamped)
         /tf, /tf_static (tf2_msgs/TFMessage): map -> base_link
@@ -68,7 +68,6 @@ class NavigationNode:
         self._mount: Optional[np.ndarray] = None  # T_base_laser
         self._driving = False
         self._transforms = TransformLookup()
-
         self._cmd_vel = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         self._plan = rospy.Publisher("~NavfnROS/plan", Path, queue_size=1, latch=True)
         self._global = rospy.Publisher("~global_costmap/costmap", messages.NumpyOccupancyGrid, queue_size=1, latch=True)
@@ -119,7 +118,8 @@ class NavigationNode:
         valid = np.isfinite(ranges) & (ranges >= message.range_min) & (ranges <= message.range_max)
         ranges = ranges[valid]
         angles = angles[valid]
-        points = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles), np.zeros(len(ranges))])
+        x, y = ranges * np.cos(angles), ranges * np.sin(angles)
+        points = np.column_stack([x, y, np.zeros(len(ranges))])
         self._obstacles = geometry.transform_points(self._mount, points)[:, :2]
 
     def _pose(self) -> Pose:
@@ -150,7 +150,8 @@ class NavigationNode:
             start = self._to_map_frame(request.start) if request.start.header.frame_id else self._pose()
             goal = self._to_map_frame(request.goal)
             planner = self._navigator.planner_on_map()
-            path = planner.plan(np.array(start[:2]), np.array(goal[:2]), max(request.tolerance, 0.0))
+            start_point, goal_point = np.array(start[:2]), np.array(goal[:2])
+            path = planner.plan(start_point, goal_point, max(request.tolerance, 0.0))
             response.plan = path_message(path, goal[2])
         except CodedError as error:
             rospy.loginfo("%s: make_plan: %s", rospy.get_name(), error)
@@ -195,7 +196,8 @@ class NavigationNode:
             if self._server.is_preempt_requested():
                 self._server.set_preempted(MoveBaseResult(), "the goal was cancelled or replaced")
                 return
-            motion = self._navigator.step(rospy.Time.now().to_sec(), self._pose(), self._obstacles, _PERIOD)
+            now = rospy.Time.now().to_sec()
+            motion = self._navigator.step(now, self._pose(), self._obstacles, _PERIOD)
             if motion.path is not None:
                 self._plan.publish(path_message(motion.path, goal[2]))
             if motion.arrived:

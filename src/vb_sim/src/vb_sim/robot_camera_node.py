@@ -27,7 +27,7 @@ from vb_sim.rendering.mesh import world_mesh
 from vb_sim.world import Robot, load_world
 
 CAMERA_RATE = 25.0  # [1/s] of colour images; assumed
-_DEPTH_EVERY = 2  # colour images for a depth image; saves time
+_DEPTH_EVERY = 2  # colour images for each depth image, to save time
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The simulated lab as a whole: its robots, their laser scanners, which also see the person, and its time."""
+"""The simulated lab as a whole: its robots and their laser scanners, which also see the person, and its time."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ class DistanceField:
         # from the cell's centre to the obstacle's edge, half a cell before the obstacle's centre
         self._distance = np.maximum(cells.astype(float) - 0.5, 0.0) * grid.resolution
         self._rows, self._columns = free.shape
-        # The distance that a beam may advance from any point of a cell; 0 in obstacles. The distance between corners
-        # may be 1.4 cells less than between the centres, but then the beam crosses only a corner of an obstacle's cell.
-        steps = np.where(free, np.maximum((cells - 1.0) * grid.resolution, 0.5 * grid.resolution), 0.0)
-        self._steps = steps.astype(np.float64).ravel()
+        # How far a beam may advance from any point of a cell; 0 in obstacles. Two cells' corners may be 1.4 cells
+        # nearer to each other than their centres, but then the beam crosses only a corner of an obstacle's cell.
+        safe_steps = np.maximum((cells - 1.0) * grid.resolution, 0.5 * grid.resolution)
+        self._steps = np.where(free, safe_steps, 0.0).astype(np.float64).ravel()
 
     def clearance(self, x: float, y: float) -> float:
         """Returns the interpolated distance [m] from a point to the nearest obstacle's edge; 0 off the map."""
@@ -54,10 +54,11 @@ class DistanceField:
     def cast_rays(self, origin: Point2, angles: np.ndarray, range_max: float) -> np.ndarray:
         """Returns the ranges (N,) [m] of beams from `origin` [m] at `angles` (N,) [rad] in the map; inf without a hit.
 
-        Uses sphere tracing: each beam advances by the distance that is known to be free. It may cross a hundred cells
-        of open floor in one step; only beams that graze a wall advance by half cells.
+        Uses sphere tracing: each beam advances by the distance that is known to be free, which may be a hundred cells
+        of open floor. Only beams that graze a wall advance by half cells.
         """
-        direction_x, direction_y = np.cos(angles) / self._resolution, np.sin(angles) / self._resolution
+        direction_x = np.cos(angles) / self._resolution
+        direction_y = np.sin(angles) / self._resolution
         start_x = (origin[0] - self._origin[0]) / self._resolution + 1.0
         start_y = (origin[1] - self._origin[1]) / self._resolution + 1.0
         result = np.full(len(angles), np.inf)
@@ -67,7 +68,8 @@ class DistanceField:
         beams = np.arange(len(angles))
         while len(beams):
             rows = (start_y + ranges * direction_y).astype(np.int32)
-            steps = self._steps[rows * self._columns + (start_x + ranges * direction_x).astype(np.int32)]
+            columns = (start_x + ranges * direction_x).astype(np.int32)
+            steps = self._steps[rows * self._columns + columns]
             free = steps > 0.0  # a step of 0 marks an obstacle
             result[beams[~free]] = ranges[~free]
             beams = beams[free]
@@ -123,7 +125,8 @@ class SimulatedLab:
         angles = -math.pi + 2.0 * math.pi / model.beams * np.arange(model.beams)
         x, y, yaw = self.robots[index].pose
         ranges = self.field.cast_rays((x, y), angles + yaw, model.range_max)
-        discs = [(body.pose[:2], robot.radius) for body, robot in zip(self.robots, self.world.robots)]
+        bodies = zip(self.robots, self.world.robots)
+        discs = [(body.pose[:2], robot.radius) for body, robot in bodies]
         del discs[index]  # a robot does not see itself
         if self.person is not None:
             discs.append((self.person[:2], model.person_radius))
@@ -138,12 +141,12 @@ class SimulatedLab:
 class Lockstep:
     """Makes simulated time wait for the nodes that drive a robot, so that they are in time even on a busy computer.
 
-    While all nodes arrive in every step, `wait` returns once they have. A node that is silent for `timeout` is taken to
-    have nothing to do: `wait` then returns at once, until all nodes arrive within one step again.
+    While all nodes arrive in every step, `wait` returns once they have. A node that is silent for `timeout` probably
+    has nothing to do: from then on `wait` returns at once, until all nodes arrive within one step again.
 
     Args:
         expected: the names of these nodes.
-        timeout: [s] wall time to wait at most.
+        timeout: [s] of wall time for which `wait` waits at most.
     """
 
     def __init__(self, expected: Tuple[str, ...], timeout: float = 1.0) -> None:

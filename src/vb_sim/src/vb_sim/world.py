@@ -1,7 +1,7 @@
 """Reads a simulated world from a YAML file: room, furniture, cameras, robots and scenarios.
 
-An unknown key, a wrong type or a value out of range raises a `ParameterError` that gives its position in the file, for
-instance "cameras[1]/height". Angles are in degrees in the file and the fields, and in radians in returned values.
+An unknown key, a wrong type or a value out of range raises a `ParameterError` that says where it is in the file, for
+instance "cameras[1]/height". Angles in the file and the fields are in degrees; methods return them in radians.
 """
 
 from __future__ import annotations
@@ -82,14 +82,17 @@ class Furniture(Parameters):
         """Returns the outline (N, 2) [m] seen from above, counter-clockwise."""
         if self.kind == "cylinder":
             angles = np.linspace(0, 2 * math.pi, 24, endpoint=False)
-            return np.column_stack([self.x + self.radius * np.cos(angles), self.y + self.radius * np.sin(angles)])
+            x = self.x + self.radius * np.cos(angles)
+            y = self.y + self.radius * np.sin(angles)
+            return np.column_stack([x, y])
         return _rectangle(self.x, self.y, self.size, self.yaw)
 
     def contact_outlines(self) -> List[np.ndarray]:
         """Returns the outlines (N, 2) [m] of the parts on the floor, which a laser scanner sees."""
         if self.kind != "table":
             return [self.footprint()]
-        legs = _rectangle(self.x, self.y, (self.size[0] - self.leg, self.size[1] - self.leg), self.yaw)
+        between_legs = (self.size[0] - self.leg, self.size[1] - self.leg)
+        legs = _rectangle(self.x, self.y, between_legs, self.yaw)
         return [_rectangle(x, y, (self.leg, self.leg), self.yaw) for x, y in legs]
 
 
@@ -128,8 +131,8 @@ class Light(Parameters):
 class CeilingCamera(Parameters):
     """A stationary camera.
 
-    At pitch 90 it looks straight down, and at yaw 0 the top of its image is then +y. With less pitch it looks towards
-    +y at yaw 0, and towards -x at yaw 90.
+    At pitch 90 it looks straight down; the top of its image is then towards +y at yaw 0. With less pitch, it looks
+    towards +y at yaw 0, and towards -x at yaw 90.
     """
 
     name: str = param("camera")
@@ -191,7 +194,7 @@ class Robot(Parameters):
 
 @dataclass(frozen=True)
 class DetourQuery(Parameters):
-    """Start and goal of a path through the region, which show whether the border takes effect."""
+    """Start and goal of a path through the region, whose detour shows that the border takes effect."""
 
     start: Tuple[float, float, float] = param((0.0, 0.0, 0.0), "m, m, deg")
     goal: Tuple[float, float, float] = param((1.0, 0.0, 0.0), "m, m, deg")
@@ -199,28 +202,19 @@ class DetourQuery(Parameters):
 
 @dataclass(frozen=True)
 class Scenario(Parameters):
-    """A participant's task. Its points are converted to arrays [m].
+    """A participant's task. Its points are converted to arrays."""
 
-    Attributes:
-        key: the task's name in the file.
-        border: (N, 2) the polygonal chain to draw.
-        closed: whether the border is a polygon.
-        seed: (2,) the seed point.
-        region: (M, 2) outline of the ground truth.
-        stand: (2,) the person's position while drawing.
-        guide: (K, 2) the path along which a person without ceiling cameras guides the robot.
-        proof: start and goal of the path that is planned without and with the border.
-    """
-
-    key: str = param("")
+    key: str = param("")  # the task's name in the file
     title: str = param("")
-    closed: bool = param(False)
-    border: np.ndarray = param(None, "m")
-    seed: np.ndarray = param(None, "m")
-    region: np.ndarray = param(None, "m")
-    stand: np.ndarray = param(None, "m")
-    guide: np.ndarray = param(None, "m")
-    proof: DetourQuery = param(DetourQuery())
+    closed: bool = param(False)  # whether the border is a polygon
+    border: np.ndarray = param(None, "m")  # (N, 2) the polygonal chain to draw
+    seed: np.ndarray = param(None, "m")  # (2,) the seed point
+    region: np.ndarray = param(None, "m")  # (M, 2) outline of the ground truth
+    stand: np.ndarray = param(None, "m")  # (2,) the person's position while drawing
+    guide: np.ndarray = param(
+        None, "m"
+    )  # (K, 2) the path along which a person without ceiling cameras guides the robot
+    proof: DetourQuery = param(DetourQuery())  # the path that is planned without and with the border
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -254,7 +248,8 @@ class World(Parameters):
             for name, count in Counter(item.name for item in items).items():
                 if count > 1:
                     raise ParameterError(kind, f"the name '{name}' is used twice")
-        scenarios = {str(key): _read_scenario(str(key), scenario) for key, scenario in self.scenarios.items()}
+        documents = {str(key): document for key, document in self.scenarios.items()}
+        scenarios = {key: _read_scenario(key, document) for key, document in documents.items()}
         object.__setattr__(self, "scenarios", scenarios)
 
     def scenario(self, key: str) -> Scenario:
@@ -279,7 +274,7 @@ class World(Parameters):
         return items[name]
 
     def robot_radii(self) -> Dict[str, float]:
-        """Returns the radius [m] of each robot by its name, which people use, and its namespace, which topics use."""
+        """Returns the radius [m] of each robot, by its name and by its namespace, which precedes its topics."""
         radii = {robot.namespace.strip("/"): robot.radius for robot in self.robots}
         radii.update({robot.name: robot.radius for robot in self.robots})
         return radii

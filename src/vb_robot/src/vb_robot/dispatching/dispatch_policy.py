@@ -1,12 +1,12 @@
 """Decides where each robot should go: the policy, apart from maps, messages and actions.
 
 1. One robot serves. It stays where it is for as long as it sees the target from there.
-2. If it has not seen the target for a while, or its position has failed, all robots bid: each offers the cheapest position
-   from which it would see the target. Staying where it is costs a robot nothing.
-3. Bids that see the spot come first, then those of robots with fewer failures, then those of idle robots, then the cheaper.
-   The serving robot's bid counts as SWITCH_GAIN cheaper, so that two robots do not alternate.
-4. A position has failed if navigation does not accept it, if the robot makes no progress towards it, or if no camera sees
-   the spot from there in time. A failed position is not offered for a while.
+2. If it has not seen the target for a while, or its position has failed, all robots bid: each offers the cheapest
+   position from which it would see the target. Staying where it is costs a robot nothing.
+3. Bids that see the spot come first, then those of robots with fewer failures, then those of idle robots, then the
+   cheaper. The serving robot's bid counts as SWITCH_GAIN cheaper, so that two robots do not alternate.
+4. A position has failed if navigation does not accept it, if the robot makes no progress towards it, or if no camera
+   sees the spot from there in time. A failed position is not offered for a while.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Dict, Hashable, List, Mapping, NamedTuple, Optional, Tuple
 
 from vb_core.geometry import Pose, pose_distance
@@ -24,15 +25,17 @@ MIN_INTERVAL = 1.5  # [s] between two goals, because navigation makes a new plan
 LOST_INTERVAL = 0.5  # [s] between two goals while no camera sees the spot; UNFIT_TIMEOUT does not apply then
 RETRY_AFTER = 0.5  # [s] pause after a failure, times the number of failures so far
 UNFIT_TIMEOUT = 0.6  # [s] for which the present goal must have been unfit before it is replaced
-MIN_GAIN, MIN_TURN = 0.25, math.radians(20.0)  # [m, rad] minimum difference between a new goal and the present one
+# a new goal must differ from the present one by at least one of these
+MIN_GAIN = 0.25  # [m]
+MIN_TURN = math.radians(20.0)  # [rad]
 FAILED_RADIUS = 0.5  # [m] around a failed position, in which no goal is tried
-FAILED_MEMORY = 20.0  # [s] after which it may be tried again
-# [s] for which a robot may stand still while its goal is in this state; move_base itself gives up only after 40 s
+FAILED_MEMORY = 20.0  # [s] after which a failed position may be tried again
+# [s] for which a robot may stand still, by the state of its goal; move_base itself gives up only after 40 s
 STUCK_TIMEOUTS = {"sent": 4.0, "active": 15.0}
-HIDDEN_TIMEOUT = 3.0  # [s] after which something must hide the spot from a position where the robot should see it
+HIDDEN_TIMEOUT = 3.0  # [s] without the spot, after which something must hide it from a robot that should see it
 STUCK_DISTANCE = 0.10  # [m] a shorter move still counts as standing still
-HIDDEN_TRIES = 2  # positions that are tried for a lost spot, as the laser may be off
-PREEMPTION_PAUSE = 15.0  # [s] after another node sent the robot elsewhere
+HIDDEN_TRIES = 2  # positions that are tried for a lost spot; then the laser is probably off
+PREEMPTION_PAUSE = 15.0  # [s] for which a robot is left alone after another node has sent it elsewhere
 SWITCH_GAIN = 1.0  # [m] by which another robot's bid must be cheaper for it to take over
 
 Circle = Tuple[float, float, float]  # (x, y, radius) [m]
@@ -57,19 +60,17 @@ class SentGoalState(enum.Enum):
 
 @dataclass(frozen=True)
 class DispatchStatus:
-    """A robot's current state.
+    """A robot's current state."""
 
-    Attributes:
-        pose: (x, y, yaw) [m, m, rad], map frame; None if it is not localised.
-        has_navigation: whether its navigation is running.
-        goal: the state of the last goal that was sent to it.
-        is_busy: whether it drives to another node's goal.
-    """
+    pose: Optional[Pose]  # (x, y, yaw) [m, m, rad], map frame; None if the robot is not localised
+    has_navigation: bool = True  # whether its navigation is running
+    goal: SentGoalState = SentGoalState.NONE  # the state of the last goal that was sent to it
+    is_busy: bool = False  # whether it drives to another node's goal
 
-    pose: Optional[Pose]
-    has_navigation: bool = True
-    goal: SentGoalState = SentGoalState.NONE
-    is_busy: bool = False
+    @property
+    def can_be_sent(self) -> bool:
+        """Whether the robot can be sent to a goal."""
+        return self.has_navigation and self.pose is not None
 
 
 class PositionAssessment(enum.Enum):
@@ -84,20 +85,20 @@ class PositionAssessment(enum.Enum):
 
 
 class EventWait(NamedTuple):
-    """A robot's wait for an event ("" for none) since a time [s] at a pose, which is None before the wait begins."""
+    """A robot's wait: the awaited event ("" for none), when it began [s], and the robot's pose, None before that."""
 
     event: str = ""
     since: float = 0.0
     pose: Optional[Pose] = None
 
     def continued(self, event: str, now: float, pose: Pose) -> EventWait:
-        """Returns this wait or, if the robot has moved or waits for another event, one that begins now."""
+        """Returns this wait. If the robot has moved or waits for another event, returns a wait that begins now."""
         stays = self.pose is not None and pose_distance(self.pose, pose) < STUCK_DISTANCE
         return self if event == self.event and stays else EventWait(event, now, pose)
 
 
 class Failure(NamedTuple):
-    """A position at which a robot failed: its name, the time [s], and the circle that it avoids for a while."""
+    """A robot's failure at a position: its name, the time [s], and the circle that it then avoids for a while."""
 
     robot: str
     time: float
@@ -125,6 +126,7 @@ class DispatchPolicy:
         self._names = tuple(robots)
         self._previous_time = -math.inf  # [s]
         self._previous_task: Hashable = None
+        self._goal_numbers = count(1)
         self._forget_goal()
         self._forget_failures()
 
@@ -143,7 +145,7 @@ class DispatchPolicy:
     def step(
         self, now: float, task: Hashable, unseen_s: float, robots: Mapping[str, DispatchStatus], planners: Planners
     ) -> Dict[str, Optional[Viewpoint]]:
-        """Decides the goal of each robot, which it may have reached already, or None for a robot without a goal.
+        """Decides each robot's goal, by name. A robot may already have reached its goal. None is no goal.
 
         The caller sends a goal that differs from the previous one, and cancels the previous one if there is no new one.
 
@@ -152,10 +154,13 @@ class DispatchPolicy:
             task: identifies interaction and state; None if no robot is wanted.
             unseen_s: [s] since a camera saw the spot.
         """
-        must_restart = task is None or now < self._previous_time - 1.0  # if time has jumped back, this is another run
+        is_another_run = now < self._previous_time - 1.0  # time has jumped back
+        must_restart = task is None or is_another_run
         if must_restart or task != self._previous_task:
-            if must_restart or self.goal is None or not robots[self.serving].goal.is_running:
-                self._forget_goal()  # but a robot that is on its way goes on
+            # a new state of the same interaction does not stop a robot that is on its way
+            is_on_way = self.goal is not None and robots[self.serving].goal.is_running
+            if must_restart or not is_on_way:
+                self._forget_goal()
             self._forget_failures()
         self._previous_time = now
         self._previous_task = task
@@ -163,8 +168,8 @@ class DispatchPolicy:
         if unseen_s <= LOST_TIMEOUT:
             self._hidden = []
         wanted = robots if task is not None else {}
-        able = {name: status for name, status in wanted.items() if status.has_navigation and status.pose is not None}
-        if self.serving not in able:
+        candidates = {name: status for name, status in wanted.items() if status.can_be_sent}
+        if self.serving not in candidates:
             self.serving = self.goal = None
         must_choose = True
         if self.serving is not None:
@@ -172,7 +177,7 @@ class DispatchPolicy:
             self._record(now, assessment, robots[self.serving])
             must_choose = self._must_choose(now, unseen_s, assessment)
         if must_choose:
-            self._choose(now, able, planners)
+            self._choose(now, candidates, planners)
         return {name: self.goal if name == self.serving else None for name in self._names}
 
     def _assess(
@@ -192,10 +197,12 @@ class DispatchPolicy:
         pose = goal.pose if on_way else status.pose
         avoided = [*self._hidden, *self._circles_of(self.serving)]
         fits = planner.shows_target(pose) and (not on_way or planner.has_room_at(pose))
-        fits = fits and all(math.dist(pose[:2], (x, y)) >= radius for x, y, radius in avoided)
+        is_avoided = any(math.dist(pose[:2], (x, y)) < radius for x, y, radius in avoided)
+        fits = fits and not is_avoided
         if on_way:
-            # a robot that is leaving the seed's side goes on: the border would lock it in
-            return PositionAssessment.FIT if fits or not goal.sees_spot else PositionAssessment.UNFIT
+            # a robot that is leaving the seed's side goes on, because the border would lock it in there
+            must_leave = not goal.sees_spot
+            return PositionAssessment.FIT if fits or must_leave else PositionAssessment.UNFIT
         if not fits:
             return PositionAssessment.UNFIT
         waited = now - self._wait.continued("seen", now, status.pose).since
@@ -214,8 +221,9 @@ class DispatchPolicy:
         elif self.goal is not None and status.goal.is_running:
             self._wait = self._wait.continued(status.goal.value, now, status.pose)
         elif assessment is not PositionAssessment.UNKNOWN:
-            # only a wait where the robot should see the spot may show that something hides it
-            self._wait = self._wait.continued("seen" if assessment is PositionAssessment.FIT else "", now, status.pose)
+            # something may hide the spot only while the robot waits where it should see it
+            event = "seen" if assessment is PositionAssessment.FIT else ""
+            self._wait = self._wait.continued(event, now, status.pose)
         if assessment in (PositionAssessment.FAILED, PositionAssessment.PREEMPTED, PositionAssessment.HIDDEN):
             self.goal = None
             self._wait = EventWait()
@@ -225,7 +233,7 @@ class DispatchPolicy:
             self._unfit_since = now
 
     def _must_choose(self, now: float, unseen_s: float, assessment: PositionAssessment) -> bool:
-        """Returns whether to choose another position, or robot: with patience while the present goal may fit again."""
+        """Returns whether to choose another position or robot, with patience while the present goal may fit again."""
         if assessment in (PositionAssessment.FIT, PositionAssessment.UNKNOWN):
             return False
         if self.goal is None:
@@ -238,40 +246,44 @@ class DispatchPolicy:
         """Returns the circles around the positions at which a robot failed."""
         return [failure.circle for failure in self._failures if failure.robot == robot]
 
-    def _choose(self, now: float, able: Mapping[str, DispatchStatus], planners: Planners) -> None:
+    def _choose(self, now: float, candidates: Mapping[str, DispatchStatus], planners: Planners) -> None:
         """Accepts the best bid. Changes nothing if there is none."""
         bids: Dict[str, Tuple[BidRank, Optional[Viewpoint]]] = {}
-        for name, status in able.items():
+        for name, status in candidates.items():
             planner = planners[name]
             circles = self._circles_of(name)
+            failures = len(circles)
             serves = name == self.serving
+            is_idle = not serves and not status.is_busy
             if planner is None or now < self._rests_until.get(name, -math.inf):
                 continue
-            if not serves and not status.is_busy and planner.shows_target(status.pose):
-                bids[name] = BidRank(misses_spot=False, failures=len(circles), is_busy=False, cost=0.0), None
+            if is_idle and planner.shows_target(status.pose):
+                stay_rank = BidRank(misses_spot=False, failures=failures, is_busy=False, cost=0.0)
+                bids[name] = (stay_rank, None)
                 continue
             viewpoint = planner.best_viewpoint(status.pose, [*self._hidden, *circles])
             if viewpoint is None:
                 self._rests_until[name] = now + MIN_INTERVAL  # the same search would fail again now
                 continue
             cost = viewpoint.cost - SWITCH_GAIN if serves else viewpoint.cost
-            bids[name] = BidRank(not viewpoint.sees_spot, len(circles), status.is_busy and not serves, cost), viewpoint
+            is_busy = status.is_busy and not serves
+            bids[name] = (BidRank(not viewpoint.sees_spot, failures, is_busy, cost), viewpoint)
         if not bids:
             return
         best = min(bids, key=lambda name: bids[name][0])
-        chosen, status = bids[best][1], able[best]
-        if best == self.serving and self._is_near_goal(chosen, status):
+        chosen = bids[best][1]
+        if best == self.serving and self._is_near_goal(chosen, candidates[best]):
             self._unfit_since = now
             return
         self.serving = best
-        # the goal is copied, because the caller compares goals by identity: the same position again is another goal
-        self.goal = chosen and replace(chosen)
+        # the number makes the same position another goal if it is chosen again, so that the caller sends it again
+        self.goal = None if chosen is None else replace(chosen, number=next(self._goal_numbers))
         self._sent_at = now
         self._unfit_since = None
         self._wait = EventWait()
 
     def _is_near_goal(self, chosen: Optional[Viewpoint], status: DispatchStatus) -> bool:
-        """Returns whether a viewpoint is close to where the robot already is or is going."""
+        """Returns whether a viewpoint is close to the robot's goal, and the robot is there or on its way."""
         goal = self.goal
         if chosen is None or goal is None:
             return False

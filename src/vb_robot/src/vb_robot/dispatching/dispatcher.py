@@ -1,4 +1,4 @@
-"""Decides where robots go, from the spot, the drawing, the maps and the robots. No ROS; the node connects it."""
+"""Decides where robots go, from the spot, the drawing, the maps and the robots' states."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from vb_robot.dispatching.dispatch_policy import DispatchPolicy, DispatchStatus
 from vb_robot.dispatching.viewpoint import DrawingState, RobotCameraView, Viewpoint, ViewpointPlanner
 from vb_robot.spot_sightings import LOST_TIMEOUT, SpotSightings
 
-UNSERVED_TIME = 2.0  # [s] until a notice says so: first spots are confirmed late, and choosing a robot takes 1 s
+# [s] until a notice says that no robot comes: the first spots are confirmed late, and choosing a robot takes 1 s
+UNSERVED_TIME = 2.0
 
 
 class RobotMap:
@@ -36,7 +37,7 @@ class RobotMap:
     def make_planner(
         self, drawing: DrawingState, status: DispatchStatus, others: Sequence
     ) -> Optional[ViewpointPlanner]:
-        """Makes the robot's viewpoint planner for a drawing, or returns None until map, pose and camera are known."""
+        """Makes the robot's viewpoint planner for a drawing. Returns None until map, pose and camera are known."""
         borders, physical = self._maps
         if self._view is None or status.pose is None or borders is None:
             return None
@@ -73,12 +74,13 @@ class Dispatcher:
 
     def set_progress(self, interaction: str, drawn: DrawingState, cameras: Iterable[str]) -> None:
         """Stores what has been drawn so far in an interaction, and which cameras contributed."""
-        self._drawn_in, self._newest_drawing = interaction, drawn
+        self._drawn_in = interaction
+        self._newest_drawing = drawn
         # these cameras count even before a robot is wanted, because they decide whether one is
         self.sightings.add_contributors(interaction, cameras)
 
     def decide(self, now: float, robots: Mapping[str, DispatchStatus]) -> Dict[str, Optional[Viewpoint]]:
-        """Decides the goal of each robot at time `now` [s], by `DispatchPolicy.step`. A new goal takes some 10 ms."""
+        """Decides each robot's goal at time `now` [s], as `DispatchPolicy.step` does. A new goal takes some 10 ms."""
         sightings = self.sightings
         robot_wanted = sightings.should_dispatch()
         sightings.forget_after(now)
@@ -88,9 +90,10 @@ class Dispatcher:
             time_since_seen = 2.0 * LOST_TIMEOUT  # the program was restarted in the middle of a drawing
         planners: Dict[str, Optional[ViewpointPlanner]] = {}
         for name, status in robots.items():
-            others = [s.pose[:2] for other, s in robots.items() if other != name and s.pose is not None]
+            others = [entry.pose[:2] for other, entry in robots.items() if other != name and entry.pose is not None]
             planners[name] = self.maps[name].make_planner(drawing, status, others) if drawing is not None else None
-        goals = self._policy.step(now, sightings.key if robot_wanted else None, time_since_seen, robots, planners)
+        task = sightings.key if robot_wanted else None
+        goals = self._policy.step(now, task, time_since_seen, robots, planners)
         self._update_notice(now, lost=drawing is not None and time_since_seen > LOST_TIMEOUT)
         return goals
 
@@ -103,7 +106,7 @@ class Dispatcher:
         elif sightings.newest() is not None:
             target = sightings.target()
         else:
-            # after a restart, the spot was last at the line's end; a closed line's seed is inside, where robots would hide it
+            # after a restart, the spot was last at the line's end; a closed line's seed is inside, where robots hide it
             inner_point = drawing.interior_point() if sightings.state == SEED else None
             target = drawing.spot if inner_point is None else inner_point
         if target is None:

@@ -1,8 +1,9 @@
 """Poses from which a robot's own camera sees the spot (paper, Sect. 4.2: a robot is sent to the area).
 
 A robot looks a little ahead of the spot, to where the line continues, so that it sees the spot before ceiling cameras
-lose it. It goes nowhere that the border will probably restrict. The same test decides whether the camera sees what it
-must from the robot's pose, its goal and candidates, which need some more margin. The cheapest in metres of path wins.
+lose it. It avoids the area that the border will probably restrict. One test decides whether the camera sees enough from
+a pose, whether that is the robot's own, its goal or a candidate; a candidate needs some more margin. Of the candidates
+that pass, the one that costs least, in metres of path, is chosen.
 """
 
 from __future__ import annotations
@@ -24,45 +25,37 @@ from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap
 # [m] to the point that the camera looks at; a nearer point leaves the image, a farther spot is too small
 MIN_DISTANCE, MAX_DISTANCE = (0.8, 1.5)
 BEST_DISTANCE = 1.1  # [m]
-DISTANCES, BEARINGS = 4, 36  # number of each that are checked
-IMAGE_MARGIN = 0.15  # minimum fraction of the image between its edge and the point that a new pose looks at ...
-SEEN_MARGIN = 0.06  # ... and the points that any pose must see
-LINE_MARGIN = 0.10  # [m] beyond the radius, from the line being drawn and its extrapolation
+DISTANCES, BEARINGS = 4, 36  # how many of each are checked
+# minimum distance from the image's edge, as a fraction of the image
+IMAGE_MARGIN = 0.15  # of the point that a new pose looks at
+SEEN_MARGIN = 0.06  # of the points that any pose must see
+LINE_MARGIN = 0.10  # [m] beyond the radius, which a robot keeps from the line being drawn and its extrapolation
 # what a pose costs, in metres of path
 TURN_COST = 0.4  # for each radian: the time of the turn, at 0.5 m/s
 DISTANCE_COST = 0.5  # for each metre off BEST_DISTANCE
-UNSEEN_COST = 0.5  # if the robot sees nothing of where the line continues
+UNSEEN_COST = 0.5  # if the robot sees nothing of the extrapolated line
 LOCKED_COST = 5.0  # if the path crosses the area that the border will restrict, and again if the pose is on it
 STEP = 0.05  # [m] between points of an extrapolated line
-# A quick hand moves on until the robot arrives, so the robot looks ahead by half of that way, but sees the spot too.
-REACTION = 1.2  # [s] of the hand's motion until then
-MIN_LOOKAHEAD, MAX_LOOKAHEAD = 0.3, 0.6  # [m] to that point
-LINE_AHEAD = 0.8  # [m] length of the extrapolated line, which a robot should see too, and keeps off
+# By the time that the robot arrives, a quick hand has moved on. So the robot looks ahead by half of that distance, from
+# where it still sees the spot.
+REACTION = 1.2  # [s] for which the hand moves on
+MIN_LOOKAHEAD, MAX_LOOKAHEAD = 0.3, 0.6  # [m] from the spot to the point that the robot looks at
+LINE_AHEAD = 0.8  # [m] length of the extrapolated line, which a robot should see, and on which it does not stand
 MIN_LINE = 0.3  # [m] a shorter line encloses nothing yet
 NO_POINTS = np.zeros((0, 2))
 
 
 @dataclass(frozen=True)
 class DrawingState:
-    """The drawing so far, map frame.
+    """The drawing so far, map frame."""
 
-    Attributes:
-        spot: (2,) [m] the spot's last position; None if it is not known.
-        chain: (M, 2) [m] the line drawn so far.
-        velocity: (2,) [m/s] the spot's velocity, or None.
-        closed: whether the chain is a polygon.
-        marks_side: whether the spot marks the side to be restricted, from which robots keep off.
-        seen_by_stationary: whether a stationary camera sees the spot, so that a robot need not.
-        seed: (2,) [m] the seed with which the border would be saved now, or None.
-    """
-
-    spot: Optional[np.ndarray] = None
-    chain: np.ndarray = field(default_factory=lambda: NO_POINTS)
-    velocity: Optional[np.ndarray] = None
-    closed: bool = False
-    marks_side: bool = False
-    seen_by_stationary: bool = False
-    seed: Optional[np.ndarray] = None
+    spot: Optional[np.ndarray] = None  # (2,) [m] the spot's last position; None if it is not known
+    chain: np.ndarray = field(default_factory=lambda: NO_POINTS)  # (M, 2) [m] the line drawn so far
+    velocity: Optional[np.ndarray] = None  # (2,) [m/s] of the spot, or None
+    closed: bool = False  # whether the chain is a polygon
+    marks_side: bool = False  # whether the spot marks the side to be restricted, which robots must not enter
+    seen_by_stationary: bool = False  # whether a stationary camera sees the spot, so that a robot need not
+    seed: Optional[np.ndarray] = None  # (2,) [m] the seed with which the border would be saved now, or None
 
     def interior_point(self) -> Optional[np.ndarray]:
         """Returns a point (2,) [m] inside a closed line, near its middle, or None if the line is open."""
@@ -71,7 +64,7 @@ class DrawingState:
         return np.array(Polygon(self.chain).representative_point().coords[0])
 
     def extrapolate_line(self, clearance_map: ClearanceMap) -> np.ndarray:
-        """Extrapolates the line from the spot, (K, 2) [m], up to a wall at most; the spot alone if it does not move."""
+        """Extrapolates the line from the spot, up to a wall at most: (K, 2) [m]; only the spot if it does not move."""
         if self.velocity is None or self.marks_side:
             return np.array([self.spot])
         wall = clearance_map.ray_end(self.spot, self.velocity)
@@ -83,13 +76,14 @@ class DrawingState:
         """Returns the point (2,) [m] of the line ahead (K, 2) [m] that a robot should look at."""
         speed = float(np.linalg.norm(self.velocity)) if self.velocity is not None else 0.0
         length = min(max(0.5 * REACTION * speed, MIN_LOOKAHEAD), MAX_LOOKAHEAD)
-        return ahead[min(int(round(length / STEP)), len(ahead) - 1)]
+        index = int(round(length / STEP))
+        return ahead[min(index, len(ahead) - 1)]
 
     def expected_area(self, clearance_map: ClearanceMap) -> np.ndarray:
-        """Predicts which cells (H, W) bool the border will restrict: none if it is too early to tell.
+        """Predicts which cells (H, W) bool the border will restrict. There are none while it is too early to tell.
 
-        While the seed is shown, this is the seed's side. Before that, it is the area between the line and the straight
-        line that joins its ends, because a half-drawn polygon looks like a curve.
+        While the seed is shown, these are the cells of the seed's side. Before that, they are the cells between the
+        drawn line and the straight line that joins its ends, because a half-drawn polygon looks like a curve.
         """
         if self.marks_side:
             return clearance_map.predict_restricted_side(self.spot, self.chain, self.closed)
@@ -149,11 +143,12 @@ class RobotCameraView:
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """A pose, and its cost [m]. `sees_spot` is False for a pose that only leaves the side to be restricted."""
+    """A pose to which a robot may be sent."""
 
-    pose: Pose
-    cost: float
-    sees_spot: bool = True
+    pose: Pose  # (x, y, yaw) [m, m, rad], map frame
+    cost: float  # [m] of path
+    sees_spot: bool = True  # False for a pose at which the robot only leaves the side to be restricted
+    number: int = 0  # counts the goals that were sent, so that the same pose sent again is another goal
 
 
 class ViewpointPlanner:
@@ -191,10 +186,10 @@ class ViewpointPlanner:
     def best_viewpoint(self, robot: Pose, avoid: Iterable[Tuple[float, float, float]] = ()) -> Optional[Viewpoint]:
         """Finds the cheapest reachable pose that shows the target, or None if there is none.
 
-        The pose is clear of obstacles and borders by radius and margin, off the drawn line and its extrapolation, and
-        never on the side that the seed marks. If possible, pose and path avoid the area that the border will probably
-        restrict. The robot's own position is a candidate too, at which it only turns. If there is no such pose, and the
-        robot is on the seed's side, returns the nearest pose off that side.
+        The pose keeps the radius and a margin from obstacles and borders. It is not on the drawn line, its
+        extrapolation or the seed's side. If possible, pose and path avoid the area that the border will probably
+        restrict. The robot's own position, at which it only turns, is a candidate too. If there is no such pose while
+        the robot is on the seed's side, returns the nearest pose off that side.
 
         Args:
             avoid: circles (x, y, radius) [m] around positions that failed.
@@ -215,16 +210,20 @@ class ViewpointPlanner:
         lengths = self.clearance_map.path_lengths(robot[:2], positions, self._others)
         crossing = self._cross_area(robot, positions, lengths)
         lengths[moves < 1e-6] = 0.0
-        # the robot first turns towards the position and there to the yaw, or only to the yaw if it is there already
+        # the robot first turns towards the position, and there to the yaw; if it is there already, only to the yaw
         heading = np.where(moves < 0.1, robot[2], np.arctan2(offsets[:, 1], offsets[:, 0]))
         turns = np.array([heading - robot[2], yaws - heading])
         turns = np.abs(np.arctan2(np.sin(turns), np.cos(turns)))
-        cost = lengths + TURN_COST * turns.sum(axis=0) + DISTANCE_COST * np.abs(distances - BEST_DISTANCE)
+        turn_costs = TURN_COST * turns.sum(axis=0)
+        distance_costs = DISTANCE_COST * np.abs(distances - BEST_DISTANCE)
+        cost = lengths + turn_costs + distance_costs
         seen_part = self._seen(self._ahead, positions, yaws).mean(axis=1)
         cost += UNSEEN_COST * (1.0 - seen_part)
-        # while the seed is shown, the border may be saved at any moment, so a robot that need not come waits
+        # while the seed is shown, the border may be saved at any moment; so a robot waits if it is not needed
         waits = self.drawing.marks_side and self.drawing.seen_by_stationary
-        cost += np.where(crossing, np.inf if waits else LOCKED_COST, 0.0) + LOCKED_COST * ~self._is_outside(positions)
+        crossing_cost = np.inf if waits else LOCKED_COST
+        crossing_costs = np.where(crossing, crossing_cost, 0.0)
+        cost += crossing_costs + LOCKED_COST * ~self._is_outside(positions)
         best = int(np.argmin(cost))
         if not np.isfinite(cost[best]):
             return self._retreat(robot)
@@ -232,7 +231,7 @@ class ViewpointPlanner:
         return Viewpoint((*positions[best].tolist(), yaw), float(cost[best]))
 
     def _cross_area(self, robot: Pose, positions: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-        """Returns (N,) bool: whether the shortest path to each position, of these lengths [m], crosses the expected area.
+        """Returns (N,) bool: whether the shortest path to each position, of length (N,) [m], crosses the expected area.
 
         Navigation does not know the border before it is saved. A robot that is on the area must leave it in any case.
         """
@@ -244,7 +243,7 @@ class ViewpointPlanner:
 
     # ------------------------------------------------------------- one test for all poses
     def _shows(self, positions: np.ndarray, yaws: np.ndarray) -> np.ndarray:
-        """Returns (N,) bool: which poses see what they must, and are off the line and the seed's side."""
+        """Returns (N,) bool: which poses see all they must, and are neither on the line nor on the seed's side."""
         drawing = self.drawing
         required = [self.target_point] if drawing.seen_by_stationary else [self.target_point, drawing.spot]
         keep = self._seen(np.array(required), positions, yaws, SEEN_MARGIN).all(axis=1)
@@ -274,22 +273,24 @@ class ViewpointPlanner:
         clearance_map, spot = self.clearance_map, self.drawing.spot
         if not self.drawing.marks_side or self._is_outside(np.array([robot[:2]]))[0]:
             return None
-        cells = np.argwhere(self._outside & (clearance_map.clearance >= clearance_map.radius + STOP_MARGIN))
+        has_room = clearance_map.clearance >= clearance_map.radius + STOP_MARGIN
+        cells = np.argwhere(self._outside & has_room)
         positions = clearance_map.grid.cell_to_world(cells)
         lengths = clearance_map.path_lengths(robot[:2], positions, self._others)
         if not np.isfinite(lengths).any():
             return None
         best = int(np.argmin(lengths))
-        yaw = math.atan2(*(spot - positions[best])[::-1])
+        x, y = spot - positions[best]
+        yaw = math.atan2(y, x)
         return Viewpoint((*positions[best].tolist(), yaw), float(lengths[best]), sees_spot=False)
 
 
 def _poses_around(target_point: np.ndarray, robot: Pose) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns positions (N, 2) [m], yaws (N,) [rad], distances (N,) [m] of poses facing a point, also at the robot."""
+    """Returns positions (N, 2) [m], yaws (N,) [rad], distances (N,) [m] of poses facing a point, even the robot's."""
     x, y = target_point - robot[:2]
     robot_distance = float(np.hypot(x, y))
     robot_yaw = math.atan2(y, x)
-    # starts at the robot's own bearing, so that a robot that only has to come nearer need not drive around the point
+    # the bearings start at the robot's own, so that a robot that only has to come nearer does not drive round the point
     bearings = np.arange(BEARINGS) * (2.0 * math.pi / BEARINGS) + robot_yaw
     distance = np.tile(np.linspace(MIN_DISTANCE, MAX_DISTANCE, DISTANCES), BEARINGS)
     yaw = np.repeat(bearings, DISTANCES)

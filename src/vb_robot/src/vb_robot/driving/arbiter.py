@@ -1,8 +1,8 @@
 """Arbitrates between the sources that request motion of one robot.
 
-Exactly one source drives at a time, and every command passes one gate, `CommandGate`. In doubt the robot stops, and a
-code says why. In order of priority, the sources are a stop, which is in force until resume, teleoperation, following
-the spot, escape from a border or obstacle that is too near, and navigation.
+At most one source drives at a time, and every command passes one gate, `CommandGate`. In doubt the robot stops, and a
+code says why. In order of priority, the sources are: a stop, which is in force until resume; teleoperation; following
+the spot; escape from a border or obstacle that is too near; navigation.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from vb_robot.driving.spot_follower import SpotFollower
 from vb_robot.driving.velocity import VelocityRequest
 from vb_robot.spot_sightings import Sighting, SpotSightings
 
-START_ZEROS = 3.0  # [s] of zero commands to a new subscriber, as a base may still execute those of a crashed driver
+START_ZEROS = 3.0  # [s] of zero commands to a new subscriber: a base may still execute a crashed driver's command
 GOAL_TIMEOUT = 1.0  # [s] without a report of a goal after which it counts as ended; navigation sends five a second
 CANCEL_PERIOD = 1.0  # [s] between cancellations of navigation's goals while the robot follows the spot
 MAX_STANDING_TURN_RATE = 0.1  # [rad/s] of a robot that counts as standing; navigation's slowest turn is twice as fast
@@ -34,20 +34,16 @@ MAX_STANDING_TURN_RATE = 0.1  # [rad/s] of a robot that counts as standing; navi
 class DriveCommand:
     """The current command to the wheels.
 
-    Attributes:
-        v, w: [m/s, rad/s]
-        source: the source that drives: "none", "stop", "teleop", "follow", "escape" or "navigation".
-        code: "driving", or the reason why the robot stops or slows down.
-        publish: whether to publish it: without a source, only refusals, and zeros after a source or for a new subscriber.
-        cancel: whether to cancel navigation's goals.
+    It is not always published: while no source drives, only refusals are published, and zeros after the last source and
+    for a new subscriber.
     """
 
-    v: float = 0.0
-    w: float = 0.0
-    source: str = NONE
-    code: str = "idle"
-    publish: bool = False
-    cancel: bool = False
+    v: float = 0.0  # [m/s]
+    w: float = 0.0  # [rad/s]
+    source: str = NONE  # "none", "stop", "teleop", "follow", "escape" or "navigation"
+    code: str = "idle"  # "driving", or the reason why the robot stops or slows down
+    publish: bool = False  # whether to publish it
+    cancel: bool = False  # whether to cancel navigation's goals
 
 
 class Arbiter:
@@ -56,11 +52,12 @@ class Arbiter:
     Several threads may provide inputs; only one may call `step`.
 
     Args:
-        camera: name of the robot's camera in the spots; mobile_cameras: names of all cameras on robots.
+        camera: the name of the robot's camera, as in a `Sighting`.
+        mobile_cameras: the names of all cameras on robots.
         stops: the stops in force from before this program started.
 
     Attributes:
-        gate: limits every command; receives the inputs that determine how fast the robot may drive.
+        gate: limits every command. It is given the inputs that determine how fast the robot may drive.
         follower: requests the motion that follows the spot.
         stops: the stops in force, during which no other source drives.
     """
@@ -94,15 +91,16 @@ class Arbiter:
             self.gate.record_input("state", stamp)
 
     def add(self, sighting: Sighting) -> None:
-        """Adds a spot of any camera."""
+        """Adds a sighting of any camera."""
         with self._lock:
             counts = self._spots.add(sighting)
-            # the robot follows only its own camera's spots, because those of others may arrive in another order
+            # the robot follows only its own camera's spots, because those of other cameras may arrive in another order
             if counts and sighting.mobile and sighting.camera == self._camera:
-                self.follower.spot, self.gate.stamps["spot"] = sighting.position, sighting.stamp
+                self.follower.spot = sighting.position
+                self.gate.stamps["spot"] = sighting.stamp
 
     def add_contributors(self, interaction: str, cameras: Iterable[str]) -> None:
-        """Adds cameras that contributed to an interaction, for instance before this program started."""
+        """Adds cameras that contributed to an interaction, even before this program started."""
         with self._lock:
             self._spots.add_contributors(interaction, cameras)
 
@@ -129,11 +127,11 @@ class Arbiter:
     def halt(self, code: str) -> DriveCommand:
         """Stops the robot despite any request, because the program has a fault."""
         with self._lock:
-            self._last = DriveCommand(0.0, 0.0, self._last.source, code, True)
+            self._last = DriveCommand(0.0, 0.0, self._last.source, code, publish=True)
             return self._last
 
     def step(self, now: float, listeners: int = 1) -> DriveCommand:
-        """Computes the command for time `now` [s] and this number of subscribers. Call it `command_gate.RATE` times a second."""
+        """Computes the command at time `now` [s] for this number of subscribers. Call it at `command_gate.RATE`."""
         with self._lock:
             if listeners > self._listeners:
                 self._zeros_until = now + START_ZEROS
@@ -143,13 +141,16 @@ class Arbiter:
             if source in (STOP, TELEOP, FOLLOW):
                 self._escape.interrupt(now)
             v, w, code = self.gate.limit(now, source, request)
-            cancel = has_goal and source == FOLLOW and not 0.0 <= now - self._cancelled_at < CANCEL_PERIOD
+            was_cancelled = 0.0 <= now - self._cancelled_at < CANCEL_PERIOD
+            cancel = has_goal and source == FOLLOW and not was_cancelled
             if cancel:
                 self._cancelled_at = now
             if source != NONE:
                 self._zeros_until = now
             # one zero command follows when the last source stops driving; while a stop is in force, zeros are repeated
-            publish = source != NONE or self._last.source != NONE or now < self._zeros_until or code != request.code
+            is_driven = source != NONE or self._last.source != NONE
+            is_refusal = code != request.code
+            publish = is_driven or is_refusal or now < self._zeros_until
             self._last = DriveCommand(v, w, source, code, publish, cancel)
             return self._last
 
@@ -160,7 +161,7 @@ class Arbiter:
         teleop = self._command(TELEOP, now)
         if teleop is not None:
             return TELEOP, teleop
-        # if the state is lost while a person guides the robot, the source stays the same and the gate stops the robot
+        # if the state is lost while a person guides the robot, this remains the source, and the gate stops the robot
         if self._spots.should_follow(self._camera, now):
             return FOLLOW, self.follower.compute_request(self.gate.pose(now))
         request = self._compute_escape(now, has_goal)
@@ -181,7 +182,10 @@ class Arbiter:
         workspace = self.gate.workspace
         if pose is None or workspace is None:
             return None
-        # a command that the gate stopped, at a border or a wall, does not move the robot
-        granted = self._last.source != NAVIGATION or self._last.v != 0.0 or abs(self._last.w) > MAX_STANDING_TURN_RATE
-        moves = granted and self._command(NAVIGATION, now) is not None
-        return self._escape.compute_request(now, pose, workspace, has_goal and self._spots.state == DEFAULT, moves)
+        # navigation does not move the robot if the gate stopped its last command at a border or a wall
+        last = self._last
+        is_standing = last.v == 0.0 and abs(last.w) <= MAX_STANDING_TURN_RATE
+        was_stopped = last.source == NAVIGATION and is_standing
+        moves = not was_stopped and self._command(NAVIGATION, now) is not None
+        has_undisturbed_goal = has_goal and self._spots.state == DEFAULT
+        return self._escape.compute_request(now, pose, workspace, has_undisturbed_goal, moves)

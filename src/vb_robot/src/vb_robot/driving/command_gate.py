@@ -1,11 +1,12 @@
 """The gate that every command passes: it limits a command to what is known to be safe, and names the reason.
 
 If anything that a command depends on is unknown, the robot stops, with a code that says why. All periodic inputs share
-one age limit. The robot has stopped INPUT_TIMEOUT after the last message of any of them, or up to MAX_SLACK later for an
-input slower than 10 Hz. The older the oldest input, the slower the robot drives, so that it can brake in time from any
-speed. A message that is a little late, as on a busy computer, slows the robot for a moment but does not stop it.
+one age limit: if any of them falls silent, the robot has stopped INPUT_TIMEOUT after its last message, or up to
+MAX_SLACK later if the input is slower than 10 Hz. The older the oldest input is, the slower the robot drives, so that
+it can brake in time from any speed. A message that is a little late, as on a busy computer, slows the robot for a
+moment but does not stop it.
 
-With or without ROS, the gate makes any source of velocities respect borders and a laser scanner. Pass it every input,
+With or without ROS, the gate makes any source of velocities respect borders and a laser scanner. Give it every input,
 and send the result of `limit` to the base.
 
 >>> import numpy as np
@@ -42,14 +43,15 @@ from vb_robot.driving.velocity import MAX_SPEED, VelocityRequest
 from vb_robot.driving.workspace import Workspace
 
 RATE = 20.0  # [1/s] how often commands are limited, and late messages noticed
-INPUT_TIMEOUT = 0.5  # [s] from the last message of any input until the robot has stopped, without slack
+INPUT_TIMEOUT = 0.5  # [s] from an input's last message until the robot has stopped, without slack
 BASE_DELAY = 0.02  # [s] from a command to the wheels
 MAX_FUTURE_STAMP = 0.5  # [s] a stamp farther in the future comes from another clock, and its age is not known
-USUAL_PERIOD, MAX_SLACK = 0.1, 0.15  # [s] an input with a longer period may be older by the excess, up to MAX_SLACK
+USUAL_PERIOD = 0.1  # [s] an input with a longer period may be older by the excess ...
+MAX_SLACK = 0.15  # [s] ... but by no more than this
 JUMP_WINDOW = 1.0  # [s] over which the localisation is compared with the odometry
-POSE_JUMP_HOLD = 1.0  # [s] after a jump of the localisation, during which the borders' positions count as unknown
-OTHER_PUBLISHER_HOLD = 1.0  # [s] for which no command passes after another node's, as one node may drive a base
-BLIND_SPEED = 0.1  # [m/s] without a scanner, by the map alone, and for a joystick where no beam points
+POSE_JUMP_HOLD = 1.0  # [s] after a jump of the localisation, for which the pose counts as unknown
+OTHER_PUBLISHER_HOLD = 1.0  # [s] after another node's command, for which none passes: only one node may drive a base
+BLIND_SPEED = 0.1  # [m/s] without a scanner, with the map alone, and with a joystick where no beam points
 
 OTHER_PUBLISHER = "other_cmd_vel_publisher"  # the code while another node can command the base
 NONE, STOP, TELEOP, FOLLOW, ESCAPE, NAVIGATION = "none", "stop", "teleop", "follow", "escape", "navigation"
@@ -67,11 +69,11 @@ class CommandGate:
     Attributes:
         workspace: the maps; None while they are not known.
         speed_limits: the map of the slow zones' limits, if there is one.
-        contacts: for each (topic, sensor), the motion that its contact forbids: "forward", "all", or "" without contact.
+        contacts: by (topic, sensor), the motion that the contact forbids: "forward", "all", or "" without contact.
         pose_uncertain: whether the localisation reports that the robot may be anywhere.
         other_commanders: other nodes that can command this robot's base now.
-        other_stamps: [s] of the last command to this robot's base of each other node, by its name.
-        clock_age: [s] of real time since ROS's clock last moved; while it stands still, stamps do not show their age.
+        other_stamps: [s] of each other node's last command to this robot's base, by the node's name.
+        clock_age: [s] of real time since ROS's clock last moved. While it stands still, stamps do not show their age.
         stamps: [s] of the newest scan, state, pose and spot, and of each source's newest command, by name.
     """
 
@@ -109,11 +111,12 @@ class CommandGate:
         Args:
             odometry: the pose in the odometry frame, if there is odometry.
             correction: stamp [s] of the localisation's newest correction of the odometry; 0 if none is expected. AMCL
-                post-dates its corrections, so a correction's age counts from the change of this stamp.
+                post-dates its corrections, so a correction's age counts from the moment at which this stamp changed.
         """
         with self._lock:
             if correction != self._corrected_stamp:
-                self._corrected_stamp, self._corrected_at = correction, stamp
+                self._corrected_stamp = correction
+                self._corrected_at = stamp
             if correction:
                 stamp = min(stamp, self._corrected_at)
             if pose is None:
@@ -138,8 +141,9 @@ class CommandGate:
         with self._lock:
             if self._last_limited < stamp < self._last_limited + MAX_FUTURE_STAMP:
                 stamp = self._last_limited
-            if 0.0 < stamp - self.stamps.get(name, stamp) < 1.0:
-                self._periods.setdefault(name, deque(maxlen=5)).append(stamp - self.stamps[name])
+            period = stamp - self.stamps.get(name, stamp)
+            if 0.0 < period < 1.0:
+                self._periods.setdefault(name, deque(maxlen=5)).append(period)
             self.stamps[name] = stamp
 
     def set_contact(self, sensor: Tuple[str, int], blocks: str) -> None:
@@ -164,7 +168,7 @@ class CommandGate:
 
     # ------------------------------------------------------------- commands
     def limit(self, now: float, source: str, request: VelocityRequest) -> VelocityRequest:
-        """Returns a source's request at time `now` [s] limited to what is safe, with the code of what limits it."""
+        """Returns a source's request at time `now` [s], limited to what is safe, with a code for what limits it."""
         with self._lock:
             self._last_limited = now
             # two nodes must not drive one base, in any state, even if no source requests motion
@@ -183,7 +187,7 @@ class CommandGate:
                 max_speed, reason = self._speed_limit(now, source, v, w)
                 if abs(v) > max_speed:
                     code = reason
-                    # the arc has been checked, so only the speed is reduced. A round robot can always turn in place
+                    # only the speed is reduced, as this arc has been checked; a round robot can always turn in place
                     scale = max_speed / abs(v)
                     if max_speed >= 0.02:
                         v, w = scale * v, scale * w
@@ -197,10 +201,11 @@ class CommandGate:
     def _age_factor(self, now: float, source: str, v: float, w: float) -> Tuple[float, str]:
         """Returns the fraction of a command from which the robot can stop before the oldest input is too old.
 
-        If it is 0, also returns the code of the missing input, else "".
+        Also returns the missing input's code if the fraction is 0, else "".
         """
         # a person may be driving with a joystick because all other inputs are lost
         autonomous = source != TELEOP
+        limits = self.profile.limits
         unknown = {
             "pose_jumped": autonomous and now < self._jump_hold_until,
             "pose_uncertain": autonomous and self.pose_uncertain,
@@ -208,21 +213,23 @@ class CommandGate:
         }
         ages = {code: math.inf for code, is_unknown in unknown.items() if is_unknown}
         required = {"scan": self.profile.scanner.present, "state": autonomous, "pose": autonomous}
-        ages.update({f"{name}_lost": self._age(now, name) for name, is_required in required.items() if is_required})
+        for name, is_required in required.items():
+            if is_required:
+                ages[f"{name}_lost"] = self._age(now, name)
         if source == FOLLOW:
             ages["spot_lost"] = self._age(now, "spot")
         ages["driving"] = self._age(now, source) if source in self.stamps else 0.0
         ages["clock_stopped"] = self.clock_age
         oldest = max(ages, key=lambda name: ages[name])
-        # the command of this step is in force until the next step, and the base responds with a delay
+        # this step's command is in force until the next step, and the base responds with a delay
         remaining = INPUT_TIMEOUT - 1.0 / RATE - BASE_DELAY - ages[oldest]
         if remaining <= 0.0:
             return 0.0, oldest
-        limits = self.profile.limits
-        return min(1.0, remaining / max(abs(v) / limits.deceleration, abs(w) / limits.turn_acceleration, 1e-9)), ""
+        stopping_time = max(abs(v) / limits.deceleration, abs(w) / limits.turn_acceleration, 1e-9)
+        return min(1.0, remaining / stopping_time), ""
 
     def _speed_limit(self, now: float, source: str, v: float, w: float) -> Tuple[float, str]:
-        """Returns the highest speed [m/s] on the arc of (v, w), and the code of what limits it."""
+        """Returns the highest speed [m/s] on the arc of (v, w), and a code for what limits it."""
         limits, radius = self.profile.limits, self.profile.radius
         clearance = CLEARANCES[source]
         max_speed = limits.max_speed
@@ -249,14 +256,15 @@ class CommandGate:
         if pose is not None and workspace is not None:
             if source == NAVIGATION and workspace.distance_to_border(pose) <= 0.0:
                 speeds.append((0.0, "inside_border"))
-            speeds.append((safe_speed(workspace.free_distance(pose, v, w, clearance.cells), limits, delay), "border"))
+            free = workspace.free_distance(pose, v, w, clearance.cells)
+            speeds.append((safe_speed(free, limits, delay), "border"))
         if pose is not None and self.speed_limits is not None:
             reach = stop_distance(v, limits, delay)
             speeds.append((lowest_speed_limit(self.speed_limits, pose[:2], reach), "speed_zone"))
         return min(speeds, key=lambda entry: entry[0])
 
     def _age(self, now: float, name: str) -> float:
-        """Returns the age [s] of an input's newest message less its slack, or inf for none, or one of another clock."""
+        """Returns the age [s] of an input's newest message less its slack; inf without one, or with a future stamp."""
         age = now - self.stamps.get(name, -math.inf)
         if not age >= -MAX_FUTURE_STAMP:  # also for nan
             return math.inf

@@ -1,11 +1,12 @@
 """Turns a robot towards navigation's path before navigation drives it.
 
-DWA compares the end poses of short turns. If a robot faces away from its path, turns to either side end equally far
-from it, so that the robot turns back and forth on the spot for minutes. While the path starts behind the robot, the
-shim (Nav2's term) therefore turns it the shorter way until the path is ahead. A round robot can always turn in place.
+DWA, move_base's local planner, compares the poses at which short turns end. If a robot faces away from its path, turns
+to either side end equally far from the path, and the robot turns back and forth in place for minutes. Therefore, while
+the path starts behind the robot, the shim (Nav2's term) turns the robot the shorter way until the path is ahead. A
+round robot can always turn in place.
 
-The shim acts only while navigation's controller drives, not backwards, on a path that continues. A rotating recovery
-follows its own plan, and never ends if it is turned back. At the goal, navigation decides the robot's heading.
+The shim acts only while navigation's controller drives forwards or turns, and the path continues. It does not disturb a
+rotating recovery, which would never end if it were turned back, nor the robot's heading at the goal.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ from vb_robot.driving.velocity import VelocityRequest
 
 LOOK_AHEAD = 0.3  # [m] along the path to the point that gives its direction
 MIN_REMAINING_PATH = 0.5  # [m] with less, the shim does not act: twice the usual tolerance
-RECOVERY = 20.0  # [s] a recovery's full turn takes 16 s at 0.4 rad/s; a driving command ends the recovery earlier
-MAX_PATH_DISTANCE = 0.5  # [m] farther from a path, navigation must be following another one
+RECOVERY = 20.0  # [s] for a recovery's full turn, which takes 16 s at 0.4 rad/s; a driving command ends it earlier
+MAX_PATH_DISTANCE = 0.5  # [m] from the path; a robot farther from it must be following another path
 START_ANGLE = 0.5 * math.pi  # [rad] off the robot's heading, at which a turn starts
-END_ANGLE = math.radians(30)  # [rad] at which it ends: DWA can then tell the better direction
+END_ANGLE = math.radians(30)  # [rad] at which a turn ends: DWA can then tell which direction is better
 MIN_TURN_RATE = 0.5  # [rad/s]
 
 
@@ -31,7 +32,7 @@ class RotationShim:
     """Passes navigation's requests on, except while the path is behind the robot.
 
     Attributes:
-        path: (N, 2) [m] navigation's newest path, map frame; if it is None, not known, all requests pass.
+        path: (N, 2) [m] navigation's newest path, map frame; None while it is not known, when all requests pass.
     """
 
     def __init__(self) -> None:
@@ -52,7 +53,8 @@ class RotationShim:
         """
         if request.v != 0.0:
             self._recovering_until = -math.inf
-        if request.v < 0.0 or 0.0 < self._recovering_until - now <= RECOVERY:
+        is_recovering = 0.0 < self._recovering_until - now <= RECOVERY
+        if request.v < 0.0 or is_recovering:
             return request
         angle = self._angle_to_path(pose) if pose is not None else None
         is_stop = request.v == 0.0 and request.w == 0.0
@@ -67,11 +69,12 @@ class RotationShim:
         return VelocityRequest(0.0, self._direction * max(abs(request.w), MIN_TURN_RATE))
 
     def _angle_to_path(self, pose: Pose) -> Optional[float]:
-        """Returns the angle [rad] from the heading to the path's direction, or None without a path to follow here."""
+        """Returns the angle [rad] from the heading to the path's direction, or None if no path can be followed here."""
         if self.path is None or not len(self.path):
             return None
         target, path_distance, remaining = look_ahead(self.path, pose[:2], LOOK_AHEAD)
-        if path_distance > MAX_PATH_DISTANCE or remaining + path_distance < MIN_REMAINING_PATH:
+        is_on_path = path_distance <= MAX_PATH_DISTANCE
+        if not is_on_path or remaining + path_distance < MIN_REMAINING_PATH:
             return None
         x, y = target - np.asarray(pose[:2])
         return math.remainder(math.atan2(y, x) - pose[2], 2.0 * math.pi)

@@ -1,7 +1,7 @@
-"""Computes how far and how fast a robot may drive, from its scanner's coverage and echoes and the map of speed limits.
+"""Computes how far and how fast a robot may drive, from its laser scan and the map of speed limits.
 
 Floor is free only if a sensor or a map says so. A direction without a beam is not free, an echo nearer than the
-scanner can measure is an obstacle, and floor without a map is unknown.
+scanner can measure is an obstacle, and floor that is not on a map is unknown.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from vb_core.geometry import Pose, arc_coordinates, base_to_map, map_to_base, tr
 from vb_core.grid_map import GridMap, crop
 from vb_core.robot_profile import Limits
 
-HORIZON = 0.8  # [m] checked length of the arc: from 1 m/s a robot stops within that at 1.5 m/s^2
+HORIZON = 0.8  # [m] checked length of the arc; a robot that brakes at 1.5 m/s^2 stops from 1 m/s within it
 MIN_ARC_RADIUS = 0.3  # [m] on a narrower arc, a robot counts as driving straight
 GAP_DEG = 4.0  # [deg] a gap in a scan up to this width hides nothing wider than a hand at arm's length
-SELF_ECHO_MARGIN = 0.03  # [m] a scanner's error: an echo this near inside the rim may be a touching object
-MAX_POSE_JUMP = 0.25  # [m] ten times what AMCL corrects; a turn of 1 rad counts as 0.5 m
+SELF_ECHO_MARGIN = 0.03  # [m] a scanner's error: an echo this little inside the rim may be an object at the rim
+MAX_POSE_JUMP = 0.25  # [m] ten times AMCL's usual correction; a turn of 1 rad counts as 0.5 m
 
 
 @dataclass(frozen=True)
 class Clearance:
-    """The clearance [m] that a source keeps: from scan points ahead and to the sides, and from the map's cells."""
+    """The clearance [m] that a source keeps from the scan's points ahead and at the sides, and from the map's cells."""
 
     ahead: float
     sides: float
@@ -52,7 +52,7 @@ class Scan:
         angle_min, angle_increment: [rad]; range_min, range_max: [m].
         mount: T_base_scanner, 4x4.
         radius: [m] of the robot. Echoes more than SELF_ECHO_MARGIN within it come from the robot's own parts.
-        no_return: the range that means no echo, besides inf: "zero" or "nan". Otherwise, 0 is an echo that is too near.
+        no_return: what stands for no echo besides inf: "zero" or "nan". Otherwise, a range of 0 is an echo too near.
     """
 
     def __init__(
@@ -67,7 +67,8 @@ class Scan:
         no_return: str = "inf",
     ) -> None:
         if no_return != "inf":
-            ranges = np.where(ranges == 0.0 if no_return == "zero" else np.isnan(ranges), np.inf, ranges)
+            has_no_echo = ranges == 0.0 if no_return == "zero" else np.isnan(ranges)
+            ranges = np.where(has_no_echo, np.inf, ranges)
         angles = angle_min + angle_increment * np.arange(len(ranges))
         directions = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
         with np.errstate(invalid="ignore"):
@@ -77,16 +78,17 @@ class Scan:
         beams = (transform_points(mount, directions) - origin)[:, :2]
         points = origin[:2] + ranges[valid, None] * beams[valid]
         points = points[np.hypot(*points.T) > radius - SELF_ECHO_MARGIN]
-        # an obstacle too near to be measured may touch the robot
+        # an obstacle that is too near to be measured may touch the robot
         nearest = origin[:2] + np.maximum(ranges[too_near, None], 0.0) * beams[too_near]
-        nearest = np.where(np.hypot(*nearest.T)[:, None] > radius, nearest, radius * beams[too_near])
+        is_outside = np.hypot(*nearest.T)[:, None] > radius
+        nearest = np.where(is_outside, nearest, radius * beams[too_near])
         self.points = np.vstack([points, nearest])
         x, y = beams[~np.isnan(ranges)].T
         self._bearings = np.arctan2(y, x)
         self._gap = max(math.radians(GAP_DEG), 3.0 * abs(angle_increment))
 
     def covers(self, bearing: float, half_angle: float) -> bool:
-        """Returns whether beams cover all directions within `half_angle` [rad] of a bearing [rad] without wide gaps."""
+        """Returns whether beams, without wide gaps, cover all directions within `half_angle` [rad] of a bearing."""
         offsets = wrap_angle(self._bearings - bearing)
         offsets = np.sort(offsets[np.abs(offsets) <= half_angle + self._gap])
         reach = half_angle - self._gap
@@ -94,7 +96,7 @@ class Scan:
         return bool(covers_sides and (np.diff(offsets) <= self._gap).all())
 
     def free_distance(self, v: float, w: float, radius: float, clearance: Clearance) -> float:
-        """Returns how far [m] the arc of (v, w) [m/s, rad/s] is clear of points, or inf if none is in the way."""
+        """Returns how far [m] the arc of (v, w) [m/s, rad/s] is clear of scan points, or inf if none is in the way."""
         curvature = w / v
         width = radius + clearance.sides
         checked_curvature = curvature if abs(curvature) <= 1.0 / MIN_ARC_RADIUS else 0.0
@@ -128,12 +130,14 @@ def lowest_speed_limit(limits: GridMap, position, reach: float) -> float:
     cells = np.argwhere(surroundings.data > 0)
     offsets = surroundings.cell_to_world(cells) - position
     cells = cells[np.hypot(*offsets.T) <= reach]
-    return float(surroundings.data[tuple(cells.T)].min()) / 100.0 if len(cells) else math.inf
+    if not len(cells):
+        return math.inf
+    return float(surroundings.data[tuple(cells.T)].min()) / 100.0
 
 
 @dataclass(frozen=True)
 class Fix:
-    """A robot's pose (x, y, yaw) [m, m, rad] at time `stamp` [s], by its localisation and, if any, its odometry."""
+    """A robot's pose (x, y, yaw) [m, m, rad] at time `stamp` [s], on the map and, if known, in odometry's frame."""
 
     stamp: float
     pose: Pose
@@ -141,9 +145,9 @@ class Fix:
 
 
 def pose_jump(earlier: Fix, later: Fix) -> float:
-    """Measures by how much [m] the change of the pose exceeds the odometry's. A turn of 1 rad counts as 0.5 m.
+    """Measures by how much [m] the pose changed beyond the odometry's change. A turn of 1 rad counts as 0.5 m.
 
-    Without odometry, the excess is that over the motion of any robot in that time (1 m/s, 3 rad/s).
+    Without odometry, what counts is the change beyond what any robot may move in that time, at 1 m/s and 3 rad/s.
     """
     expected = earlier.pose
     elapsed = later.stamp - earlier.stamp

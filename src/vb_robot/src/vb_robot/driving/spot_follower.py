@@ -1,9 +1,9 @@
 """Follows the laser spot with the robot's own camera (paper, Sect. 5.1: visual servoing).
 
 The control is position-based: the error is the spot's position in the robot's base frame, measured by the camera. The
-robot moves only when the spot is about to leave the zone ahead or the range of good distances, and then until the spot
-is well inside again, so that it does not follow every small stroke. The spot keeps its position on the floor while the
-robot moves; the gate checks its age, and whether the localisation has jumped.
+robot begins to move only when the spot leaves the zone ahead or the range of good distances, and moves until the spot
+is well inside again. So it does not follow every small stroke. The spot's position on the floor stays the same while
+the robot moves; the gate checks how old the position is, and whether the localisation has jumped.
 """
 
 from __future__ import annotations
@@ -17,11 +17,13 @@ import numpy as np
 from vb_core.geometry import Pose, map_to_base
 from vb_robot.driving.velocity import MAX_SPEED, VelocityRequest, steer
 
-# [m] from the base to the spot; a usual mount's image ends at 0.45 m, which a spot that nears the robot soon reaches
-GOOD_DISTANCE, FAR_DISTANCE = 1.0, 1.3  # beyond FAR, the robot drives nearer, to GOOD
-NEAR_DISTANCE, BACK_TO_DISTANCE = 0.75, 0.9  # below NEAR, it backs off, to BACK_TO
-INNER_ZONE = math.radians(14.0)  # if the spot's bearing is larger, the robot turns: half of a usual camera's view
-SETTLED_ZONE = math.radians(4.0)  # if it is smaller again, the turn ends
+# [m] from the base to the spot; with a usual mount the image ends at 0.45 m, which an approaching spot soon reaches
+FAR_DISTANCE = 1.3  # beyond it, the robot drives nearer ...
+GOOD_DISTANCE = 1.0  # ... until the spot is this near
+NEAR_DISTANCE = 0.75  # below it, the robot backs off ...
+BACK_TO_DISTANCE = 0.9  # ... until the spot is this far away
+INNER_ZONE = math.radians(14.0)  # half of a usual camera's view; if the spot's bearing is larger, the robot turns ...
+SETTLED_ZONE = math.radians(4.0)  # ... until the bearing is smaller than this
 DISTANCE_GAIN = 0.8  # [1/s]
 OVERSHOOT = 0.05  # [m] a motion aims this far beyond the distance at which it ends, or it would slow down and never end
 
@@ -55,7 +57,8 @@ class SpotFollower:
             self._stop()
             return VelocityRequest(code="spot_lost")
         v, w = self._servo(map_to_base(np.array(self.spot), pose).ravel())
-        return VelocityRequest(min(max(v, -MAX_SPEED), MAX_SPEED), w, "driving" if v or w else "spot_in_view")
+        code = "driving" if v or w else "spot_in_view"
+        return VelocityRequest(min(max(v, -MAX_SPEED), MAX_SPEED), w, code)
 
     def _servo(self, spot: np.ndarray) -> Tuple[float, float]:
         """Computes (v, w) [m/s, rad/s] for a spot (2,) [m] in the base frame."""
@@ -76,7 +79,7 @@ class SpotFollower:
         return 0.0, w
 
     def _choose_motion(self, distance: float) -> DriveMotion:
-        """Chooses the motion for a distance [m]; one that has begun goes on until the distance is good again."""
+        """Chooses the motion for a distance [m]. A motion that has begun goes on until the distance is good again."""
         if distance > FAR_DISTANCE:
             return DriveMotion.NEARER
         if distance < NEAR_DISTANCE:

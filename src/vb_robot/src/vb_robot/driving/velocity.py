@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, Tuple
 
-MAX_SPEED = 0.2  # [m/s] the paper's limit for a guided robot; also backwards, where it equals a spot's usual speed
-MAX_TURN = 0.8  # [rad/s] a spot 1 m away that moves sideways at 0.5 m/s needs 0.5
+MAX_SPEED = 0.2  # [m/s] forwards and backwards: the paper's limit for a guided robot, and a spot's usual speed
+MAX_TURN = 0.8  # [rad/s]; 0.5 would suffice for a spot at 1 m that moves sideways at 0.5 m/s
 DRIVE_CONE = math.radians(25.0)  # if the point is farther off the axis, the robot only turns
 TURN_GAIN = 1.8  # [1/s]
 
@@ -21,4 +21,6 @@ class VelocityRequest(NamedTuple):
 
 def steer(bearing: float, speed: float) -> Tuple[float, float]:
     """Computes (v, w) [m/s, rad/s] that turn the robot to a bearing [rad]. The smaller the bearing, the larger v."""
-    return speed * max(0.0, 1.0 - abs(bearing) / DRIVE_CONE), min(max(TURN_GAIN * bearing, -MAX_TURN), MAX_TURN)
+    v = speed * max(0.0, 1.0 - abs(bearing) / DRIVE_CONE)
+    w = min(max(TURN_GAIN * bearing, -MAX_TURN), MAX_TURN)
+    return v, w

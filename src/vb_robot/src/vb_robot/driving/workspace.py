@@ -1,8 +1,8 @@
 """The maps of one robot's driver, which give the robot's distance from borders and obstacles.
 
 A scanner measures the distance to a wall, but the distance to a border depends on the localisation. So the robot keeps
-its localisation uncertainty as an additional distance to borders, and only to them. Borders are inflated by it in one
-map, `Workspace.keep_out`, which the gate, the escape and navigation share, so that they agree.
+farther from borders, but not from walls, by its localisation uncertainty. One map, `Workspace.keep_out`, has the
+borders inflated by it. The gate, the escape and navigation share this map, so that they agree.
 """
 
 from __future__ import annotations
@@ -18,15 +18,17 @@ from vb_core.geometry import Pose
 from vb_robot.driving.scan_clearance import HORIZON, arc_positions
 
 LETHAL_THRESHOLD = 99  # [%] a cell of this occupancy or more is never entered
-# The localisation's error. AMCL reports the spread of its particles. Its pose is their mean, whose error is much smaller.
+# The localisation's error. AMCL reports the spread of its particles. Its pose is their mean, with a far smaller error.
 # At 96 of 100 updates, that error was below the distance that robots keep with these values (`git show
 # 27ba7133:docs/results/robots/navigation.md`). Navigation's own clearance covers the rest.
 STD_FACTOR = 0.75  # the part of the particles' standard deviation that counts
 MIN_UNCERTAINTY = 0.05  # [m] the least that counts, and what counts without a covariance
-MAX_STD, MAX_YAW_STD = 0.4, 0.35  # [m, rad] above these, three times what the margin covers, the robot counts as lost
+# above these, which are three times what the margin covers, the robot counts as lost
+MAX_STD = 0.4  # [m]
+MAX_YAW_STD = 0.35  # [rad]
 MAX_UNCERTAINTY = 0.10  # [m] with more, navigation would refuse viewpoints, which may be this near to borders
-UNCERTAINTY_STEP = 0.025  # [m] each step gives navigation a new map
-UNCERTAINTY_UPDATES = 5  # localisation updates, half a metre of driving, of which the largest uncertainty counts
+UNCERTAINTY_STEP = 0.025  # [m] by which the uncertainty changes, because navigation then gets a new map
+UNCERTAINTY_UPDATES = 5  # the largest uncertainty of so many localisation updates counts: half a metre of driving
 
 
 class PoseUncertainty:
@@ -38,7 +40,8 @@ class PoseUncertainty:
     """
 
     def __init__(self) -> None:
-        self.meters, self.lost = MIN_UNCERTAINTY, False
+        self.meters = MIN_UNCERTAINTY
+        self.lost = False
         self._last: Deque[float] = deque(maxlen=UNCERTAINTY_UPDATES)
 
     def add(self, covariance: np.ndarray) -> bool:
@@ -65,16 +68,17 @@ class Workspace:
     Restrictions are derived from the maps, so that they always agree with navigation.
 
     Args:
-        borders, physical: the map with and without borders, of the same geometry.
+        borders, physical: the maps with and without borders, of the same geometry.
         radius: [m] of the robot.
         uncertainty: [m] of its localisation.
 
     Attributes:
-        keep_out: the map with borders, in which borders that must not be entered are inflated by the uncertainty.
+        keep_out: the map with borders. Those that must not be entered are inflated by the uncertainty.
     """
 
     def __init__(self, borders: GridMap, physical: GridMap, radius: float, uncertainty: float = 0.0) -> None:
-        self.borders, self._radius = borders, radius
+        self.borders = borders
+        self._radius = radius
         # the map's edge is neither a border nor an obstacle, because the floor may continue beyond it
         self._border_distance = clearance_grid(forbidden_cells(borders, physical), borders.resolution)
         near_border = (self._border_distance < uncertainty) & (borders.data >= 0)
@@ -90,7 +94,7 @@ class Workspace:
         return self._at(self._blocked_distance, point)
 
     def nearest_free_position(self, point, clearance: float, reach: float) -> Optional[np.ndarray]:
-        """Finds the nearest known point (2,) [m], within `reach` [m], with this clearance [m] from blocked cells."""
+        """Finds the nearest known point (2,) [m] within `reach` [m] that has a clearance [m] from blocked cells."""
         has_room = (self._blocked_distance >= clearance) & (self.borders.data >= 0)
         cell, center = nearest_cell(self.borders, has_room, point[:2], reach)
         return None if cell is None else center
@@ -98,8 +102,8 @@ class Workspace:
     def free_distance(self, pose: Pose, v: float, w: float, margin: float) -> float:
         """Returns how far [m] the robot can drive on the arc of (v, w) until a blocked cell is within `margin` [m].
 
-        A robot that is already too near may move if it comes no nearer. A robot that a new border encloses may move
-        inside it, so that a person can guide it out. Nothing is free off the map.
+        A robot that is already too near may move as long as it does not come nearer. A robot that a new border encloses
+        may move inside the border, so that a person can guide it out. Nothing is free off the map.
         """
         distances = np.arange(0.0, HORIZON + 1e-9, 0.02)
         direction = math.copysign(1.0, v)
@@ -107,7 +111,10 @@ class Workspace:
         clearance = sample(self.borders, self._blocked_distance, positions)
         required = min(self._radius + margin, float(clearance[0]))
         too_near = np.flatnonzero(clearance < required - 1e-6)
-        return max(0.0, float(distances[too_near[0]]) - 0.02) if len(too_near) else math.inf
+        if not len(too_near):
+            return math.inf
+        return max(0.0, float(distances[too_near[0]]) - 0.02)
 
     def _at(self, layer: np.ndarray, point) -> float:
-        return float(sample(self.borders, layer, np.asarray(point, dtype=float)[:2].reshape(1, 2), outside=np.inf)[0])
+        position = np.asarray(point, dtype=float)[:2].reshape(1, 2)
+        return float(sample(self.borders, layer, position, outside=np.inf)[0])

@@ -1,1 +1,1 @@
-"""Watches what is connected to the robots: whether their navigation respects borders, and which requests it obeys."""
+"""Finds out what is connected to the robots: whether their navigation respects borders, and which requests it obeys."""

@@ -1,7 +1,8 @@
-"""Finds which border a robot is in, and why a goal cannot be reached, before navigation gives up. No ROS.
+"""Finds which border a robot is in, and why a goal cannot be reached, before navigation gives up.
 
-Navigation gives up after its recoveries, half a minute later, and does not say why. The maps show at once whether there
-is no room at the goal, or no free floor from the robot to it. The map without borders shows whether borders are why.
+Navigation gives up only after its recoveries, half a minute later, and does not say why. The maps show at once if there
+is no room at the goal, or no free floor between the robot and the goal. The map without borders shows whether borders
+are the reason.
 """
 
 from __future__ import annotations
@@ -17,9 +18,10 @@ from vb_core.grid_map import GridMap, clearance_grid, nearest_cell, sample
 from vb_robot.clearance_map import START_TOLERANCE, ShortestPaths
 from vb_robot.driving.workspace import LETHAL_THRESHOLD, forbidden_cells
 
-_NAMING_MARGIN = 0.1  # [m] beyond twice the radius: two cells of most maps
-_NAMING_STEP = 0.05  # [m] between the points to which a border's distance is measured
-SEARCH_CELLS = 200  # maximum along the map's longer side; the path is searched only for the border's name
+# [m] a border leaves no room at a point if it is nearer than twice the radius and this margin: two cells of most maps
+_NAMING_MARGIN = 0.1
+_NAMING_STEP = 0.05  # [m] between the points of a border whose distance is measured
+SEARCH_CELLS = 200  # maximum along the map's longer side; coarse, as the path is searched only for a border's name
 
 
 @dataclass(frozen=True)
@@ -32,16 +34,20 @@ class KnownBorder:
     is_polygon: bool
 
     def may_restrict(self, point) -> bool:
-        """Returns whether a point is on the seed's side of a polygon; true for a curve, as it has no inside."""
+        """Returns whether a point (2,) [m] is on the seed's side of a polygon; true for a curve, which has none."""
+        return not self.is_polygon or self._contains(point) == self._contains(self.seed)
+
+    def _contains(self, point) -> bool:
         polygon = np.asarray(self.points, dtype=np.float32).reshape(-1, 1, 2)
-        inside = [cv2.pointPolygonTest(polygon, (float(p[0]), float(p[1])), False) >= 0 for p in (point, self.seed)]
-        return not self.is_polygon or inside[0] == inside[1]
+        x, y = (float(value) for value in point)
+        return cv2.pointPolygonTest(polygon, (x, y), False) >= 0
 
 
 def find_border_name(borders: Sequence[KnownBorder], point) -> str:
-    """Returns the name of the border that restricts a point (2,) [m], or "" if there are no borders.
+    """Returns the name of the border that probably restricts a point (2,) [m], or "" if there are no borders.
 
-    The maps do not say which border a cell is from. Fitting polygons come before curves, near borders before far ones.
+    The maps do not say to which border a cell belongs. So polygons that may restrict the point come first, then curves,
+    then other polygons; among equals, the nearest comes first.
     """
 
     def order(border: KnownBorder) -> tuple:
@@ -55,12 +61,13 @@ def find_border_name(borders: Sequence[KnownBorder], point) -> str:
 def is_inside_border(borders: GridMap, physical: GridMap, point) -> bool:
     """Returns whether only a border forbids the robot to be at a point (2,) [m]."""
     position = np.reshape(point, (1, 2))
-    with_borders, without = (sample(grid, grid.data, position, -1.0)[0] for grid in (borders, physical))
+    with_borders = sample(borders, borders.data, position, -1.0)[0]
+    without = sample(physical, physical.data, position, -1.0)[0]
     return bool(with_borders >= LETHAL_THRESHOLD and with_borders > without)
 
 
 def border_values(name: str) -> Dict[str, str]:
-    """Returns the value that names a border in a sentence as {border}."""
+    """Returns the values that name a border in a sentence, where it stands as {border}."""
     return {"border": f"'{name}'"} if name else {"border_code": "border_without_name"}
 
 
@@ -68,28 +75,31 @@ class GoalChecker:
     """Checks goals on one pair of maps.
 
     Args:
-        borders: the map with borders, on which navigation plans; physical: the map without them, of the same geometry.
+        borders: the map with borders, on which navigation plans.
+        physical: the map without borders, of the same geometry.
         radius: [m] of the robot's inscribed circle.
-        known: the borders that are in force for this robot, which give the names.
+        known: the borders that are in force for this robot, with their names.
     """
 
     def __init__(self, borders: GridMap, physical: GridMap, radius: float, known: Sequence[KnownBorder]) -> None:
-        self.borders, self.physical, self.known = borders, physical, known
+        self.borders, self.physical = borders, physical
+        self.known = known
         self._barred = forbidden_cells(borders, physical)
-        # one cell less, because navigation may round differently, and a goal is refused only for certain reasons
+        # one cell less, because navigation may round differently, and a goal must be refused only if that is certain
         self._radius = max(radius - borders.resolution, 0.5 * borders.resolution)
         self._components = {"borders": self._label(borders), "physical": self._label(physical)}
 
     def name_at(self, point) -> str:
-        """Returns the name of the border that contains a point (2,) [m], or that leaves no room at it."""
+        """Returns the name of the border that contains a point (2,) [m], or that leaves no room there."""
         reach = 2.0 * self._radius + _NAMING_MARGIN
-        return find_border_name(self.known, nearest_cell(self.borders, self._barred, point, reach)[1])
+        _, nearest = nearest_cell(self.borders, self._barred, point, reach)
+        return find_border_name(self.known, nearest)
 
     def check(self, start, goal) -> Optional[Tuple[str, str]]:
         """Returns why navigation will refuse a goal (2,) [m] from a start (2,) [m]: a code, and the border's name.
 
         The codes are "goal_off_map", "goal_in_border", "goal_in_obstacle", "goal_behind_border" and
-        "goal_out_of_reach". Returns None if nothing is known against the goal. An unknown `start` is None.
+        "goal_out_of_reach". Returns None if nothing is known against the goal. `start` is None if it is not known.
         """
         grid = self.borders
         if not grid.contains_cells(grid.world_to_cell(goal))[0]:
@@ -102,19 +112,21 @@ class GoalChecker:
         if start is None:
             return None
         start_components = {layer: self._component_at(layer, start, START_TOLERANCE) for layer in self._components}
-        if not start_components["physical"] or goal_components["physical"] != start_components["physical"]:
-            return ("goal_out_of_reach", "") if start_components["physical"] else None
-        if not start_components["borders"] or goal_components["borders"] != start_components["borders"]:
+        if not start_components["physical"]:
+            return None
+        if goal_components["physical"] != start_components["physical"]:
+            return "goal_out_of_reach", ""
+        if goal_components["borders"] != start_components["borders"]:
             return "goal_behind_border", self._crossed(start, goal)
         return None
 
     def _label(self, grid: GridMap) -> np.ndarray:
-        """Labels the connected floor (H, W) with room for the robot. 0 is no room. Unknown may be free."""
+        """Labels the connected parts (H, W) of the floor with room for the robot; 0 is no room. Unknown is free."""
         room = clearance_grid(grid.data >= LETHAL_THRESHOLD, grid.resolution) >= self._radius
         return cv2.connectedComponents(room.astype(np.uint8), connectivity=4)[1]
 
     def _component_at(self, layer: str, point, reach: float) -> int:
-        """Returns the label of the part of the floor at a point (2,), or nearest within `reach` [m], or 0 if none."""
+        """Returns the label of the floor's part at a point (2,), else of the nearest within `reach` [m]; 0 for none."""
         components, grid = self._components[layer], self.borders
         cell = tuple(grid.world_to_cell(point)[0])
         if grid.contains_cells(np.array([cell]))[0] and components[cell]:
@@ -127,11 +139,12 @@ class GoalChecker:
         if is_inside_border(self.borders, self.physical, start):
             return self.name_at(start)
         step = int(np.ceil(max(self.borders.shape) / SEARCH_CELLS))
-        allowed, passable = (_any_of(self._components[layer] > 0, step) for layer in ("borders", "physical"))
-        passable |= allowed
+        allowed = _any_of(self._components["borders"] > 0, step)
+        passable = allowed | _any_of(self._components["physical"] > 0, step)
         ends = self.borders.world_to_cell(np.array([start, goal])) // step
         passable[tuple(ends.T)] = True  # the ends may be outside the blocks that have room
-        cost = np.where(passable, np.where(allowed, 1.0, 1e3), np.inf)
+        passable_cost = np.where(allowed, 1.0, 1e3)
+        cost = np.where(passable, passable_cost, np.inf)
         for row, column in ShortestPaths(cost, ends[:1], np.zeros(1)).path_to(ends[1]):
             if not allowed[row, column]:
                 middle = (np.array([row, column]) + 0.5) * step - 0.5
@@ -140,6 +153,6 @@ class GoalChecker:
 
 
 def _any_of(cells: np.ndarray, step: int) -> np.ndarray:
-    """Returns whether any cell of each block of step x step is marked."""
+    """Returns, for each block of step x step cells, whether any cell is marked."""
     rows = np.logical_or.reduceat(cells, np.arange(0, cells.shape[0], step), axis=0)
     return np.logical_or.reduceat(rows, np.arange(0, cells.shape[1], step), axis=1)

@@ -1,4 +1,4 @@
-"""Finds how a robot's navigation is wired, from the ROS graph and its parameters. No ROS."""
+"""Finds what a robot's navigation is connected to, from the ROS graph and the navigation's parameters."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ import yaml
 
 from vb_core import names
 
-# local planners whose speed can be limited while they run, with its maximum values and others that must stay below these
+# local planners whose speed can be limited while they run, and their parameters: the maximum speeds, and others that
+# must stay below these
 PLANNERS: Mapping[str, Tuple[str, ...]] = {
     "DWAPlannerROS": ("max_vel_trans", "max_vel_x", "min_vel_trans"),
     "TebLocalPlannerROS": ("max_vel_x", "max_vel_x_backwards", "penalty_epsilon"),
@@ -22,24 +23,16 @@ PLANNERS: Mapping[str, Tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class NavigationWiring:
-    """What a robot's move_base is connected to.
+    """What a robot's move_base is connected to. An empty name means that there is none, or that it is not known."""
 
-    Attributes:
-        move_base: the name of its node; "" if none is running.
-        maps: the map topics that it subscribes to; missing_maps: those for which it waits in vain.
-        unheard, plans_round_borders: see vb_msgs/RobotStatus.
-        path: the topic of its path; planner: the name of its local planner, one of PLANNERS; "" if not known.
-        radius: [m] of the robot's inscribed circle, from its costmap; None if not given.
-    """
-
-    move_base: str = ""
-    maps: Tuple[str, ...] = ()
-    missing_maps: Tuple[str, ...] = ()
-    unheard: Tuple[str, ...] = ()
-    plans_round_borders: bool = False
-    path: str = ""
-    planner: str = ""
-    radius: Optional[float] = None
+    move_base: str = ""  # the name of its node
+    maps: Tuple[str, ...] = ()  # the map topics that it subscribes to
+    missing_maps: Tuple[str, ...] = ()  # those of them for which it waits in vain
+    unheard: Tuple[str, ...] = ()  # see vb_msgs/RobotStatus
+    plans_round_borders: bool = False  # see vb_msgs/RobotStatus
+    path: str = ""  # the topic of its path
+    planner: str = ""  # the name of its local planner, one of PLANNERS
+    radius: Optional[float] = None  # [m] of the robot's inscribed circle, from its costmap; None if not given
 
 
 def resolve_name(robot: str, name: str) -> str:
@@ -48,7 +41,7 @@ def resolve_name(robot: str, name: str) -> str:
 
 
 def find_move_base(graph: Any, robot: str) -> str:
-    """Finds the node that plans for a robot, whatever its name and even if it waits for a map, or "" if there is none."""
+    """Finds the node that plans for a robot, whatever its name, even while it waits for a map. Returns "" for none."""
     servers = graph.publishers.get(resolve_name(robot, "move_base/status"))
     nodes = servers or graph.subscribers.get(resolve_name(robot, "move_base_simple/goal"))
     return nodes[0] if nodes else ""
@@ -85,16 +78,19 @@ def find_wiring(graph: Any, robot: str, parameters: Mapping[str, Any]) -> Naviga
 
 def _plans_round_borders(robot: str, maps: Sequence[str], parameters: Mapping[str, Any]) -> bool:
     border_maps = {names.MAP_WITH_BORDERS, resolve_name(robot, names.MAP_WITH_BORDERS.strip("/"))}
-    if border_maps.isdisjoint(maps) or names.PHYSICAL_MAP in maps or resolve_name(robot, "map") in maps:
+    plain_maps = {names.PHYSICAL_MAP, resolve_name(robot, "map")}
+    if border_maps.isdisjoint(maps) or not plain_maps.isdisjoint(maps):
         return False
-    # if the local costmap lacks the map, borders are noticed only if the global plan is renewed periodically
     local = parameters.get("local_costmap")
-    return not local or _has_static_map(local) or float(parameters.get("planner_frequency", 0.0)) > 0.0
+    if not local or _has_static_map(local):
+        return True
+    # if the local costmap lacks the map, a new border is noticed only when the global plan is renewed
+    return float(parameters.get("planner_frequency", 0.0)) > 0.0
 
 
 def _has_static_map(costmap: Mapping[str, Any]) -> bool:
-    plugins = costmap.get("plugins", [])
-    return any(str(layer.get("type", "")).endswith("StaticLayer") for layer in plugins if isinstance(layer, dict))
+    layers = [plugin for plugin in costmap.get("plugins", []) if isinstance(plugin, dict)]
+    return any(str(layer.get("type", "")).endswith("StaticLayer") for layer in layers)
 
 
 def _radius(parameters: Mapping[str, Any]) -> Optional[float]:

@@ -1,1 +1,1 @@
-"""Connects the robots to ROS: their navigation, planners and drivers. The other folders of this package work without ROS."""
+"""Connects the robots to ROS: their navigation, planners and drivers. This package's other folders work without ROS."""

@@ -1,4 +1,4 @@
-"""One robot that is sent to positions from which its camera sees the spot. Nothing here blocks."""
+"""One robot that is sent to positions from which its camera sees the spot. Its methods do not block."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vb_robot.dispatching.viewpoint import RobotCameraView, Viewpoint
 from vb_robot.monitoring.navigation_connections import resolve_name
 from vb_robot.ros.watched_robot import WatchedRobot
 
-GOAL_ID_MARK = "-looks-"  # part of the ids of goals, by which those of a process that died are recognised
+GOAL_ID_MARK = "-looks-"  # part of all goals' ids, by which a new process recognises the goals of one that died
 OUTCOMES = {
     GoalStatus.PENDING: SentGoalState.SENT,
     GoalStatus.SUCCEEDED: SentGoalState.REACHED,
@@ -30,7 +30,7 @@ OUTCOMES = {
 
 
 def next_goal_state(state: SentGoalState, status: Optional[int]) -> SentGoalState:
-    """Returns a goal's new state, from its status in navigation, which is None if navigation does not know the goal."""
+    """Returns a goal's new state, from its status in navigation; None if navigation does not know the goal."""
     if not state.is_running:
         return state
     if status is None:  # the goal has not arrived yet, or navigation was started again
@@ -52,8 +52,8 @@ class DispatchedRobot:
         self._lens: Optional[Tuple[Tuple[float, ...], str]] = None  # K and frame of the view's camera
         self._goal: Optional[Viewpoint] = None
         self._state = SentGoalState.NONE
-        self._ids: Set[str] = set()  # ids of all goals that were sent
-        self._id = ""  # id of the last goal
+        self._sent_ids: Set[str] = set()
+        self._last_id = ""
         camera_info = resolve_name(robot.name, profile.camera.info)
         self._camera = rospy.Subscriber(camera_info, CameraInfo, self._on_info, queue_size=1)
 
@@ -71,29 +71,30 @@ class DispatchedRobot:
             rospy.logwarn_throttle(30.0, f"{rospy.get_name()}: what {camera} sees is not known: {error}")
 
     def set_goal(self, goal: Optional[Viewpoint]) -> None:
-        """Sends it to a new goal, which replaces the previous one. None cancels the previous one if it still runs."""
-        if goal is self._goal:
+        """Sends the robot to a new goal instead of the previous one. None cancels the previous one if it still runs."""
+        if goal == self._goal:
             return
         self._goal = goal
         if goal is not None:
-            self._id = self._robot.send_goal(goal.pose, GOAL_ID_MARK)
+            self._last_id = self._robot.send_goal(goal.pose, GOAL_ID_MARK)
             self._state = SentGoalState.SENT
-            self._ids.add(self._id)
+            self._sent_ids.add(self._last_id)
         elif self._state.is_running:
-            self._robot.cancel_goals(self._id)
+            self._robot.cancel_goals(self._last_id)
             self._state = SentGoalState.NONE
             rospy.loginfo("%s: the goal of %s is cancelled", rospy.get_name(), self._robot.frame)
 
     def status(self, wanted: bool) -> DispatchStatus:
         """Returns the robot's status, with its pose only if a robot is wanted. Call it regularly."""
         statuses = self._robot.goal_statuses
-        self._state = next_goal_state(self._state, statuses.get(self._id))
+        self._state = next_goal_state(self._state, statuses.get(self._last_id))
         running = GoalStatus.PENDING, GoalStatus.ACTIVE
-        others = {goal for goal, status in statuses.items() if status in running} - self._ids
-        for goal in others:
-            if goal.startswith(rospy.get_name() + GOAL_ID_MARK):
+        running_ids = {goal_id for goal_id, status in statuses.items() if status in running}
+        other_ids = running_ids - self._sent_ids
+        for goal_id in other_ids:
+            if goal_id.startswith(rospy.get_name() + GOAL_ID_MARK):
                 # again and again, because a message may be lost while publishers are being connected
-                self._robot.cancel_goals(goal)
-                rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: cancels a goal from before a restart: {goal}")
+                self._robot.cancel_goals(goal_id)
+                rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: cancels a goal from before a restart: {goal_id}")
         pose = self._robot.update_pose() if wanted else None
-        return DispatchStatus(pose, self._robot.is_navigating(), self._state, bool(others))
+        return DispatchStatus(pose, self._robot.is_navigating(), self._state, is_busy=bool(other_ids))

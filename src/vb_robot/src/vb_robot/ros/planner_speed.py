@@ -1,7 +1,8 @@
-"""Limits a robot's speed in slow zones without the driver, by requests to its local planner.
+"""Limits the speed of a robot without a driver in slow zones, by requests to its local planner.
 
-A local planner's maximum speed is a parameter that can be set while it drives. This is only a request, which a planner
-that hangs, a joystick or another program ignores. Each planner has its own thread, so that none delays other robots.
+A local planner's maximum speed is a parameter that can be set while it drives. Setting it is only a request: a planner
+that hangs does not notice it, and a joystick or another program ignores it. Each planner has its own thread, so that
+none delays other robots.
 """
 
 from __future__ import annotations
@@ -21,18 +22,20 @@ TIMEOUT = 2.0  # [s] without an answer after which a planner counts as not obeyi
 
 def cap_speeds(usual: Mapping[str, float], limit: float) -> Dict[str, float]:
     """Returns a planner's values capped by a limit [m/s]: maximum speeds at the limit, all others at half of it."""
-    return {name: min(value, limit if name.startswith("max") else 0.5 * limit) for name, value in usual.items()}
+    caps = {name: limit if name.startswith("max") else 0.5 * limit for name in usual}
+    return {name: min(value, caps[name]) for name, value in usual.items()}
 
 
 class PlannerSpeed:
     """The speed limit of one local planner.
 
-    While it is limited, its usual values are on the parameter server, so that they are restored even if this node or
-    the planner restarts. A value that a person sets while there is no limit becomes the usual value. While there is a
-    limit, a higher speed that a person sets, or that a restarted planner has, is limited again.
+    While there is a limit, the planner's usual values are on the parameter server, so that they are restored even if
+    this node or the planner restarts. A value that a person sets while there is no limit becomes the usual value. While
+    there is a limit, a higher speed that a person sets, or with which the planner restarts, is limited again.
 
     Args:
-        server: the planner's name, for instance /move_base/DWAPlannerROS; names: the names of its speed parameters.
+        server: the planner's name, for instance /move_base/DWAPlannerROS.
+        names: the names of its speed parameters.
 
     Attributes:
         obeys: whether the planner has confirmed the last requested limit.
@@ -41,7 +44,7 @@ class PlannerSpeed:
     def __init__(self, server: str, names: Sequence[str]) -> None:
         self._server, self._names = server, names
         self._kept = f"/usual_speed{server}"
-        self._set: Optional[float] = None  # the limit in force; None if unknown
+        self._limit: Optional[float] = None  # [m/s] the limit in force; None if it is not known
         self._highest: Mapping[str, float] = {}  # the maximum values under this limit
         self.obeys = False
         self._requests: node.Mailbox = node.Mailbox()
@@ -67,8 +70,9 @@ class PlannerSpeed:
             rospy.logwarn("%s: %s", rospy.get_name(), error)
 
     def _on_update(self, config: Config) -> None:
-        if any(entry.value > self._highest.get(entry.name, math.inf) + 1e-6 for entry in config.doubles):
-            self._set = None
+        for entry in config.doubles:
+            if entry.value > self._highest.get(entry.name, math.inf) + 1e-6:
+                self._limit = None
 
     def apply(self, limit: float) -> None:
         """Sets the limit [m/s], inf for none. Does nothing if it is already in force.
@@ -76,9 +80,9 @@ class PlannerSpeed:
         Raises:
             CodedError: "no_service", "no_response", or "planner_refused" if its speed remains higher.
         """
-        if limit != self._set:
+        if limit != self._limit:
             try:
-                self._set = None
+                self._limit = None
                 self._highest = {}
                 self._apply(limit)
                 self.obeys = True
@@ -92,7 +96,7 @@ class PlannerSpeed:
         if usual is None:
             usual = self._set_parameters({})
             if math.isinf(limit):
-                self._set = limit
+                self._limit = limit
                 return
             rospy.set_param(self._kept, usual)
         values = cap_speeds(usual, limit)
@@ -103,7 +107,7 @@ class PlannerSpeed:
             raise CodedError("planner_refused", planner=self._server, limit=f"{limit:.2f}")
         if math.isinf(limit):
             rospy.delete_param(self._kept)
-        self._set = limit
+        self._limit = limit
 
     def _set_parameters(self, values: Mapping[str, float]) -> Dict[str, float]:
         """Sets parameters of the planner, and returns its resulting values."""
@@ -111,4 +115,5 @@ class PlannerSpeed:
         request = ReconfigureRequest(Config(doubles=doubles))
         who = {"who": self._server}
         answer = services.call(f"{self._server}/set_parameters", Reconfigure, request, who, TIMEOUT, TIMEOUT)
-        return {entry.name: float(entry.value) for entry in answer.config.doubles if entry.name in self._names}
+        speeds = [entry for entry in answer.config.doubles if entry.name in self._names]
+        return {entry.name: float(entry.value) for entry in speeds}

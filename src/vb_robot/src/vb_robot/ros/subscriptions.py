@@ -1,4 +1,4 @@
-"""Inputs of several nodes: maps, borders, spots, contact sensors."""
+"""The inputs that both nodes read: maps, borders, spots; and the message class of contact sensors."""
 
 from __future__ import annotations
 
@@ -71,12 +71,13 @@ def contact_message_class(contact: Contact) -> Any:
     """Returns a contact sensor's message class.
 
     Raises:
-        ParameterError: if the sensor cannot be read. A robot with an unheard bumper must not drive as if it had none.
+        ParameterError: if the sensor cannot be read. A robot must not drive with a bumper that nobody hears.
     """
     kind = get_message_class(contact.type)
     if kind is None:
         raise ParameterError("robot_profile/contacts", f"the message type {contact.type} is not installed")
-    missing = [name for name in (contact.field, contact.sensor) if name and not hasattr(kind(), name)]
+    fields = [name for name in (contact.field, contact.sensor) if name]
+    missing = [name for name in fields if not hasattr(kind(), name)]
     if missing:
         raise ParameterError("robot_profile/contacts", f"{contact.type} has no field {missing[0]}")
     return kind

@@ -84,12 +84,12 @@ class WatchedRobot:
         self._in_control = message.code != OTHER_PUBLISHER
 
     def set_map(self, layer: str, grid: GridMap) -> None:
-        """Stores a map: "physical", with all "borders", only "robot_borders", or "keep_out", the driver's with a margin."""
+        """Stores a map: "physical", with all "borders", with only "robot_borders", or the driver's "keep_out"."""
         self._maps[layer] = grid
         self._request_another_check()
 
     def set_borders(self, borders: Sequence[KnownBorder]) -> None:
-        """Stores the borders that are in force for this robot, which give the names."""
+        """Stores the borders that are in force for this robot, from which refusals take their names."""
         self._borders = borders
         self._request_another_check()
 
@@ -162,7 +162,7 @@ class WatchedRobot:
 
     # ------------------------------------------------------------- status and notices
     def status(self, stops: Optional[Sequence[str]]) -> RobotStatus:
-        """Returns what is connected. `stops` are those for which its goals are cancelled, or None if they never are."""
+        """Returns what is connected. `stops` are the stops that cancel the robot's goals; None if stops never do."""
         wiring = self.wiring
         obeys_stop = stops is not None and bool(wiring.move_base)
         goal = self.goal if self._has_goal() else None
@@ -193,7 +193,7 @@ class WatchedRobot:
         return self._maps.get(borders), self._maps.get("physical")
 
     def _checked_map(self) -> Optional[GridMap]:
-        """Returns the map on which goals and poses are checked: its own, or the common one if nobody publishes that."""
+        """Returns the map on which goals and poses are checked: the robot's own, or the common one if there is none."""
         return self._maps.get("robot_borders", self._maps.get("borders"))
 
     def goal_checker(self) -> Optional[GoalChecker]:
@@ -233,7 +233,7 @@ class WatchedRobot:
             notices.append(self.refusal)
         checker, pose = self.goal_checker(), self.pose
         if checker is not None and pose is not None and (self.wiring.move_base or self._has_driver()):
-            # not on the map on which it plans, whose borders may have a margin
+            # checked on the map without margins, as the map on which the robot plans may have them
             if is_inside_border(self._checked_map(), self._maps["physical"], pose[:2]):
                 border = border_values(checker.name_at(pose[:2]))
                 notices.append(self.notice("robot_caught_in_border", Severity.WARNING, **border))

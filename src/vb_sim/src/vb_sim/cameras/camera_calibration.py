@@ -20,8 +20,8 @@ _MAX_DISTANCE = 8.0  # [m] from the camera, beyond which a person would not mark
 def calibrated_pose(camera: CeilingCamera, optics: Optics, seed: int) -> np.ndarray:
     """Estimates T_map_optical, 4x4, the pose that best fits floor points that a person measured in the map.
 
-    Position and angles have errors of centimetres and tenths of a degree, which compensate each other on the floor.
-    Therefore, floor points located with this pose are more accurate than a single measured point.
+    Its position is wrong by centimetres and its angles by tenths of a degree, but on the floor these errors compensate
+    each other. Therefore, floor points located with this pose are more accurate than a single measured point.
     """
     rng = make_generator(seed, f"calibration of {camera.name}")
     true = camera.pose()
@@ -35,12 +35,15 @@ def calibrated_pose(camera: CeilingCamera, optics: Optics, seed: int) -> np.ndar
         return np.nan_to_num(intersect_floor(pose, rays)[:, :2], nan=1e3)
 
     measured = locate(true) + rng.normal(0.0, optics.calibration_point_m, (len(rays), 2))
-    solution = least_squares(lambda x: (locate(displace(x)) - measured).ravel(), np.zeros(6), method="lm")
-    return displace(solution.x)
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        return (locate(displace(x)) - measured).ravel()
+
+    return displace(least_squares(residuals, np.zeros(6), method="lm").x)
 
 
 def _choose_marks(model: CameraModel, pose: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Chooses points (count, 2) [px] in all directions, near the rim of the floor that the camera sees."""
+    """Chooses points (count, 2) [px] near the rim of the floor that the camera sees, in all directions."""
     # positions in the image as shares of its size
     shares = np.linspace(0.0, 1.0, 33)
     grid = np.stack(np.meshgrid(shares, shares), axis=-1).reshape(-1, 2)
@@ -49,7 +52,8 @@ def _choose_marks(model: CameraModel, pose: np.ndarray, count: int, rng: np.rand
     if not len(visible):
         raise CodedError("no_floor", "a ceiling camera sees no floor within reach: its pitch is too small")
     center = visible.mean(axis=0)
-    bearings = math.pi / 4.0 + 2.0 * math.pi * (np.arange(count) + rng.uniform(-0.15, 0.15, count)) / count
+    turns = np.arange(count) + rng.uniform(-0.15, 0.15, count)
+    bearings = math.pi / 4.0 + 2.0 * math.pi * turns / count
     steps = np.linspace(0.0, 1.0, 101)
     marks = []
     for bearing in bearings:

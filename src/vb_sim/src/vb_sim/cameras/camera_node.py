@@ -1,4 +1,4 @@
-"""Node of simulated cameras: receives the lab's state, and renders images when they are due."""
+"""The node of simulated cameras: receives the lab's state, and renders the images that are due."""
 
 from __future__ import annotations
 
@@ -59,19 +59,14 @@ class ImageStream:
 
 @dataclass
 class SimulatedCamera:
-    """A camera with its image streams.
-
-    Attributes:
-        rate: [1/s]
-        taken: number of images taken.
-    """
+    """A camera with its image streams."""
 
     name: str
-    rate: float
+    rate: float  # [1/s]
     view: CameraView
     streams: List[ImageStream]
     mount: TransformStamped
-    taken: int = 0
+    taken: int = 0  # number of images taken
 
 
 class CameraNode:

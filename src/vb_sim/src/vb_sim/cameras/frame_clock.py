@@ -6,7 +6,7 @@ from collections import deque
 from typing import Callable, Deque, Dict, List, Optional, Sequence, Tuple
 
 TICK = 0.025  # [s] how far time is extrapolated beyond the last step of /clock
-MAX_BACKLOG = 3  # frames of delay at which all frames but the newest are dropped
+MAX_BACKLOG = 3  # [frames] a camera that is so far behind drops all frames but the newest
 
 
 class SmoothClock:
@@ -28,7 +28,7 @@ class SmoothClock:
         simulated, steady = self._simulated(), self._steady()
         if simulated != self._last:
             self._last = simulated
-            # a step may be noticed late but not early, so the largest offset is right while the simulation keeps to wall time
+            # a step may be noticed late but never early, so the largest offset is right while both clocks keep pace
             self._offsets.append(simulated - steady)
         extrapolated = steady + max(self._offsets)
         return min(max(extrapolated, simulated), simulated + TICK)
@@ -45,8 +45,9 @@ class FrameSchedule:
     """
 
     def __init__(self, rates: Sequence[float], latency_s: float) -> None:
-        # each camera's period and phase [s]
-        self._timings = [(1.0 / rate, 1.0 / rate * index / len(rates)) for index, rate in enumerate(rates)]
+        periods = [1.0 / rate for rate in rates]
+        phases = [period * index / len(rates) for index, period in enumerate(periods)]
+        self._timings = list(zip(periods, phases))  # [s]
         self._latency_s = latency_s
         self._next: Dict[int, int] = {}  # number of each camera's next image
         self.skipped = 0  # number of images left out
@@ -57,7 +58,8 @@ class FrameSchedule:
         for index, (period, phase) in enumerate(self._timings):
             newest = int((now - self._latency_s - phase) / period + 1e-6)
             first = self._next.get(index, newest)
-            if first - newest > MAX_BACKLOG:  # /clock has jumped back
+            has_jumped_back = first - newest > MAX_BACKLOG
+            if has_jumped_back:
                 first = newest
             if newest - first >= MAX_BACKLOG:
                 self.skipped += newest - first
@@ -68,5 +70,6 @@ class FrameSchedule:
 
     def time_to_next(self, now: float) -> float:
         """Returns the time [s] until the next image is due."""
-        stamps = [self._next.get(index, 0) * period + phase for index, (period, phase) in enumerate(self._timings)]
+        numbers = [self._next.get(index, 0) for index in range(len(self._timings))]
+        stamps = [number * period + phase for number, (period, phase) in zip(numbers, self._timings)]
         return max(0.0, min(stamps, default=now + 1.0) + self._latency_s - now)

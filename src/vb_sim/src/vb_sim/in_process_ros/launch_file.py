@@ -29,8 +29,8 @@ def read_launch(path: str, arguments: Tuple[str, ...]) -> Any:
 def import_nodes(path: Path, arguments: Mapping[str, str], without: Collection[str] = ()) -> None:
     """Imports the modules of a launch file's nodes. It must be called before anything is replaced.
 
-    A module that is imported during a run would bind this run's replacements for good, and the next run in this
-    process would call into one that is over.
+    A module that is imported during a run would keep that run's replacements for good, and the next run in this process
+    would call those of a run that is over.
     """
     for launched in read_launch(str(path), _as_words(arguments)).nodes:
         if launched.type not in without:
@@ -51,8 +51,8 @@ def start_launch(
 
     Args:
         arguments: the launch file's arguments; "state" is this run's folder.
-        without: types of nodes to omit.
-        instead: for a type of node, what is called instead of its script, under the node's name.
+        without: the types of nodes to omit.
+        instead: by type of node, a function that is called instead of the node's script, under the node's name.
     """
     config = read_launch(str(path), _as_words(arguments))
     for key, parameter in config.params.items():
@@ -67,8 +67,9 @@ def start_launch(
 
 
 def _as_words(arguments: Mapping[str, str]) -> Tuple[str, ...]:
-    # a placeholder: with each run's own folder among the arguments, the file would be read again for each run
-    return tuple(f"{name}:={_STATE if name == 'state' else value}" for name, value in sorted(arguments.items()))
+    # a placeholder stands for each run's own folder, with which the file would have to be read again for each run
+    values = {**arguments, "state": _STATE} if "state" in arguments else arguments
+    return tuple(f"{name}:={value}" for name, value in sorted(values.items()))
 
 
 @lru_cache(maxsize=None)

@@ -46,16 +46,16 @@ class Node:
 
 
 class Graph:
-    """All nodes of one run. `installed` makes rospy act on it. Transport options, such as tcp_nodelay, have no effect.
+    """All nodes of one run. `installed` makes rospy use them. Transport options, such as tcp_nodelay, have no effect.
 
     Args:
-        scheduler: runs its tasks.
-        delays: for a resolved topic or service, the seconds that its messages or answers take.
+        scheduler: runs the nodes' tasks.
+        delays: [s] that a topic's messages or a service's answers take, by resolved name.
 
     Attributes:
         parameters: the ROS master's own parameter server; takes resolved names.
         topics, services: by resolved name.
-        delays_ns: [ns] what a topic's messages or a service's answers take, by resolved name.
+        delays_ns: [ns] the same as `delays`.
     """
 
     def __init__(self, scheduler: Scheduler, delays: Mapping[str, float]) -> None:
@@ -74,7 +74,7 @@ class Graph:
 
     @contextlib.contextmanager
     def installed(self) -> Iterator[None]:
-        """Replaces rospy, and threading and time in all nodes' modules, with this graph's."""
+        """Replaces rospy, and in all nodes' modules threading and time, with this graph's stand-ins."""
         previous_clock = rospy.rostime._rostime_initialized, rospy.rostime._rostime_current
         with replace_temporarily(self._replacements()):
             rospy.rostime.set_rostime_initialized(True)
@@ -121,7 +121,7 @@ class Graph:
             rospy.rostime: {"wallsleep": lambda seconds: self.scheduler.wait(int(max(seconds, 0.0) * 1e9))},
             rospy.timer: {"sleep": self.sleep},
             rospy.core: {"is_shutdown": lambda: self.scheduler.closed},
-            # a real master, if there is one, knows another graph
+            # if there is a real master, it knows another graph
             rosgraph.masterapi.Master: {
                 "getSystemState": lambda _master: self._system_state(),
                 "getTopicTypes": lambda _master: self._topic_types(),
@@ -141,7 +141,8 @@ class Graph:
         ]
 
     def _topic_types(self) -> List[Tuple[str, str]]:
-        return [(name, topic.publishers[0].type) for name, topic in self.topics.items() if topic.publishers]
+        published = {name: topic for name, topic in self.topics.items() if topic.publishers}
+        return [(name, topic.publishers[0].type) for name, topic in published.items()]
 
 
 _NOBODY = Node("/study", {})

@@ -1,4 +1,4 @@
-"""Runs tasks that take turns in place of threads, and replaces threading, time and queue by them in modules of nodes.
+"""Runs tasks that take turns instead of threads, and replaces threading, time and queue in the modules of nodes.
 
 The clock advances when all tasks wait.
 """
@@ -20,22 +20,17 @@ import greenlet
 
 _LIBRARIES = ("tf2_ros", "actionlib", "dynamic_reconfigure")
 _REAL = {"threading": real_threading, "time": real_time, "queue": real_queue}
-# [ns] the shortest wait; a thread that waits for a rest of 2e-13 s would otherwise do so forever, as time stands still
-MIN_TIMEOUT_NS = 1000
+MIN_TIMEOUT_NS = (
+    1000  # [ns] a shorter wait, as for the last 2e-13 s of a period, would not advance the clock and not end
+)
 
 
 class Task(greenlet.greenlet):
-    """One thread of a node.
+    """One thread of a node."""
 
-    Attributes:
-        scheduler: the scheduler of the task's run.
-        owner: the task's node, which tasks that it starts inherit.
-        waits: number of its waits; a wake-up for an earlier one has no effect.
-    """
-
-    scheduler: Any = None
-    owner: Any = None
-    waits = 0
+    scheduler: Any = None  # of the task's run
+    owner: Any = None  # the task's node; tasks that the task starts inherit it
+    waits = 0  # number of the task's waits; a wake-up that was meant for an earlier wait has no effect
 
 
 class Scheduler:
@@ -76,7 +71,7 @@ class Scheduler:
             self.fault(error)
 
     def fault(self, error: BaseException) -> None:
-        """Ends the run with an error: the first one, which only an interruption replaces."""
+        """Ends the run with an error. Of several, the first counts, unless an interruption follows."""
         if not self.closed and (self._fault is None or not isinstance(error, Exception)):
             self._fault = error
 
@@ -86,13 +81,14 @@ class Scheduler:
         if not isinstance(task, Task):
             raise RuntimeError("only a node can wait in a run within one process")
         if task.scheduler is not self:
-            # otherwise it would end as if its own run were over, and the reason why it does not answer would be lost
+            # without this check, the task would end as if its own run were over, and nobody would know why
             raise RuntimeError("something was kept from an earlier run in this process: a lock, a queue or a function")
         if self.closed:
             raise greenlet.GreenletExit
         task.waits += 1
         if timeout_ns is not None:
-            self.call_later(max(int(timeout_ns), MIN_TIMEOUT_NS), partial(self._resume, task, task.waits, False))
+            give_up = partial(self._resume, task, task.waits, False)
+            self.call_later(max(int(timeout_ns), MIN_TIMEOUT_NS), give_up)
         return bool(self._hub.switch())
 
     def wake(self, task: Task) -> None:

@@ -1,8 +1,8 @@
 """Simulates the hand with the laser pointer: its tremor, and the stroke that it draws.
 
-A simulated person draws like one real person (config/strokes.json, written by bench/extraction/quickdraw_strokes.py of
-revision dd21bbd0): each side has that person's deviation from the straight line and speed along it. Thus stops at
-corners, peak speeds, uneven sides, overshot corners and gaps are those of real people. They are assumed to be
+A simulated person draws like one real person of config/strokes.json, which bench/extraction/quickdraw_strokes.py of
+revision dd21bbd0 wrote. Along each side, the speed and the deviation from the straight line are that person's. So stops
+at corners, peak speeds, uneven sides, overshot corners and gaps are those of real people. They are assumed to be
 proportional to the side's length.
 """
 
@@ -12,7 +12,7 @@ import json
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Callable, List, Tuple
+from typing import Any, Callable, List, Mapping, Tuple
 
 import numpy as np
 from shapely.geometry import LinearRing
@@ -24,8 +24,8 @@ from vb_sim.world import Point2
 IsFloor = Callable[[np.ndarray], np.ndarray]
 STROKES_FILE = MODELS_FILE.with_name("strokes.json")
 SINES = 24  # number of sines in a tremor
-BIN = 0.02  # [m] of arc length with one speed; a pause lasts for one bin
-MAX_OVERSHOOT = 0.45  # [share of the side] of overshoots and gaps, so that no side vanishes
+BIN = 0.02  # [m] of arc length that is drawn at one speed; a pause is within one bin
+MAX_OVERSHOOT = 0.45  # [share of the side] maximum of overshoots and gaps, so that no side vanishes
 
 
 class Tremor:
@@ -50,31 +50,20 @@ class Tremor:
 
 @dataclass(frozen=True)
 class Side:
-    """A person's movement along one straight side, sampled at equal intervals of time.
+    """A person's movement along one straight side, sampled at equal intervals of time."""
 
-    Attributes:
-        along: (N,) share of the side that is completed, from 0 to 1.
-        lateral: (N,) deviation from the straight line [share of the side's length].
-        tempo: duration of the side, divided by the duration at that person's mean speed.
-    """
-
-    along: np.ndarray
-    lateral: np.ndarray
-    tempo: float
+    along: np.ndarray  # (N,) share of the side that is completed, from 0 to 1
+    lateral: np.ndarray  # (N,) deviation from the straight line [share of the side's length]
+    tempo: float  # duration of the side, divided by the duration at that person's mean speed
 
 
 @dataclass(frozen=True)
 class DrawingStyle:
-    """One real person's way of drawing.
-
-    Attributes:
-        overshoot: distance of the hand beyond each corner [share of the side]; negative if it cuts the corner.
-        gap: distance of a closed figure's end beyond its start [share of the diagonal]; negative if it ends before.
-    """
+    """One real person's way of drawing."""
 
     sides: Tuple[Side, ...]
-    overshoot: Tuple[float, ...]
-    gap: float
+    overshoot: Tuple[float, ...]  # how far the hand goes beyond each corner [share of the side]; negative if it cuts it
+    gap: float  # how far a closed figure ends beyond its start [share of the diagonal]; negative if it ends before
 
 
 @lru_cache(maxsize=1)
@@ -84,10 +73,14 @@ def load_styles() -> Tuple[DrawingStyle, ...]:
     gaps = [person["gap"] for person in people if person["gap"] is not None]
     styles = []
     for index, person in enumerate(people):
-        sides = [Side(np.array(side["along"]), np.array(side["lateral"]), side["tempo"]) for side in person["sides"]]
+        sides = tuple(_read_side(side) for side in person["sides"])
         gap = gaps[index % len(gaps)] if person["gap"] is None else person["gap"]
-        styles.append(DrawingStyle(tuple(sides), tuple(person["overshoot"]), gap))
+        styles.append(DrawingStyle(sides, tuple(person["overshoot"]), gap))
     return tuple(styles)
+
+
+def _read_side(values: Mapping[str, Any]) -> Side:
+    return Side(np.array(values["along"]), np.array(values["lateral"]), values["tempo"])
 
 
 class Stroke:
@@ -96,7 +89,7 @@ class Stroke:
     Args:
         border: (N, 2) [m] the intended chain.
         closed: whether the chain returns to its start.
-        style: the movement's style. The model's `stroke_scale` multiplies its deviations, and 0 draws straight and evenly.
+        style: the movement's style. The model's `stroke_scale` multiplies its deviations; 0 draws straight and evenly.
         is_floor: returns whether points (N, 2) [m] are on the floor; the ends of an open border are drawn only there.
     """
 
@@ -111,11 +104,12 @@ class Stroke:
     ) -> None:
         scale = model.stroke_scale
         border = np.asarray(border, dtype=float)
-        # corners and the ends of an open border are aimed at with small errors
+        # the hand aims at corners and at the ends of an open border with small errors
         aimed = border + model.aim_sigma / math.sqrt(2.0) * rng.standard_normal(border.shape)
         if closed:
             excess = scale * style.gap * bounding_diagonal(border)
-            chain = _move_end(np.vstack([aimed, aimed[:1]]), excess + abs(rng.normal(0.0, model.overlap)))
+            overlap = abs(rng.normal(0.0, model.overlap))
+            chain = _move_end(np.vstack([aimed, aimed[:1]]), excess + overlap)
         else:
             chain = _move_ends_to_floor(aimed, is_floor)
         self.points, times = self._draw(chain, style, scale)
@@ -141,7 +135,7 @@ class Stroke:
             if np.linalg.norm(straight) < 1e-9:
                 continue
             if index < len(chain) - 2 and style.overshoot:
-                # the side ends beyond or before the corner, and the next side starts there
+                # the side ends beyond or before the corner, and the next side starts where it ends
                 share = scale * style.overshoot[index % len(style.overshoot)]
                 corner = corner + straight * np.clip(share, -MAX_OVERSHOOT, MAX_OVERSHOOT)
                 straight = corner - start
@@ -169,12 +163,13 @@ class Stroke:
 
 
 def perceive_border(border: np.ndarray, closed: bool, offset: Point2, turn: float, margin: float) -> np.ndarray:
-    """Returns the chain that a person intends to draw who sees marks on the floor, but no map.
+    """Returns the chain that a person means to draw who sees no map, but marks on the floor.
 
     Args:
         border: (N, 2) [m] on the map.
-        offset, turn: [m], [rad] by which the marks are displaced, and rotated about the border's centre.
-        margin: [m] between a closed border's marks and the chain outside of them; negative if it is inside.
+        offset: (x, y) [m] by which the marks are displaced.
+        turn: [rad] by which the marks are rotated about the border's centre.
+        margin: [m] by which the chain is outside a closed border's marks; negative if it is inside.
     """
     center = border.mean(axis=0)
     moved = base_to_map(border - center, (*center, turn)) + np.asarray(offset)
@@ -184,7 +179,7 @@ def perceive_border(border: np.ndarray, closed: bool, offset: Point2, turn: floa
     sides = np.roll(moved, -1, axis=0) - moved  # from each corner to the next
     sides /= np.linalg.norm(sides, axis=1, keepdims=True)
     normals = outwards * np.column_stack([sides[:, 1], -sides[:, 0]])
-    # a corner is moved along the bisector of its sides' normals, by the margin divided by the cosine of half their angle
+    # a corner moves along the bisector of its sides' normals, by the margin divided by the cosine of half their angle
     bisectors = np.roll(normals, 1, axis=0) + normals
     squared_lengths = (bisectors**2).sum(axis=1, keepdims=True)
     return moved + margin * 2.0 * bisectors / np.maximum(squared_lengths, 0.2)

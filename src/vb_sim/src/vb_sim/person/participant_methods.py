@@ -1,4 +1,4 @@
-"""How a person draws: with the robot alone, or with ceiling cameras and a robot that drives to unseen parts."""
+"""How a person draws: with the robot alone, or with ceiling cameras and a robot that drives to the parts they miss."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ def simulate_follower(spots: np.ndarray, robot: np.ndarray) -> np.ndarray:
 
 
 def choose_order(border: np.ndarray, closed: bool, robot: np.ndarray) -> np.ndarray:
-    """Chooses the order (N, 2) [m] that keeps the spot in front of the robot, and then the one that begins nearest.
+    """Chooses the order (N, 2) [m] that best keeps the spot before the robot; of equals, that which begins nearest.
 
-    A border may be drawn from either end, a closed one from any corner both ways. A robot follows only forwards and does
-    not see the floor close to it, so the spot should not move towards it.
+    A border may be drawn from either end, and a closed one from any corner, either way round. A robot follows only
+    forwards and does not see the floor close to it, so the spot should not move towards it.
 
     Args:
         robot: (2,) [m] the robot's position before it is led to the border's beginning.
@@ -64,7 +64,7 @@ def choose_order(border: np.ndarray, closed: bool, robot: np.ndarray) -> np.ndar
 
 
 class RobotOnlyScript(ParticipantScript):
-    """The paper's baseline: guides the robot to the border, draws while it follows, and leads it to the seed."""
+    """The paper's baseline: the person guides the robot to the border, draws while it follows, leads it to the seed."""
 
     source = "buttons"
     _stroke: Stroke
@@ -162,8 +162,8 @@ class RobotOnlyScript(ParticipantScript):
         """Moves the spot along waypoints (2,) [m], no faster than the robot follows.
 
         Args:
-            good_enough: called with the spot's position each time that the robot finds the spot after losing it more
-                than twice; if it returns True, the spot stays there.
+            good_enough: called with the spot's position whenever the robot has found the spot again after losing it
+                more than twice. If it returns True, the spot stays there.
         """
         person = self.person
         person.doing = activity
@@ -185,21 +185,22 @@ class RobotOnlyScript(ParticipantScript):
     def _pick_up(self, waypoint: np.ndarray, lost: int) -> Step:
         """Moves the spot into the robot's view, and waits until the robot sees it.
 
-        Each further time, the spot is slightly farther to the side to which the robot should drive, because it may be
-        unable to drive straight ahead.
+        Each time that the spot is lost, it moves slightly farther to the side to which the robot should drive, because
+        the robot may be unable to drive straight ahead.
         """
         person = self.person
         activity = person.doing
         person.doing = "waits for the robot"
         x, y, yaw = person.perception.robot
         side = geometry.wrap_angle(math.atan2(waypoint[1] - y, waypoint[0] - x) - yaw)
-        bearing = math.copysign(min(abs(side), math.radians(6.0) * (lost - 1), EDGE_BEARING * 0.7), side)
-        yield from person.move_spot(self._point_ahead(bearing, 1.0 - 0.08 * min(lost - 1, 3)), RETURN_SPEED)
+        angle = min(abs(side), math.radians(6.0) * (lost - 1), EDGE_BEARING * 0.7)
+        share = 1.0 - 0.08 * min(lost - 1, 3)
+        yield from person.move_spot(self._point_ahead(math.copysign(angle, side), share), RETURN_SPEED)
         yield from person.hold_until_seen(0.1, person.model.patience / 2.0, by_robot=True)
         person.doing = activity
 
     def _point_ahead(self, turn: float = 0.0, share: float = 1.0) -> np.ndarray:
-        """Finds a point (2,) [m] on the floor ahead of the robot."""
+        """Finds a point (2,) [m] on the floor ahead of the robot, at a share of the leading distance if possible."""
         person = self.person
         x, y, yaw = person.perception.robot
         direction = np.array([math.cos(yaw + turn), math.sin(yaw + turn)])
@@ -286,18 +287,24 @@ class NetworkRobotSystemScript(ParticipantScript):
         first_seen: Optional[float] = None
         missed = 0
         person.spot = stroke.at(arc)
-        # like any other point, the end must be seen
-        while (end - arc) * sign > 0.0 or (missed <= person.model.retries and person.spot_lost_time() >= FEEDBACK_GAP):
-            if person.spot_lost_time() < FEEDBACK_GAP:
+        while True:
+            unseen = person.spot_lost_time()
+            is_seen = unseen < FEEDBACK_GAP
+            may_retry = missed <= person.model.retries
+            has_ended = (end - arc) * sign <= 0.0
+            # like any other point, the end must be seen
+            if has_ended and (is_seen or not may_retry):
+                break
+            if is_seen:
                 last_seen = arc
                 first_seen = arc if first_seen is None else first_seen
-            elif missed <= person.model.retries and person.spot_lost_time() > FEEDBACK_GAP + person.model.notice_time:
+            elif may_retry and unseen > FEEDBACK_GAP + person.model.notice_time:
                 missed += 1
                 yield from self._wait_until_seen(stroke)
                 arc = max((last_seen - GO_BACK * sign) * sign, start * sign) * sign
                 person.doing = "draws"
                 yield from person.move_spot(stroke.at(arc), person.drawing_speed)
-                # continues from this point, whether or not it is seen now
+                # continues from this point, whether or not it has been seen by now
                 yield from person.hold_until_seen(0.1, 2.0)
                 last_seen = arc
             yield from person.slip_at_random(stroke, arc, person.drawing_speed)
@@ -332,7 +339,7 @@ class NetworkRobotSystemScript(ParticipantScript):
             asked_to_hold = person.perception.now - person.perception.hold_requested_at < person.model.patience
             waited = person.perception.now - start
             if not moved_aside and not asked_to_hold and waited > 2.0 and person.spot is not None:
-                # the person's body may hide the spot, unless the display asks the person to wait for the robot
+                # the person's body may hide the spot; but a person whom the display asks to wait for the robot stays
                 moved_aside = True
                 person.step_aside(person.spot, stroke.points)
             yield

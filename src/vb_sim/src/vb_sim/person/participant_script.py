@@ -48,7 +48,7 @@ class ParticipantScript:
 
     # ------------------------------------------------------------ the common course
     def _run_course(self) -> Step:
-        """Tries until a border is saved or the person gives up, walks away, and then stays with this outcome."""
+        """Tries until a border is saved or the person gives up, walks away, and keeps this outcome from then on."""
         person = self.person
         while not person.perception.now:
             yield
@@ -91,7 +91,8 @@ class ParticipantScript:
             except DrawingSlip:
                 refusal = CommandReply(False, "slipped", "it went wrong")
             if person.perception.state != DEFAULT:
-                person.doing, person.spot = "starts over", None
+                person.doing = "starts over"
+                person.spot = None
                 yield from person.repeat_command("cancel", self.source)
         raise ParticipantGaveUp(f"not saved: {refusal.message} [{refusal.code}]")
 

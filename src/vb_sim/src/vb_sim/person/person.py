@@ -43,27 +43,17 @@ class CommandReply:
 
 @dataclass
 class Perception:
-    """The person's current perception; times in seconds.
+    """What the person perceives at one time."""
 
-    Attributes:
-        robot: true pose (x, y, yaw) [m, m, rad] of the robot, which the person sees; None until it is known.
-        last_seen: time of the last feedback that a camera sees the spot.
-        last_seen_by_robot: the same for a robot's camera.
-        has_seed: whether the display shows a seed point.
-        state: name of the state that the display shows.
-        hold_requested_at: time when the display last asked the person to hold still, as a robot is coming.
-        answer: the answer to the command with the number `answered`.
-    """
-
-    now: float = 0.0
-    robot: Optional[Pose] = None
-    last_seen: float = -math.inf
-    last_seen_by_robot: float = -math.inf
-    has_seed: bool = False
-    state: str = DEFAULT
-    hold_requested_at: float = -math.inf
-    answer: CommandReply = CommandReply(True, "ok", "")
-    answered: int = 0
+    now: float = 0.0  # [s]
+    robot: Optional[Pose] = None  # true pose (x, y, yaw) [m, m, rad] of the robot that the person sees; None before
+    last_seen: float = -math.inf  # [s] time of the last feedback that a camera sees the spot
+    last_seen_by_robot: float = -math.inf  # [s] the same for a robot's camera
+    has_seed: bool = False  # whether the display shows a seed point
+    state: str = DEFAULT  # name of the state that the display shows
+    hold_requested_at: float = -math.inf  # [s] when the display last asked the person to hold still for a coming robot
+    answer: CommandReply = CommandReply(True, "ok", "")  # the answer to the newest answered command
+    answered: int = 0  # the number of that command
 
     def record_spot(self, spot: Optional[Point2], stamp: float, sighting: Point2, mobile: bool) -> None:
         """Records that a camera saw a spot, if it is the person's.
@@ -75,9 +65,10 @@ class Perception:
             mobile: whether it is a robot's camera.
         """
         # a spot from seconds ago, or from the future, is not feedback
-        if spot is None or not -0.2 < self.now - stamp < 1.0 or math.dist(sighting, spot) > OWN_SPOT:
+        is_recent = -0.2 < self.now - stamp < 1.0
+        if spot is None or not is_recent or math.dist(sighting, spot) > OWN_SPOT:
             return
-        # the time of feedback is now, when people hear the sound, not the image's
+        # the feedback's time is now, when the person hears the sound, and not the time of the image
         self.last_seen = self.now
         if mobile:
             self.last_seen_by_robot = self.now
@@ -85,24 +76,15 @@ class Perception:
 
 @dataclass(frozen=True)
 class Action:
-    """The person's current action.
+    """What the person does at one time."""
 
-    Attributes:
-        laser: (x, y) [m] of the spot; None while the laser is off.
-        pose: (x, y, yaw) [m, m, rad].
-        doing: what the person does, in words.
-        command, number: the command to give now and its number; the command is empty if there is none.
-        source: what gives the command, "participant" for the voice or "buttons".
-        outcome: "saved" or "gave_up" at the end of the run; empty before.
-    """
-
-    laser: Optional[Point2]
-    pose: Pose
-    doing: str
-    command: str = ""
-    number: int = 0
-    source: str = "participant"
-    outcome: str = ""
+    laser: Optional[Point2]  # (x, y) [m] of the spot; None while the laser is off
+    pose: Pose  # (x, y, yaw) [m, m, rad]
+    doing: str  # what the person does, in words
+    command: str = ""  # the command to give now; empty if there is none
+    number: int = 0  # the command's number
+    source: str = "participant"  # how the command is given: "participant" by voice, or "buttons"
+    outcome: str = ""  # "saved" or "gave_up" at the end of the run; empty before
 
 
 class ParticipantGaveUp(Exception):
@@ -118,8 +100,8 @@ class Person:
 
     Args:
         scenario: the task.
-        method: "nrs" or "robot_only". A person has one style, but aim, tremor and mistakes differ between scenarios and
-            methods, as nobody repeats a movement or a mistake.
+        method: "nrs" or "robot_only". A person keeps one style, but aim, tremor and mistakes differ between scenarios
+            and methods, because nobody repeats a movement or a mistake.
         random_seed: seed of everything that differs between people.
 
     Attributes:
@@ -140,14 +122,15 @@ class Person:
         self.scenario = scenario
         self.grid: GridMap = physical_map(world)
         # without ceiling cameras, a person begins by leading the robot
-        start_near = np.array(scenario.stand if method == "nrs" else world.robots[0].start[:2], dtype=float)
+        start = scenario.stand if method == "nrs" else world.robots[0].start[:2]
+        start_near = np.array(start, dtype=float)
         self.walker = Walker(self.grid, model, start_near)
         self.walker.position = self.walker.find_position_near(start_near, 1.2, 2.0, self.rng)
         self.drawing_speed = float(self.rng.uniform(model.drawing_speed[0], max(model.drawing_speed)))
         self._tremor = Tremor(model.tremor, model.tremor_band, self.rng)
         self.perception = Perception()
         self.spot: Optional[np.ndarray] = None
-        # the style is that of the same real person in all scenarios, with all methods
+        # a person draws in the style of the same real person in all scenarios and with all methods
         style_index = np.random.default_rng([random_seed, 2]).integers(len(load_styles()))
         self.style = load_styles()[int(style_index)]
         self.doing = "comes in"
@@ -159,7 +142,7 @@ class Person:
         self._draw_mistakes()
 
     def _draw_mistakes(self) -> None:
-        """Chooses this person's mistakes, with separate generators, so that all else is the same without mistakes."""
+        """Chooses this person's mistakes. Generators of their own leave all else as it would be without mistakes."""
         self._wrong_word_rng = np.random.default_rng([*self._run_seeds, 3])
         rng = np.random.default_rng([*self._run_seeds, 1])
         slips, is_wrong_side = rng.random(2) < (self.model.slip, self.model.wrong_side)
@@ -170,7 +153,7 @@ class Person:
         self.seed = self._mirrored_seed() if is_wrong_side else self.scenario.seed.copy()
 
     def _mirrored_seed(self) -> np.ndarray:
-        """Returns the seed mirrored across the border at the nearest suitable point; the seed itself if none suits."""
+        """Returns the seed mirrored at the nearest suitable point of the border, or the seed itself if none suits."""
         seed = self.scenario.seed
         chain = geometry.resample_chain(self.scenario.border, 0.05, self.scenario.closed)
         for point in sorted(chain, key=lambda point: math.dist(point, seed)):
@@ -184,7 +167,8 @@ class Person:
     # ------------------------------------------------------------ steps
     def step(self, perception: Perception, script: Step) -> None:
         """Sets the perception, resumes the script, and walks for the time since the last perception."""
-        self.dt = min(max(perception.now - self.perception.now, 0.0), 0.1) if self.perception.now else 0.0
+        is_first = self.perception.now == 0.0
+        self.dt = 0.0 if is_first else min(max(perception.now - self.perception.now, 0.0), 0.1)
         self.perception = perception
         self.walker.robot = None if perception.robot is None else np.array(perception.robot[:2])
         self._command = ""
@@ -207,7 +191,7 @@ class Person:
         return sample(self.grid, self.grid.data, points, UNKNOWN) == FREE
 
     def spot_lost_time(self, by_robot: bool = False) -> float:
-        """Returns the time [s] since the last feedback that any camera sees the spot, or, if `by_robot`, a robot's."""
+        """Returns the time [s] since the last feedback that a camera sees the spot: any camera, or only a robot's."""
         last_seen = self.perception.last_seen_by_robot if by_robot else self.perception.last_seen
         return self.perception.now - last_seen
 
@@ -228,7 +212,8 @@ class Person:
 
     def walk_within_reach(self, spot: np.ndarray, line: np.ndarray) -> None:
         """Starts walking to within reach of the spot, unless it is already in reach."""
-        if not self.walker.walking and np.linalg.norm(self.walker.position - spot) > self.model.reach:
+        distance = np.linalg.norm(self.walker.position - spot)
+        if not self.walker.walking and distance > self.model.reach:
             self.walker.go_to_point_at(spot, line)
 
     def step_aside(self, spot: np.ndarray, line: np.ndarray) -> None:
@@ -265,7 +250,7 @@ class Person:
         raise ParticipantGaveUp(f"{command} was not accepted: {self.last_answer.message} [{self.last_answer.code}]")
 
     def _maybe_give_wrong_command(self, command: str, source: str) -> Step:
-        """Sometimes gives another command, as if the person misspoke or was misheard. The display shows its effect.
+        """Sometimes gives another command first: the person misspoke, or was misheard. The display shows its effect.
 
         Raises:
             DrawingSlip: if the state changed, so that the person must start over.
@@ -302,7 +287,7 @@ class Person:
         self.spot = self.spot + offset / distance * min(stride, distance)
 
     def new_stroke(self, border: np.ndarray) -> Stroke:
-        """Returns a new stroke of `border` (N, 2) [m], the scenario's with its points in some order."""
+        """Returns a new stroke along `border` (N, 2) [m], which is the scenario's, perhaps in another order."""
         return Stroke(border, self.scenario.closed, self.model, self.rng, self.is_floor, self.style)
 
     def slip_at_random(self, stroke: Stroke, arc: float, speed: float) -> Step:

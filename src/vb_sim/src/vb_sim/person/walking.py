@@ -67,7 +67,7 @@ class Walker:
         return np.asarray(position, dtype=float)
 
     def walk_to(self, position: np.ndarray) -> None:
-        """Starts walking to a position (2,) [m], or to within 0.4 m if it is not accessible, if there is a path."""
+        """Starts walking to a position (2,) [m], or within 0.4 m of an inaccessible one, if a path leads there."""
         self._path = self._plan(self.position, np.asarray(position, dtype=float), self.robot, 0.4)
         self._waiting_time = 0.0
 
@@ -87,8 +87,9 @@ class Walker:
                 candidates.append(candidate)
         for candidate in sorted(candidates, key=lambda candidate: math.dist(candidate, self.position))[:6]:
             path = self._plan(self.position, candidate, self.robot)
-            # skips positions on the other side of a wall, to which the path is long
-            if len(path) and geometry.chain_length(path) < 2.0 * math.dist(candidate, self.position) + 1.0:
+            # skips a position on the other side of a wall, to which the path is long
+            longest_path = 2.0 * math.dist(candidate, self.position) + 1.0
+            if len(path) and geometry.chain_length(path) < longest_path:
                 return self.walk_to(candidate)
 
     def stop(self) -> None:
@@ -137,13 +138,14 @@ class Walker:
         if self.robot is None:
             return False
         distance = float(np.linalg.norm(position - self.robot))
-        return distance < ROBOT_DISTANCE and distance < float(np.linalg.norm(self.position - self.robot))
+        present_distance = float(np.linalg.norm(self.position - self.robot))
+        return distance < min(ROBOT_DISTANCE, present_distance)
 
     def _plan(
         self, start: np.ndarray, goal: np.ndarray, robot: Optional[np.ndarray] = None, tolerance: float = 0.0
     ) -> np.ndarray:
         """Plans a path (N, 2) [m]. Returns (0, 2) if there is none."""
-        # a robot in a doorway may move away, so that a path through it is better than none
+        # if a robot stands in a doorway, a path through it is better than none, as the robot may move away
         planners = [self._planner] if robot is None else [self._planner_avoiding(robot), self._planner]
         for planner in planners:
             with contextlib.suppress(CodedError):
@@ -157,7 +159,7 @@ class Walker:
             column, row = self._grid.world_to_grid(robot)[0]
             radius = self._model.body_radius
             distances = np.hypot(rows - row, columns - column) * self._grid.resolution
-            # the disc's and the person's radius add up to the distance from the robot
+            # a disc stands for the robot; its radius and the person's add up to the distance that the person keeps
             costmap = Costmap(self._grid, radius, distances < ROBOT_DISTANCE - radius, PREFERRED_CLEARANCE)
             self._planner_with_robot = (np.array(robot), Planner(costmap))
         return self._planner_with_robot[1]

@@ -1,4 +1,4 @@
-"""Builds people and robots from rounded pieces. A person's dimensions are assumed for 1.75 m, and scaled."""
+"""Builds people and robots from rounded pieces. A person's dimensions are assumptions for a height of 1.75 m."""
 
 from __future__ import annotations
 
@@ -24,21 +24,14 @@ AVERAGE = BodyProportions()
 
 @dataclass(frozen=True)
 class BodyParts:
-    """Pieces of a body, each the convex hull of two flat ellipses.
+    """Pieces of a body, each the convex hull of a low and a high flat ellipse."""
 
-    Attributes:
-        low, high: (N, 3) [m] the ellipses' centres, map frame.
-        low_radii, high_radii: (N, 2) [m] semi-axes along and across the heading.
-        yaws: (N,) [rad] headings.
-        colors: (N, 3) rgb.
-    """
-
-    low: np.ndarray
+    low: np.ndarray  # (N, 3) [m] centres, map frame
     high: np.ndarray
-    low_radii: np.ndarray
+    low_radii: np.ndarray  # (N, 2) [m] semi-axes along and across the heading
     high_radii: np.ndarray
-    yaws: np.ndarray
-    colors: np.ndarray
+    yaws: np.ndarray  # (N,) [rad] headings
+    colors: np.ndarray  # (N, 3) rgb
 
     def __len__(self) -> int:
         return len(self.yaws)
@@ -51,7 +44,7 @@ class BodyParts:
         return replace(self, low=low, high=high, yaws=np.full(len(self), yaw))
 
     def scale_to(self, center: Point2, proportions: BodyProportions) -> "BodyParts":
-        """Returns a person's pieces scaled from the average build to another, about `center` (x, y) [m]."""
+        """Returns an average person's pieces scaled to other proportions, about `center` (x, y) [m]."""
         scale = np.array([proportions.breadth, proportions.breadth, proportions.height / AVERAGE.height])
         origin = np.array([*center, 0.0])
         return replace(
@@ -78,7 +71,9 @@ def piece_outlines(pieces: BodyParts) -> np.ndarray:
     for centers, radii in ((pieces.low, pieces.low_radii), (pieces.high, pieces.high_radii)):
         along = circle_x * radii[:, :1]
         across = circle_y * radii[:, 1:]
-        offsets = np.stack([c * along - s * across, s * along + c * across, np.zeros(along.shape)], axis=2)
+        x = c * along - s * across
+        y = s * along + c * across
+        offsets = np.stack([x, y, np.zeros(along.shape)], axis=2)
         ends.append(centers[:, None, :] + offsets)
     return np.concatenate(ends, axis=1)
 
@@ -86,7 +81,9 @@ def piece_outlines(pieces: BodyParts) -> np.ndarray:
 def _make_parts(rows: Sequence[Tuple]) -> BodyParts:
     """Converts rows (forward, left, z low, z high, radii low, radii high, colour) to pieces."""
     x, y, low, high, *radii, colors = (np.array(column, dtype=float) for column in zip(*rows))
-    return BodyParts(np.column_stack([x, y, low]), np.column_stack([x, y, high]), *radii, np.zeros(len(x)), colors)
+    low_centers = np.column_stack([x, y, low])
+    high_centers = np.column_stack([x, y, high])
+    return BodyParts(low_centers, high_centers, *radii, np.zeros(len(x)), colors)
 
 
 def _tint(color: Tuple[int, int, int], brightness: float) -> Tuple[int, ...]:
@@ -118,7 +115,7 @@ _PERSON = _make_parts(
         (-0.01, 0.0, 1.69, 1.75, (0.095, 0.078), (0.045, 0.04), HAIR),
     ]
 )
-# of the upper arm, the forearm, and the pointer in the hand
+# of three pieces: the upper arm, the forearm, and the pointer in the hand
 _ARM_LOW_RADII = np.array([(0.055, 0.055), (0.045, 0.045), (0.014, 0.014)])
 _ARM_HIGH_RADII = np.array([(0.046, 0.046), (0.035, 0.035), (0.01, 0.01)])
 _ARM_COLORS = np.array([_tint(SHIRT, 1.05), SKIN, (30, 30, 32)], dtype=float)
@@ -127,7 +124,8 @@ _ARM_COLORS = np.array([_tint(SHIRT, 1.05), SKIN, (30, 30, 32)], dtype=float)
 def hand_position(person: Pose, target: Optional[Point2], height: float) -> np.ndarray:
     """Returns the position (3,) [m] of the right hand, which holds the pointer at a height [m]."""
     x, y, yaw = person
-    shoulder_x, shoulder_y = x + 0.20 * math.sin(yaw), y - 0.20 * math.cos(yaw)
+    shoulder_x = x + 0.20 * math.sin(yaw)
+    shoulder_y = y - 0.20 * math.cos(yaw)
     along_x, along_y = math.cos(yaw), math.sin(yaw)
     if target is not None:
         to_x, to_y = target[0] - shoulder_x, target[1] - shoulder_y
@@ -146,11 +144,12 @@ def person_pieces(
         hand_height: [m] at which the person holds the pointer.
     """
     x, y, yaw = person
+    c, s = math.cos(yaw), math.sin(yaw)
     tallness = proportions.height / AVERAGE.height
     side = 0.21 * proportions.breadth
-    shoulder = np.array([x + side * math.sin(yaw), y - side * math.cos(yaw), 1.38 * tallness])
+    shoulder = np.array([x + side * s, y - side * c, 1.38 * tallness])
     if target is None:
-        hand = np.array([shoulder[0] + 0.05 * math.cos(yaw), shoulder[1] + 0.05 * math.sin(yaw), 0.82 * tallness])
+        hand = np.array([shoulder[0] + 0.05 * c, shoulder[1] + 0.05 * s, 0.82 * tallness])
         joints = [shoulder, 0.5 * (shoulder + hand), hand]
     else:
         hand = hand_position(person, target, hand_height)
@@ -168,7 +167,9 @@ def person_pieces(
         colors=_ARM_COLORS[:count],
     )
     body = _PERSON.move_to(x, y, yaw)
-    return join_pieces([body if proportions == AVERAGE else body.scale_to((x, y), proportions), arm])
+    if proportions != AVERAGE:
+        body = body.scale_to((x, y), proportions)
+    return join_pieces([body, arm])
 
 
 def person_key(person: Pose, target: Optional[Point2]) -> Tuple:
@@ -216,17 +217,11 @@ def robot_pieces(pose: Pose, radius: float) -> BodyParts:
 
 @dataclass(frozen=True)
 class Outlines:
-    """The outlines of pieces in a camera's image, the furthest first.
+    """The outlines of pieces in a camera's image, the furthest first."""
 
-    Attributes:
-        points: (N, 32, 2) [px]; each outline is the convex hull of its points.
-        depths: (N,) [m] of each piece's centre along the optical axis.
-        colors: (N, 3) rgb.
-    """
-
-    points: np.ndarray
-    depths: np.ndarray
-    colors: np.ndarray
+    points: np.ndarray  # (N, 32, 2) [px]; each outline is the convex hull of its points
+    depths: np.ndarray  # (N,) [m] of each piece's centre along the optical axis
+    colors: np.ndarray  # (N, 3) rgb
 
 
 def project_pieces(pieces: BodyParts, camera: CameraModel, T_map_optical: np.ndarray) -> Outlines:

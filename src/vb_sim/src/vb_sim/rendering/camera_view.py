@@ -1,4 +1,4 @@
-"""Shared by the views of both kinds of cameras: moving bodies, the laser's light, the random generator."""
+"""What both kinds of cameras need to render images: moving bodies, the laser's light, a random generator."""
 
 from __future__ import annotations
 
@@ -20,20 +20,13 @@ _PERSON_RADIUS = 0.26  # [m] of the average person's shadow
 
 @dataclass(frozen=True)
 class Body:
-    """A person or robot that moves.
-
-    Attributes:
-        key: the same for bodies that look the same.
-        build: builds the body's pieces.
-        pose: (x, y, yaw) [m, m, rad].
-        radius: [m] radius of the body's shadow.
-    """
+    """A person or robot that moves."""
 
     name: str
-    key: Tuple
-    build: Callable[[], bodies.BodyParts]
-    pose: Pose
-    radius: float
+    key: Tuple  # the same for bodies that look the same
+    build: Callable[[], bodies.BodyParts]  # builds the body's pieces
+    pose: Pose  # (x, y, yaw) [m, m, rad]
+    radius: float  # [m] of the body's shadow
 
 
 class CameraView:
@@ -130,7 +123,7 @@ class CameraView:
         """Adds the laser's light to an image, in place.
 
         Args:
-            exposure: the camera's exposure, as a multiple of the image's.
+            exposure: the camera's exposure, as a multiple of the exposure with which the image was rendered.
         """
         spot = self.spot(snapshot)
         visible = 0.0 if spot is None else self._visible(spot)
@@ -141,4 +134,4 @@ class CameraView:
         add_spot(image, spot, weights, self.encoding, self._noise_model.full_well_e, self._rng)
 
     def _before_change(self, image: np.ndarray, area: Tuple[slice, slice]) -> None:
-        """Is called before an area of an image is changed."""
+        """Does what a view needs before an area of an image is changed; here, nothing."""

@@ -1,8 +1,8 @@
 """Renders the images of a ceiling camera.
 
-The static scene is rendered once, as several images with different sensor noise. The camera's image is one of these, in
-which only the rectangles with moving objects are changed; the next one undoes these changes. Therefore an image takes
-little time, whatever its size.
+The static scene is rendered once, as several images with different sensor noise. To render an image of the camera, one
+of them is changed, but only in the rectangles with moving objects. The next rendering undoes these changes. Therefore
+an image takes little time, whatever its size.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from vb_sim.world import CeilingCamera
 _NOISY_IMAGES = 5  # of the empty room, shown in random order
 # moving objects are drawn at half the resolution, because a Bayer pattern resolves colour no better
 _HALF = 2
-_NOISE_OFFSET = 16
-_SHIFT = 4
+_NOISE_OFFSET = 16  # [grey levels] added to the noise, so that unsigned values can represent it
+_SHIFT = 4  # bits of fraction in fixed-point coordinates
 
 
 def _to_fixed_point(points: np.ndarray) -> np.ndarray:
@@ -60,28 +60,21 @@ def encode_doubled(rgb: np.ndarray, encoding: str) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Sprite:
-    """A moving object in the image of a camera. Its part of the image becomes image * keep / 255 + color.
+    """A moving object in the image of a camera. Its part of the image becomes image * keep / 255 + color."""
 
-    Attributes:
-        rows, columns: its part of the image, of (2h, 2w) pixels.
-        keep, color: (2h, 2w) or (2h, 2w, 3) uint8.
-        solid: (2h, 2w) uint8, 255 in pixels that show the object itself, not only its shadow.
-        opacity: (h, w) uint8, 255 where the object hides what is behind it.
-    """
-
-    rows: slice
+    rows: slice  # its part of the image, of (2h, 2w) pixels
     columns: slice
-    keep: np.ndarray
-    color: np.ndarray
-    solid: np.ndarray
-    opacity: np.ndarray
+    keep: np.ndarray  # (2h, 2w) or (2h, 2w, 3) uint8
+    color: np.ndarray  # as `keep`
+    solid: np.ndarray  # (2h, 2w) uint8, 255 in pixels that show the object itself, not only its shadow
+    opacity: np.ndarray  # (h, w) uint8, 255 where the object hides what is behind it
 
 
 def _draw_shadow(outline: np.ndarray, blur_px: float, shape: Tuple[int, int]) -> np.ndarray:
     """Draws the light that remains in a soft shadow, (h, w) uint8; 255 is all light."""
     lit = np.full(shape, 255, np.uint8)
     if len(outline):
-        # at a quarter of the size, as the shadow is blurred anyway
+        # drawn at a quarter of the size, because the shadow is blurred anyway
         small = np.zeros((shape[0] // 4 + 1, shape[1] // 4 + 1), np.uint8)
         cv2.fillConvexPoly(small, _to_fixed_point(outline * 0.25), 110, cv2.LINE_AA, _SHIFT)
         box = 2 * int(max(1.0, blur_px / 4.0)) + 1
@@ -110,7 +103,7 @@ class CeilingView(CameraView):
         size = (self.model.width // _HALF, self.model.height // _HALF)
         self._background = cv2.resize(background, size, interpolation=cv2.INTER_AREA)
         self._noise_tile = self._make_noise_tile()
-        self._image_index: Optional[int] = 0  # of the last image; None if the next one may be any of them
+        self._image_index: Optional[int] = 0  # which noisy image was shown last; None if the next may be any of them
         self._undo: List[Tuple[np.ndarray, np.ndarray]] = []  # parts of an image and their previous contents
         self._sprites: Dict[str, Tuple[Tuple, Optional[_Sprite]]] = {}
         self._visible_sprites: List[_Sprite] = []
@@ -160,7 +153,8 @@ class CeilingView(CameraView):
         shape = (self.model.height + 64, self.model.width + 64)
         if self._images[0].ndim == 3:
             shape += (3,)
-        noise = float(self._noise_model.sigma(100.0)) * self._rng.standard_normal(shape, dtype=np.float32)
+        sigma = float(self._noise_model.sigma(100.0))
+        noise = sigma * self._rng.standard_normal(shape, dtype=np.float32)
         return np.clip(noise + _NOISE_OFFSET + 0.5, 0, 255).astype(np.uint8)
 
     # ------------------------------------------------------------- moving parts
@@ -227,19 +221,21 @@ class CeilingView(CameraView):
         lit = _draw_shadow(shadow / _HALF + offset, blur_px, shape)
         keep = cv2.multiply(lit, cv2.bitwise_not(opacity), scale=1.0 / 255.0)
         keep = cv2.resize(keep, (shape[1] * 2, shape[0] * 2), interpolation=cv2.INTER_LINEAR)
-        # pixels in a shadow alone keep more than 126
+        # pixels that are only in shadow keep more than 126
         solid = cv2.inRange(keep, 0, 126)
         pattern = encode_doubled(color, self.encoding)
         darker = cv2.subtract(pattern, np.full(pattern.shape, _NOISE_OFFSET, np.uint8))
         cv2.copyTo(darker, solid, pattern)
         if pattern.ndim == 3:
             keep = cv2.merge([keep] * 3)
-        return _Sprite(slice(2 * low[1], 2 * high[1]), slice(2 * low[0], 2 * high[0]), keep, pattern, solid, opacity)
+        full_rows = slice(2 * low[1], 2 * high[1])
+        full_columns = slice(2 * low[0], 2 * high[0])
+        return _Sprite(full_rows, full_columns, keep, pattern, solid, opacity)
 
     def _draw_body(
         self, outlines: bodies.Outlines, offset: np.ndarray, static_inverse: np.ndarray
     ) -> Tuple[np.ndarray, np.ndarray]:
-        """Draws a body's pieces, the furthest first: colour (h, w, 3) and opacity (h, w), uint8.
+        """Draws a body's pieces, the furthest first. Returns colour (h, w, 3) and opacity (h, w), uint8.
 
         Args:
             offset: (2,) [px] to add to the halved outlines.
@@ -274,7 +270,7 @@ class CeilingView(CameraView):
         return color, opacity
 
     def _shadow_outline(self, pose: Pose, radius: float) -> np.ndarray:
-        """Returns the outline (N, 2) [px] of a shadow on the floor. It is small, as lamps are all over the ceiling."""
+        """Returns the outline (N, 2) [px] of a shadow on the floor, small because lamps are all over the ceiling."""
         nothing = np.zeros((0, 2))
         center = (pose[0] + 0.05, pose[1] - 0.04)
         circle = center + 1.1 * radius * bodies.UNIT_CIRCLE

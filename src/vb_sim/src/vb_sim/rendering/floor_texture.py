@@ -19,17 +19,11 @@ _CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])  # of a square
 
 @dataclass(frozen=True)
 class FloorTexture:
-    """A metric image of the floor, seen from above.
+    """A metric image of the floor, seen from above."""
 
-    Attributes:
-        rgb: (H, W, 3) uint8, while it is drawn float32; row 0 has the lowest y.
-        resolution: [m] per pixel.
-        origin: (x, y) [m] of the outer corner of pixel (0, 0), map frame.
-    """
-
-    rgb: np.ndarray
-    resolution: float
-    origin: Tuple[float, float]
+    rgb: np.ndarray  # (H, W, 3) uint8, or float32 while it is being drawn; row 0 has the lowest y
+    resolution: float  # [m] per pixel
+    origin: Tuple[float, float]  # (x, y) [m] of the outer corner of pixel (0, 0), map frame
 
     def matrix(self) -> np.ndarray:
         """Returns the matrix (3, 3) from map coordinates [m] to (column, row) [px], integers at pixel centres."""
@@ -43,8 +37,9 @@ class FloorTexture:
 
     def halved(self) -> "FloorTexture":
         """Returns the image at half the resolution, averaged."""
-        height, width = (size // 2 * 2 for size in self.rgb.shape[:2])
-        small = cv2.resize(self.rgb[:height, :width], (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+        height, width = (size // 2 for size in self.rgb.shape[:2])
+        even_part = self.rgb[: 2 * height, : 2 * width]
+        small = cv2.resize(even_part, (width, height), interpolation=cv2.INTER_AREA)
         return FloorTexture(small, self.resolution * 2.0, self.origin)
 
 
@@ -66,8 +61,9 @@ def render_floor(world: World, seed: int, resolution: float = 0.0025) -> FloorTe
     for light in world.lights:
         column, row = texture.pixels(np.array([[light.x, light.y]]))[0]
         reach = 2.0 * light.radius / resolution
-        top, left = max(0, int(row - reach)), max(0, int(column - reach))
-        part = image[top : max(0, int(row + reach)), left : max(0, int(column + reach))]
+        left, top = (max(0, int(center - reach)) for center in (column, row))
+        right, bottom = (max(0, int(center + reach)) for center in (column, row))
+        part = image[top:bottom, left:right]
         rows, columns = np.ogrid[top : top + part.shape[0], left : left + part.shape[1]]
         squared_distance = ((columns - column) ** 2 + (rows - row) ** 2) * (resolution / light.radius) ** 2
         glow = light.brightness * np.exp(-0.7 * squared_distance**1.5)
@@ -77,8 +73,8 @@ def render_floor(world: World, seed: int, resolution: float = 0.0025) -> FloorTe
 
 def _make_noise(shape: Tuple[int, int], step: Tuple[float, float], rng: np.random.Generator) -> np.ndarray:
     """Returns smooth noise (H, W) float32 of unit standard deviation, with features of `step` (rows, columns) [px]."""
-    coarse = tuple(max(2, int(math.ceil(size / max(1.0, length))) + 2) for size, length in zip(shape, step))
-    values = rng.standard_normal(coarse, dtype=np.float32)
+    counts = [int(math.ceil(size / max(1.0, length))) for size, length in zip(shape, step)]
+    values = rng.standard_normal([max(2, count + 2) for count in counts], dtype=np.float32)
     noise = cv2.resize(values, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC)
     return noise / max(1e-6, float(noise.std()))
 
@@ -93,7 +89,7 @@ def _make_brightness(floor: Floor, shape: Tuple[int, int], resolution: float, rn
     breadth = max(2.0, floor.plank[1] / resolution)
     if floor.kind == "tiles":
         breadth = length
-    # positions counted in boards or tiles; the rows are shifted against each other by random shares of a board
+    # positions counted in boards or tiles; each row of boards is shifted by a random share of a board
     rows = np.arange(height, dtype=np.float32) / breadth
     row_numbers = rows.astype(int)
     shifts = rng.random(row_numbers[-1] + 1).astype(np.float32)
@@ -189,7 +185,8 @@ def _draw_contact_shadows(texture: FloorTexture, world: World) -> None:
     for outline, weight in outlines:
         corners = np.round(texture.pixels(outline) / step * 16).astype(np.int32)
         cv2.fillPoly(occluder, [corners], weight, cv2.LINE_8, 4)
-    low, high = np.round(texture.pixels(np.array([(0, 0), world.room.size])) / step).astype(int).tolist()
+    room_corners = texture.pixels(np.array([(0, 0), world.room.size]))
+    low, high = np.round(room_corners / step).astype(int).tolist()
     outside = np.ones(small, np.float32)
     cv2.rectangle(outside, low, high, 0.0, -1)
     occluder = np.maximum(occluder, 0.7 * outside)

@@ -1,9 +1,9 @@
 """Renders the image of a laser spot on the floor.
 
 The beam's footprint is an ellipse of light, many times brighter than the floor. Lens and filter blur it, motion during
-the exposure smears it, and some of the light is scattered into a halo. The sensor saturates: the core is white, because
-even the light that leaks through the other colours' filters saturates there, and the halo around it is coloured. The
-spot's size follows from power, exposure and distance.
+the exposure smears it, and some of its light is scattered into a halo. The sensor saturates in the spot's core. The
+core is white, because even the light that leaks through the filters of the other colours saturates there; the halo
+around it is coloured. The spot's size follows from power, exposure and distance.
 """
 
 from __future__ import annotations
@@ -24,18 +24,12 @@ _MAX_PX = 56
 
 @dataclass(frozen=True)
 class SpotImage:
-    """The light of a spot.
+    """The light of a spot, in a patch of an image."""
 
-    Attributes:
-        column, row: [px] position of the patch's first pixel.
-        center: (u, v) [px] of the spot in the middle of the exposure.
-        light: (h, w) float32 [grey levels] on a white floor, before any colour filter.
-    """
-
-    column: int
+    column: int  # [px] of the patch's first pixel
     row: int
-    center: Tuple[float, float]
-    light: np.ndarray
+    center: Tuple[float, float]  # (u, v) [px] of the spot in the middle of the exposure
+    light: np.ndarray  # (h, w) float32 [grey levels] on a white floor, before any colour filter
 
     @property
     def pixel(self) -> Tuple[int, int]:
@@ -61,8 +55,8 @@ def render_spot(
 
     Args:
         point: [m] position of the spot, map frame.
-        velocity: [m/s] velocity of the spot.
-        source: (3,) [m] position of the pointer; if None, it is straight above the spot.
+        velocity: [m/s] of the spot.
+        source: (3,) [m] position of the pointer; None if it is straight above the spot.
     """
     projection = _project(point, velocity, camera, T_map_optical, optics)
     if projection is None:
@@ -74,7 +68,7 @@ def render_spot(
     # a pixel integrates light over its area, which adds a variance of 1/12 px^2
     blur = (optics.psf_sigma_px**2 + 1.0 / 12.0) * np.eye(2)
     covariance = jacobian @ _footprint_covariance(point, source, optics) @ jacobian.T + blur
-    # laser power relative to ambient light, if all its light fell into one pixel
+    # laser power relative to ambient light, as if all its light fell into one pixel
     total = optics.laser_power_mw * 1e-3 * pixels_per_m2 / optics.ambient_w_m2
     total *= optics.white_level * optics.exposure_gain
     radius = _light_radius(total, covariance, optics) + float(np.linalg.norm(smear)) / 2.0
@@ -88,7 +82,8 @@ def render_spot(
     v = np.arange(top, bottom, dtype=np.float32)[:, None] - np.float32(center[1])
     light = _spread_light(u, v, (1.0 - optics.halo_share) * total, covariance, smear)
     distance = np.sqrt(u * u + v * v)
-    light += np.float32(_halo_peak(total, optics)) * np.exp(-distance / np.float32(optics.halo_scale_px))
+    halo = np.exp(-distance / np.float32(optics.halo_scale_px))
+    light += np.float32(_halo_peak(total, optics)) * halo
     return SpotImage(left, top, (float(center[0]), float(center[1])), light)
 
 
@@ -139,12 +134,14 @@ def _project(
     half_exposure = optics.exposure_ms * 1e-3 / 2.0
     x, y = point
     dx, dy = velocity[0] * half_exposure, velocity[1] * half_exposure
-    probes = np.array([(x, y, 0), (x + step, y, 0), (x, y + step, 0), (x - dx, y - dy, 0), (x + dx, y + dy, 0)])
-    in_camera = transform_points(invert_transform(T_map_optical), probes)
+    at_spot = [(x, y, 0), (x + step, y, 0), (x, y + step, 0)]
+    at_ends = [(x - dx, y - dy, 0), (x + dx, y + dy, 0)]
+    in_camera = transform_points(invert_transform(T_map_optical), np.array(at_spot + at_ends))
     if (in_camera[:, 2] < 0.05).any():
         return None
     center, beside_x, beside_y, first, last = camera.project(in_camera)
-    if (center <= -border).any() or (center >= (camera.width + border, camera.height + border)).any():
+    size = np.array([camera.width, camera.height])
+    if (center <= -border).any() or (center >= size + border).any():
         return None
     jacobian = np.column_stack([beside_x - center, beside_y - center]) / step
     return center, jacobian, last - first
@@ -165,7 +162,8 @@ def _spread_light(u: np.ndarray, v: np.ndarray, total: float, covariance: np.nda
     instants = ((np.arange(count) + 0.5) / count - 0.5)[:, None, None]
     du = u - (instants * smear[0]).astype(np.float32)
     dv = v - (instants * smear[1]).astype(np.float32)
-    squared_distance = uu * du * du + (np.float32(2) * uv * du) * dv + vv * dv * dv
+    mixed_term = (np.float32(2) * uv * du) * dv
+    squared_distance = uu * du * du + mixed_term + vv * dv * dv
     light = np.exp(np.float32(-0.5) * squared_distance).sum(axis=0)
     light *= np.float32(_core_peak(total, covariance) / count)
     return light

@@ -1,6 +1,6 @@
-"""Represents the world's solid objects by flat faces, and draws them with a depth buffer.
+"""Represents the world's solid objects by flat faces, and draws them into a depth buffer.
 
-Colours are rgb. A depth buffer contains inverse depths along the optical axis [1/m], 0 where nothing is drawn.
+Colours are rgb. A depth buffer contains inverse depths along the optical axis [1/m]; 0 where nothing is drawn.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _SHIFT = 4
 
 
 class Mesh:
-    """Flat convex faces in the map frame: their normals (N, 3), colours (N, 3), and all their corners (M, 3) [m].
+    """Flat convex faces in the map frame: their normals (N, 3), their colours (N, 3), and all corners (M, 3) [m].
 
     Args:
         faces: at least one; corners (K, 3) [m] of each face, counter-clockwise seen from outside, and its colour.
@@ -63,7 +63,8 @@ def prism(
     for a, b in zip(outline, np.roll(outline, -1, axis=0)):
         bottom = low
         for top, brightness in strips:
-            faces.append(([(*a, bottom), (*b, bottom), (*b, top), (*a, top)], color * brightness))
+            corners = [(*a, bottom), (*b, bottom), (*b, top), (*a, top)]
+            faces.append((corners, color * brightness))
             bottom = top
     faces.append((np.column_stack([outline, np.full(len(outline), high)]), color))
     if low > 0:
@@ -76,14 +77,15 @@ def world_mesh(world: World) -> Mesh:
     width, height = world.room.size
     t, top = world.room.wall_thickness, world.room.wall_height
     faces: List[Face] = []
-    for outline in (
-        [(-t, -t), (width + t, -t), (width + t, 0), (-t, 0)],
-        [(-t, height), (width + t, height), (width + t, height + t), (-t, height + t)],
-        [(-t, 0), (0, 0), (0, height), (-t, height)],
-        [(width, 0), (width + t, 0), (width + t, height), (width, height)],
+    skirting_board = [(0.07, 0.72), (0.08, 0.5)]
+    for x0, y0, x1, y1 in (
+        (-t, -t, width + t, 0),
+        (-t, height, width + t, height + t),
+        (-t, 0, 0, height),
+        (width, 0, width + t, height),
     ):
-        # the bands are a skirting board
-        faces += prism(np.array(outline, dtype=float), 0.0, top, (214, 209, 200), [(0.07, 0.72), (0.08, 0.5)])
+        outline = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], dtype=float)
+        faces += prism(outline, 0.0, top, (214, 209, 200), skirting_board)
     for wall in world.walls:
         faces += prism(wall_outline(wall), 0.0, wall.height, wall.color, [(0.04, 0.8)])
     for thing in world.furniture:
@@ -118,24 +120,28 @@ class RayGrid:
             self.x, self.y = self._distorted_rays(camera)
         else:
             matrix = camera.matrix
-            self.x = ((np.arange(camera.width) - matrix[0, 2]) / matrix[0, 0]).astype(np.float32)[None, :]
-            self.y = ((np.arange(camera.height) - matrix[1, 2]) / matrix[1, 1]).astype(np.float32)[:, None]
-        self.limits = (float(self.x.min()), float(self.x.max()), float(self.y.min()), float(self.y.max()))
+            x = (np.arange(camera.width) - matrix[0, 2]) / matrix[0, 0]
+            y = (np.arange(camera.height) - matrix[1, 2]) / matrix[1, 1]
+            self.x = x.astype(np.float32)[None, :]
+            self.y = y.astype(np.float32)[:, None]
+        limits = (self.x.min(), self.x.max(), self.y.min(), self.y.max())
+        self.limits = tuple(map(float, limits))
 
     @staticmethod
     def _distorted_rays(camera: CameraModel) -> Tuple[np.ndarray, np.ndarray]:
-        # exact in the middle of each square of 8 x 8 pixels; linear interpolation between them is accurate enough
+        # exact in the middle of each square of 8 x 8 pixels; linear interpolation between these is accurate enough
         step = 8
         columns = math.ceil(camera.width / step) + 2  # one more square at each edge
         rows = math.ceil(camera.height / step) + 2
         middle = (step - 1) / 2 - step  # of the first square
         u, v = np.meshgrid(middle + step * np.arange(columns), middle + step * np.arange(rows))
         rays = camera.pixels_to_rays(np.column_stack([u.ravel(), v.ravel()]))
+        in_image = np.s_[step : step + camera.height, step : step + camera.width]
         grids = []
         for axis in range(2):
             coarse = rays[:, axis].reshape(rows, columns).astype(np.float32)
             fine = cv2.resize(coarse, (columns * step, rows * step), interpolation=cv2.INTER_LINEAR)
-            grids.append(np.ascontiguousarray(fine[step : step + camera.height, step : step + camera.width]))
+            grids.append(np.ascontiguousarray(fine[in_image]))
         return grids[0], grids[1]
 
     def dot_rays(
@@ -189,7 +195,7 @@ class DepthBuffer:
         if len(visible) > free_ids:
             nearest_depths = np.minimum.reduceat(corners[:, 2], starts)
             visible = visible[np.argsort(nearest_depths[visible])][:free_ids]
-        # the near plane comes first; without distortion it is enough, as drawing clips faces to the image
+        # the near plane is the first; without distortion it is enough, because drawing clips faces to the image
         planes = 5 if self.grid.distorted else 1
         for index in visible:
             face = corners[mesh.starts[index] : mesh.starts[index + 1]]
@@ -214,7 +220,8 @@ class DepthBuffer:
         """
         x0, x1, y0, y1 = self.grid.limits
         x, y, z = points.T
-        return np.stack([z - _NEAR, x - x0 * z, x1 * z - x, y - y0 * z, y1 * z - y])
+        sides = [x - x0 * z, x1 * z - x, y - y0 * z, y1 * z - y]
+        return np.stack([z - _NEAR, *sides])
 
     def _clip(self, face: np.ndarray, plane: int) -> np.ndarray:
         """Returns the part of a face (N, 3) [m] inside one plane of the view (Sutherland and Hodgman)."""

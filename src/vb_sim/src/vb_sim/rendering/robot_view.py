@@ -21,8 +21,7 @@ from vb_sim.world import Robot
 
 _CEILING = (206, 204, 198)
 _TILES = 7
-# [m] how much nearer than its centre the front of a round piece is; a flat piece at that depth represents it
-_FRONT_OFFSET = 0.05
+_FRONT_OFFSET = 0.05  # [m] from a round piece's centre to its front, where a flat piece represents it
 
 
 class RobotView(CameraView):
@@ -47,9 +46,10 @@ class RobotView(CameraView):
         self._depth_grid = RayGrid(self.depth_model)
         x, y = self._depth_grid.x, self._depth_grid.y
         self._slant = np.sqrt(1.0 + x * x + y * y)
-        # rows and columns of the colour pixels nearest to the centres of the depth pixels
-        shapes = zip((self.depth_model.height, self.depth_model.width), (self.model.height, self.model.width))
-        self._sampled = np.ix_(*[((np.arange(few) + 0.5) * many / few).astype(int) for few, many in shapes])
+        # the rows and columns of the colour pixels that are nearest to the centres of the depth pixels
+        rows = (np.arange(self.depth_model.height) + 0.5) * self.model.height / self.depth_model.height
+        columns = (np.arange(self.depth_model.width) + 0.5) * self.model.width / self.depth_model.width
+        self._sampled = np.ix_(rows.astype(int), columns.astype(int))
         self._drawn_key: Optional[Tuple] = None  # identifies the scene in the buffers
         self._make_noise()
 
@@ -62,10 +62,10 @@ class RobotView(CameraView):
     def _make_noise(self) -> None:
         figures = self._noise_model
         shape = (self.model.height + 32, self.model.width + 32, 3)
-        # of read and photon noise at a medium brightness
+        # read and photon noise at a medium brightness
         sigma = math.sqrt(figures.read_sigma**2 + 110.0 * 255.0 / figures.full_well_e)
         noise = sigma * self._rng.standard_normal(shape, dtype=np.float32)
-        # the positive and negative parts, because saturating addition and subtraction are fast
+        # the positive and the negative part, because saturating addition and subtraction are fast
         self._brighter = np.clip(noise + 0.5, 0, 255).astype(np.uint8)
         self._darker = np.clip(0.5 - noise, 0, 255).astype(np.uint8)
         depth_shape = (_TILES, self.depth_model.height, self.depth_model.width)
@@ -130,7 +130,8 @@ class RobotView(CameraView):
 
     def _albedo(self, spot: SpotImage) -> np.ndarray:
         column, row = spot.pixel
-        return self._noiseless[row, column].astype(np.float32) / np.float32(255.0 * self._optics.exposure_gain)
+        white = np.float32(255.0 * self._optics.exposure_gain)
+        return self._noiseless[row, column].astype(np.float32) / white
 
     def _draw_floor(self, pose: np.ndarray) -> np.ndarray:
         """Draws the floor by its homography, with coarser textures for more distant rows."""
@@ -139,15 +140,17 @@ class RobotView(CameraView):
         rotation = pose[:3, :3]
         x, y, z = pose[:3, 3]
         # from homogeneous (column, row) [px] to map coordinates [m] on the floor
-        ray_to_floor = np.array([x * rotation[2] - z * rotation[0], y * rotation[2] - z * rotation[1], rotation[2]])
+        floor_x = x * rotation[2] - z * rotation[0]
+        floor_y = y * rotation[2] - z * rotation[1]
+        ray_to_floor = np.array([floor_x, floor_y, rotation[2]])
         to_floor = ray_to_floor @ np.linalg.inv(camera.matrix)
         image = np.empty((height, width, 3), np.uint8)
-        # each row's downward slope per unit of depth gives the distance of its floor; 0 is the horizon
+        # how far the rays of each row fall per unit of depth gives the depth of the row's floor; 0 at the horizon
         ahead = (np.arange(height) - camera.matrix[1, 2]) / camera.matrix[1, 1]
         down = -(rotation[2, 1] * ahead + rotation[2, 2])
         with np.errstate(divide="ignore"):
             depth = np.where(down > 1e-3, z / down, np.inf)
-        # a pixel covers depth/f across the view and 1/down times that along it; takes the geometric mean
+        # a pixel covers depth/f across the view, and 1/down times as much along it; the geometric mean counts
         footprint = depth / camera.focal_px / np.sqrt(np.clip(down, 1e-3, 1.0))
         texels = np.maximum(footprint / self._floors[0].resolution, 1.0)
         levels = np.clip(np.floor(np.log2(texels)), 0, len(self._floors) - 1)
@@ -165,7 +168,7 @@ class RobotView(CameraView):
                 texture.matrix() @ shifted,
                 (width, int(last - first)),
                 dst=image[first:last],
-                # the nearest texel suffices, as textures are as fine as the pixels, and takes a third of the time
+                # the nearest texel suffices, because textures are as fine as the pixels, and takes a third of the time
                 flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP,
                 borderMode=cv2.BORDER_REPLICATE,
             )
@@ -184,8 +187,8 @@ class RobotView(CameraView):
         row_step = 1 - 2 * int(self._rng.integers(2))
         column_step = 1 - 2 * int(self._rng.integers(2))
         noise = self._depth_noise[tile, ::row_step, ::column_step]
-        depth = depth + sigma * noise
-        millimeters = np.clip(depth * np.float32(1000.0) + np.float32(0.5), 0, 65535).astype(np.uint16)
+        rounded = (depth + sigma * noise) * np.float32(1000.0) + np.float32(0.5)
+        millimeters = np.clip(rounded, 0, 65535).astype(np.uint16)
         millimeters[self._depth_missing | self._depth_holes[tile]] = 0
         return millimeters
 

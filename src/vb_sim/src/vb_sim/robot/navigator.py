@@ -21,37 +21,31 @@ _PLANNER_PATIENCE = 3.0  # [s] without any plan before a goal is aborted (move_b
 _CONTROLLER_PATIENCE = 15.0  # [s] for which the path may be blocked before a goal is aborted
 _REPLAN_DISTANCE = 0.3  # [m] from the path at which a new one is planned
 _OBSTACLE_RANGE = 2.5  # [m] up to which the scan marks obstacles
-_MAP_TOLERANCE = 0.10  # [m] a scan point this near to a mapped obstacle is that obstacle: localisation is a few cm off
+_MAP_TOLERANCE = 0.10  # [m] from a mapped obstacle: a point so near is that obstacle, as localisation is a few cm off
 # following a path
 ACCELERATION, DECELERATION = 0.6, 0.5  # [m/s^2]; deceleration before the goal and obstacles
 MAX_TURN_RATE = 1.2  # [rad/s]
 _LOOKAHEAD = 0.35  # [m] of pure pursuit
 # [rad] heading errors at which the robot turns in place, and at which it drives again
-_TURN_ON_SPOT_ABOVE, _DRIVE_AGAIN_BELOW = 0.8, 0.3
+_TURN_IN_PLACE_ABOVE, _DRIVE_AGAIN_BELOW = 0.8, 0.3
 _TURN_GAIN = 2.5  # [1/s] turn rate per heading error
-GOAL_DISTANCE, GOAL_ANGLE = 0.06, 0.08  # [m], [rad] within which the robot has arrived
-_BRAKING_RANGE = 1.5  # [m] along the robot's arc up to which obstacles count
+# within these, the robot has arrived
+GOAL_DISTANCE = 0.06  # [m]
+GOAL_ANGLE = 0.08  # [rad]
+_BRAKING_RANGE = 1.5  # [m] along the robot's arc, up to which obstacles count
 _OBSTACLE_MARGIN = 0.03  # [m] clearance from obstacles that the scanner sees ahead
 
 
 @dataclass(frozen=True)
 class Motion:
-    """The command for a step, and the state of the drive.
+    """The command for a step, to send as cmd_vel, and the state of the drive."""
 
-    Attributes:
-        speed, turn_rate: [m/s, rad/s] to send as cmd_vel.
-        arrived: whether the robot is at the goal.
-        blocked: whether an obstacle is in the way.
-        off_path: [m] distance from the path.
-        path: (N, 2) [m] the path planned since the last step, or None.
-    """
-
-    speed: float = 0.0
-    turn_rate: float = 0.0
-    arrived: bool = False
-    blocked: bool = False
-    off_path: float = 0.0
-    path: Optional[np.ndarray] = None
+    speed: float = 0.0  # [m/s]
+    turn_rate: float = 0.0  # [rad/s]
+    arrived: bool = False  # whether the robot is at the goal
+    blocked: bool = False  # whether an obstacle is in the way
+    off_path: float = 0.0  # [m] distance from the path
+    path: Optional[np.ndarray] = None  # (N, 2) [m] the path planned since the last step, or None
 
 
 class PathFollower:
@@ -94,7 +88,8 @@ class PathFollower:
             return Motion()
         to_end = math.dist(self._path[-1], pose[:2])
         # hysteresis, because turning in place shifts the estimated position by about a centimetre
-        self._at_goal = to_end < (3.0 * GOAL_DISTANCE if self._at_goal else GOAL_DISTANCE)
+        goal_distance = 3.0 * GOAL_DISTANCE if self._at_goal else GOAL_DISTANCE
+        self._at_goal = to_end < goal_distance
         if self._at_goal:
             self._speed = 0.0
             error = geometry.wrap_angle(self._goal[2] - pose[2])
@@ -102,8 +97,10 @@ class PathFollower:
                 return Motion(arrived=True)
             return Motion(0.0, self._turn_rate(error))
         target, off_path, remaining = look_ahead(self._path, pose[:2], _LOOKAHEAD)
-        error = geometry.wrap_angle(math.atan2(target[1] - pose[1], target[0] - pose[0]) - pose[2])
-        self._turning = abs(error) > (_DRIVE_AGAIN_BELOW if self._turning else _TURN_ON_SPOT_ABOVE)
+        bearing = math.atan2(target[1] - pose[1], target[0] - pose[0])
+        error = geometry.wrap_angle(bearing - pose[2])
+        largest_error = _DRIVE_AGAIN_BELOW if self._turning else _TURN_IN_PLACE_ABOVE
+        self._turning = abs(error) > largest_error
         if self._turning:
             self._speed = 0.0
             return Motion(0.0, self._turn_rate(error), off_path=off_path)
@@ -135,13 +132,13 @@ class PathFollower:
         is_in_way = (along > 0.0) & (along < _BRAKING_RANGE) & (np.abs(across) < half_width)
         along = along[is_in_way]
         across = across[is_in_way]
-        # a disc of that radius touches a point before its centre is beside it
+        # the robot's disc, widened by the margin, touches a point before its centre is beside the point
         touching_distances = along - np.sqrt(half_width**2 - across**2)
         return float(touching_distances.min(initial=math.inf))
 
 
 class Navigator:
-    """Plans paths on the map with the virtual borders and follows them. Another thread may set maps."""
+    """Plans paths on the map with the virtual borders, and follows them. Another thread may set maps."""
 
     def __init__(self, profile: RobotProfile) -> None:
         self._profile = profile
@@ -161,7 +158,7 @@ class Navigator:
         return self._planner
 
     def _planner_with_obstacles(self, map_planner: Planner, pose: Pose, points: np.ndarray) -> Planner:
-        """Creates a planner on map and scan. Returns that on the map alone if the scan shows no new obstacle."""
+        """Creates a planner on map and scan. If the scan shows no new obstacle, returns that on the map alone."""
         grid, distance = map_planner.costmap.grid, map_planner.costmap.distance
         points = points[np.hypot(points[:, 0], points[:, 1]) < _OBSTACLE_RANGE]
         cells = grid.world_to_cell(base_to_map(points, pose))
@@ -225,7 +222,7 @@ class Navigator:
             try:
                 path = self._planner_with_obstacles(map_planner, pose, obstacles).plan(start, self._goal)
             except CodedError:
-                # if a person is at the goal or beside the robot, plans without them; the follower stops before them
+                # a person may be at the goal or beside the robot; plans without them, as the follower stops before them
                 path = map_planner.plan(start, self._goal)
         except CodedError:
             self._failed = True

@@ -14,10 +14,12 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import OCCUPIED, GridMap, distance_transform, nearest_cell, sample
 
 Cell = Tuple[int, int]  # row, column
-NEUTRAL_COST = 50.0  # cost of a free cell; with the factor for a cell's own cost, as in navfn
-COST_FACTOR = 0.8
-# [m] depth in the inscribed zone from which a robot may still plan a path out of it, but not out of an obstacle
-_ESCAPE = 0.10
+# as in navfn
+NEUTRAL_COST = 50.0  # of a free cell
+COST_FACTOR = 0.8  # of a cell's cost in the costmap
+_ESCAPE = (
+    0.10  # [m] how deep in the inscribed zone, but not in an obstacle, a robot may be and still plan a path out of it
+)
 _SPACING = 0.05  # [m] between a plan's poses
 # a costmap's costs
 LETHAL = 254
@@ -64,7 +66,7 @@ class Costmap:
 def static_costs(data: np.ndarray) -> np.ndarray:
     """Converts occupancy (H, W) int8 to costs (H, W) uint8 as static_layer's interpretValue does.
 
-    As without `trinary_costmap`, paths cross soft borders (occupancy below 100) only if there is no other path.
+    As in a static_layer without `trinary_costmap`, paths cross soft borders (occupancy below 100) only if they must.
     """
     table = np.full(256, NO_INFORMATION, np.uint8)  # includes -1, which is 255 as unsigned
     table[: OCCUPIED + 1] = np.arange(OCCUPIED + 1) / OCCUPIED * LETHAL
@@ -86,7 +88,7 @@ def inflate(static: np.ndarray, distance: np.ndarray, radius: float, inflation: 
 
 
 class Planner:
-    """Plans paths on one costmap. It stores the search from the last start, so further goals from there are fast."""
+    """Plans paths on one costmap. It keeps the search from the last start, so that more goals from there are fast."""
 
     def __init__(self, costmap: Costmap) -> None:
         self.costmap = costmap
@@ -118,7 +120,7 @@ class Planner:
             nodes.append(int(predecessors[nodes[-1]]))
         cells = np.column_stack(np.unravel_index(nodes[::-1], costs.shape))
         centers = self._grid.cell_to_world(self._simplify(cells, costs))
-        # the exact start and end replace the centres of their cells, or precede the first if it is another cell
+        # the exact start and end replace their cells' centres; a start in another cell than the first precedes that
         is_near_first = np.allclose(centers[0], start, atol=self._grid.resolution)
         between = centers[1:-1] if is_near_first else np.vstack([centers[:1], centers[1:-1]])
         path = np.vstack([start, between, end])
@@ -143,8 +145,8 @@ class Planner:
         cell = self._cell(start, "start")
         if self._free[cell]:
             return cell
-        # A robot may be in the inscribed zone through a localisation error. It may plan a path out of it (move_base
-        # frees only the robot's own cell), but not across an obstacle or border, nor if its centre is in one.
+        # A robot may be in the inscribed zone because of a localisation error. It may plan a path out of that zone,
+        # where move_base frees only the robot's own cell. The path must not start in or cross an obstacle or border.
         nearest, position = nearest_cell(self._grid, self._free, start, _ESCAPE)
         cells = self._grid.world_to_cell(np.linspace(start, position, 16))
         if nearest is not None and (self.costmap.costs[tuple(cells.T)] != LETHAL).all():

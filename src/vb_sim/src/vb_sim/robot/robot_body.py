@@ -19,7 +19,9 @@ def advance(pose: Pose, distance: float, turn: float) -> Pose:
     # the chord of the arc; exact even if `turn` is 0
     chord = distance * float(np.sinc(turn / 2.0 / math.pi))
     mean_yaw = yaw + turn / 2.0
-    return x + chord * math.cos(mean_yaw), y + chord * math.sin(mean_yaw), geometry.wrap_angle(yaw + turn)
+    x += chord * math.cos(mean_yaw)
+    y += chord * math.sin(mean_yaw)
+    return x, y, geometry.wrap_angle(yaw + turn)
 
 
 def approach_value(value: float, target: float, faster: float, slower: float) -> float:
@@ -68,14 +70,15 @@ class RobotBody:
         pose = advance(self.pose, distance, turn)
         gap = self._clearance(pose[0], pose[1])
         # a robot that touches an obstacle may still back away from it
-        if gap < self._radius and gap < self._clearance(self.pose[0], self.pose[1]) + 1e-9 and distance != 0.0:
+        is_pushing = gap < self._radius and gap < self._clearance(self.pose[0], self.pose[1]) + 1e-9
+        if is_pushing and distance != 0.0:
             if not self._touching:
                 self.collisions += 1
             self._touching = True
             speed = distance = 0.0
             pose = advance(self.pose, 0.0, turn)
         elif gap > self._radius + 0.02:
-            # the distance ensures that repeated pushing against an obstacle counts as one collision
+            # because of the extra distance, a robot that pushes repeatedly against an obstacle collides only once
             self._touching = False
         self.pose = pose
         self.velocity = (speed, turn_rate)
@@ -107,7 +110,7 @@ class RobotBody:
 
     # ------------------------------------------------------------ localisation
     def _update_error(self, dt: float) -> None:
-        # Ornstein-Uhlenbeck process; constant while the robot stands, since AMCL updates only on motion
+        # an Ornstein-Uhlenbeck process; constant while the robot stands, because AMCL updates only when it moves
         share = dt / self._correlation_time
         change = self._sigmas * math.sqrt(2.0 * share) * self._rng.standard_normal(3)
         self._error = self._error * (1.0 - share) + change
