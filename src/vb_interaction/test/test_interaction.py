@@ -96,7 +96,7 @@ def test_only_cancel_ends_an_interaction(before, command):
     else:
         assert record is None
         assert interaction.interaction_id == identity
-        assert interaction.missing() == [part for part in missing if command != f"define_{part}"]
+        assert interaction.missing_parts() == [part for part in missing if command != f"define_{part}"]
 
 
 @for_all_commands_in_all_situations

@@ -163,7 +163,7 @@ def test_one_misheard_word_changes_no_map_and_releases_no_stop(before, command, 
 def test_one_misheard_word_loses_nothing_drawn(before, command, laser_on):
     interaction = interaction_after_mishearing(before, command, laser_on)
     assert interaction.interaction_id
-    assert set(interaction.missing()) <= set(interaction_after(before).missing())
+    assert set(interaction.missing_parts()) <= set(interaction_after(before).missing_parts())
 
 
 @for_all_words
