@@ -89,13 +89,10 @@ class PreviewScheduler:
     """Decides when the next preview is due.
 
     It uses wall time, because it limits the share of the computer's time that previews take.
-
-    Attributes:
-        shown: the inputs of the last preview.
     """
 
     def __init__(self) -> None:
-        self.shown: Optional[PreviewInputs] = None
+        self.shown: Optional[PreviewInputs] = None  # the inputs of the last preview
         self._not_before = float("-inf")
         self._retry_at: Optional[float] = None
 
@@ -185,13 +182,11 @@ class PreviewPublisher:
 
     def is_doubtful(self, interaction_id: str) -> bool:
         """Returns whether a save should be confirmed, because the preview has issues or the drawing has warnings."""
-        if not interaction_id:
-            return False
         with self._condition:
             shown = self._shown
             can_save = shown.interaction_id == interaction_id and shown.available and shown.success
-            has_issues = can_save and bool(shown.issues)
-            return has_issues or bool(self._warnings.all)
+            has_doubts = bool(can_save and shown.issues) or bool(self._warnings.all)
+            return interaction_id != "" and has_doubts
 
     def fetch_border_to_save(self, interaction_id: str) -> VirtualBorder:
         """Returns the border that was previewed. Fetches the drawn border if there is no preview, or more was drawn since.
@@ -249,10 +244,7 @@ class PreviewPublisher:
 def _make_preview(
     inputs: PreviewInputs, reason: Notice, checked: Optional[Tuple[VirtualBorder, PreviewBorderArrayResponse]]
 ) -> NumpyBorderPreview:
-    """Makes the message of a preview from a border and the map integrator's answer about it.
-
-    If there is no border, the preview is empty and contains the reason.
-    """
+    """Makes a preview's message from a border and the map integrator's answer, or else an empty one with the reason."""
     preview = NumpyBorderPreview(interaction_id=inputs.interaction_id)
     preview.header.stamp = rospy.Time.now()
     preview.header.frame_id = names.MAP_FRAME

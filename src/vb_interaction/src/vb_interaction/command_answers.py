@@ -16,16 +16,12 @@ _MAX_ANSWERS = 64  # more commands than a person gives within the seconds in whi
 
 @dataclass(frozen=True)
 class Answer:
-    """The answer to a command: whether it succeeded, and the code and values of the sentence for the person.
-
-    Attributes:
-        fallback: the English sentence of another node, used if the catalogue does not have its code.
-    """
+    """The answer to a command: whether it succeeded, and the code and values of the sentence for the person."""
 
     success: bool
     code: str
     values: Mapping[str, str] = field(default_factory=dict)
-    fallback: str = ""
+    fallback: str = ""  # the English sentence of another node, used if the catalogue does not have the code
 
     @property
     def message(self) -> str:

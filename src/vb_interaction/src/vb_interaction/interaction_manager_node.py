@@ -82,9 +82,6 @@ class InteractionManagerNode:
         /virtual_borders/undo_redo (vb_msgs/UndoRedo): on `undo` and `redo`.
         /virtual_borders/list_borders (vb_msgs/ListBorders): before and after undo and redo.
         /virtual_borders/preview_border (vb_msgs/PreviewBorder): for the preview, from a separate thread.
-
-    Args:
-        params: see config/interaction_manager.yaml.
     """
 
     def __init__(self, params: ManagerParams) -> None:
@@ -189,15 +186,9 @@ class InteractionManagerNode:
                 # not recorded, so that only the person who gave the command gets this answer
                 answer = Answer(False, "expired", {"command": words_of_name(phrase)})
             else:
-                answer = interaction.command(
-                    command,
-                    request.source,
-                    now,
-                    uncertain=request.uncertain,
-                    doubtful_border=self._preview_publisher.is_doubtful(interaction.interaction_id),
-                    confirms=phrase in ANSWERS,
-                    seen_stop=request.seen_stop,
-                )
+                is_doubtful = self._preview_publisher.is_doubtful(interaction.interaction_id)
+                doubts = {"uncertain": request.uncertain, "doubtful_border": is_doubtful, "confirms": phrase in ANSWERS}
+                answer = interaction.command(command, request.source, now, seen_stop=request.seen_stop, **doubts)
             is_delegated = answer.success and COMMANDS[command].is_delegated
             interaction_id = interaction.interaction_id
             # a save usually has its final answer before the next state is due

@@ -39,8 +39,7 @@ class Connection(Parameters):
 def read_connection(path: Path) -> Connection:
     """Reads a YAML file, and makes it readable by its owner only. If there is no file, the default settings apply.
 
-    Raises:
-        CodedError: "mqtt_file_bad", "bad_parameter", "file_not_private".
+    Raises CodedError "mqtt_file_bad", "bad_parameter" or "file_not_private".
     """
     try:
         if not path.exists():

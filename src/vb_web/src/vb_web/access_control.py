@@ -51,8 +51,7 @@ def _new_code() -> str:
 def load_codes(path: Path) -> Dict[str, str]:
     """Reads the codes of "viewer" and "operator" from a file that only its owner can read. Creates it if needed.
 
-    Raises:
-        CodedError: "page_codes_bad" if it is unusable, "cannot_write" if it cannot be created.
+    Raises CodedError "page_codes_bad" if the file is unusable, "cannot_write" if it cannot be created.
     """
     names = ("viewer", "operator")
     try:
@@ -95,8 +94,7 @@ class Sessions:
         self._on_fault = on_fault
         self._roles = {_digest(normalize_code(code)): Role[name.upper()] for name, code in codes.items()}
         self._lock = threading.Lock()
-        # by session: the digest of the code that opened it, and the time of opening [s]
-        self._open: Dict[str, Tuple[str, float]] = {}
+        self._open: Dict[str, Tuple[str, float]] = {}  # by session: the digest of its code, the time of opening [s]
         # if the file is damaged, everybody logs in again
         with contextlib.suppress(OSError, ValueError, TypeError, AttributeError):
             if path is not None and path.exists():
@@ -176,9 +174,8 @@ class ConnectionSlots:
         counts = Counter(holder for names in self._holders.values() for holder in names)
         shares = {peer: max(counts[holder] for holder in names) for peer, names in self._holders.items()}
         largest = [peer for peer, share in shares.items() if share == max(shares.values())]
-        candidates = largest
-        if not self._yields:
-            candidates = [peer for peer in largest if set(self._holders[peer]) & set(holders)] or largest
+        own = [peer for peer in largest if set(self._holders[peer]) & set(holders)]
+        candidates = own if own and not self._yields else largest
         displaced = candidates[0]
         self.release(displaced)
         return displaced

@@ -29,8 +29,7 @@ _ID = re.compile(r"[0-9A-Za-z_.:-]{1,64}")
 _ROBOT = re.compile(r"[A-Za-z][A-Za-z0-9_/]{0,63}")  # a namespace
 
 Bounds = Tuple[Sequence[float], Sequence[float]]  # [m] the map's lowest and highest x and y
-# checks a value; returns the converted value, or raises an error with the field's name
-FieldCheck = Callable[[Any, str, Optional[Bounds]], Any]
+FieldCheck = Callable[[Any, str, Optional[Bounds]], Any]  # converts a valid value, or raises with the field's name
 
 
 @dataclass(frozen=True)
@@ -80,12 +79,8 @@ def _choice(*allowed: str) -> FieldCheck:
 
 
 def _pattern(pattern: "re.Pattern[str]", empty: bool = False) -> FieldCheck:
-    def matches(value: Any) -> bool:
-        if not isinstance(value, str):
-            return False
-        return empty if not value else bool(pattern.fullmatch(value))
-
-    return _make_check(matches)
+    allowed = re.compile(f"({pattern.pattern})?") if empty else pattern
+    return _make_check(lambda value: isinstance(value, str) and allowed.fullmatch(value))
 
 
 def _number(low: float, high: float) -> FieldCheck:
@@ -152,10 +147,9 @@ ACTIONS: Dict[str, Dict[str, FieldCheck]] = {
 
 
 def parse(text: Any) -> Tuple[str, Dict[str, Any]]:
-    """Parses a browser's message, which is JSON of at most MAX_BYTES. Returns the request's id and its unchecked fields.
+    """Parses a message, JSON of at most MAX_BYTES. Returns the request's id and its unchecked fields.
 
-    Raises:
-        CodedError: "page_bad_request" with the field's name.
+    Raises CodedError "page_bad_request" with the field's name.
     """
     if not isinstance(text, str) or len(text.encode("utf-8", "replace")) > MAX_BYTES:
         raise _bad_field("message")
@@ -172,8 +166,7 @@ def parse(text: Any) -> Tuple[str, Dict[str, Any]]:
 def check(request_id: str, fields: Dict[str, Any], bounds: Optional[Bounds]) -> ActionRequest:
     """Checks the fields that `parse` returned. `bounds` are those of the map, or None as long as there is no map.
 
-    Raises:
-        CodedError: "page_bad_request" with the field's name, "page_no_map".
+    Raises CodedError "page_bad_request" with the field's name, or "page_no_map".
     """
     action = fields.pop("do", None)
     if not isinstance(action, str) or action not in ACTIONS:

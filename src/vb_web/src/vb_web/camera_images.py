@@ -26,8 +26,7 @@ _FLOOR_LIFETIME = 5.0  # [s] for which all browsers get the same image of the fl
 def to_bgr(message: Union[Image, CompressedImage]) -> np.ndarray:
     """Converts an image message to (H, W, 3) bgr uint8.
 
-    Raises:
-        CodedError: "bad_image", or "unknown_encoding" for an image that is not a picture, such as depth.
+    Raises CodedError "bad_image", or "unknown_encoding" for an image that is not a picture, such as depth.
     """
     return decode(message, PixelReader()).bgr()
 
@@ -76,8 +75,7 @@ class CameraImages:
             if self._floor is None or time.monotonic() - self._floor_at > _FLOOR_LIFETIME:
                 grid = self._find_map()
                 images = [image for image in map(self._receive, self._cameras) if image is not None]
-                can_draw = grid is not None and images
-                self._floor = page_images.draw_floor(grid, images).encoded if can_draw else None
+                self._floor = page_images.draw_floor(grid, images).encoded if grid is not None and images else None
                 # if a camera is missing, it may be about to start: the next request draws the image again
                 is_complete = len(images) == len(self._cameras)
                 self._floor_at = time.monotonic() if is_complete else -1e9

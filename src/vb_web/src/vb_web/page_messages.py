@@ -1,7 +1,6 @@
 """Converts messages to sections of the page's view, and the page's drafts to messages. Needs the messages, but no node.
 
-Lengths are in metres. Only chains and points are sent in whole centimetres, as [x0, y0, x1, y1, ...]: this is compact,
-and finer than a laser spot.
+Lengths are in metres, but chains and points are compact lists of whole centimetres, [x0, y0, x1, y1, ...].
 """
 
 from __future__ import annotations

@@ -75,8 +75,6 @@ class PageNode:
         /virtual_borders/update_border (vb_msgs/UpdateBorder), /virtual_borders/remove_border (vb_msgs/RemoveBorder)
         /virtual_borders/rename_border (vb_msgs/RenameBorder), /virtual_borders/send_robot (vb_msgs/SendRobot)
         /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled), /virtual_borders/undo_redo (vb_msgs/UndoRedo)
-    Parameters:
-        config/page.yaml
     """
 
     def __init__(self, params: PageParams) -> None:
@@ -96,8 +94,7 @@ class PageNode:
         self._is_drawing = False
         self._state_at = time.monotonic()
         self._spots: Dict[str, Any] = {}  # each camera's newest spot
-        # a period, because the notices of a node that has fallen silent expire without a message
-        self._notices_timer = node.WakeTimer(_HEALTH_PERIOD)
+        self._notices_timer = node.WakeTimer(_HEALTH_PERIOD)  # the notices of a silent node expire without a message
         self._notices = NoticeListener(self._notices_timer.set)
         self._cameras: Dict[str, _ReceivedEntry] = {}
         self._detectors: Dict[str, str] = {}  # namespaces by camera
@@ -136,15 +133,12 @@ class PageNode:
             self._codes = load_codes(codes_file)
             sessions = Sessions(self._codes, sessions_file, partial(rospy.logwarn, "%s: %s", rospy.get_name()))
             hint = f"; its codes are in {codes_file}"
+
+        def on_fault(_error: BaseException) -> None:
+            node.shut_down_with_error(CodedError("internal_error"))
+
         self._server = PageServer(
-            params,
-            sessions,
-            self._view,
-            self._images,
-            self._actions,
-            self._camera_images,
-            self._find_bounds,
-            on_fault=lambda _error: node.shut_down_with_error(CodedError("internal_error")),
+            params, sessions, self._view, self._images, self._actions, self._camera_images, self._find_bounds, on_fault
         )
         self._server.start()
         self._addresses = page_urls(params, self._server.port, _own_addresses())
@@ -197,8 +191,7 @@ class PageNode:
         if posterior is not None and posterior.same_geometry(prior):
             restricted = page_images.draw_restricted(prior, posterior)
             self._images.put("restricted", restricted)
-        has_floor_image = bool(self._params.cameras)
-        self._view.put("map", page_images.map_section(prior, base, restricted, has_floor_image))
+        self._view.put("map", page_images.map_section(prior, base, restricted, floor=bool(self._params.cameras)))
 
     def _show_capabilities(self) -> None:
         """Shows what the connected robots can do. Browsers get a null section once that is no longer known."""
@@ -290,8 +283,7 @@ class PageNode:
         for robot, frame in self._base_frames.items():
             pose = self._transforms.pose_on_map(frame, _SILENCE_TIMEOUT)
             if pose is not None:
-                # rounded, so that a robot that stands still is reported only once
-                poses[robot] = [json_number(value, 2) for value in pose]
+                poses[robot] = [json_number(value, 2) for value in pose]  # a robot that stands still is reported once
         self._view.put("robots", poses)
 
     def _show_health(self) -> None:
@@ -325,7 +317,6 @@ class PageNode:
 
 
 def _index_borders(message: Optional[VirtualBorderArray]) -> Dict[str, VirtualBorder]:
-    """Returns the borders of a message by their ids; none if there is no message yet."""
     return {border.id: border for border in message.borders} if message is not None else {}
 
 

@@ -138,11 +138,7 @@ class PageServer:
         }
 
     def start(self) -> None:
-        """Starts the thread and waits until it listens.
-
-        Raises:
-            CodedError: "page_no_address" if the address or port is not available.
-        """
+        """Starts the thread and waits until it listens. Raises CodedError "page_no_address" if the port is not free."""
         self._thread.start()
         try:
             self.port = self._started.result()
@@ -180,8 +176,15 @@ class PageServer:
         if certificate is not None:
             context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
             context.load_cert_chain(*map(str, certificate))
+        application = web.Application(
+            http_handlers.routes(self),
+            log_function=lambda _handler: None,
+            websocket_max_message_size=action_parser.MAX_BYTES,
+            websocket_ping_interval=15,
+            websocket_ping_timeout=45,
+        )
         server = _BoundedServer(
-            self._application(),
+            application,
             page=self,
             ssl_options=context,
             max_header_size=16384,
@@ -200,15 +203,6 @@ class PageServer:
         for browser in list(self.browsers):
             browser.close(1001)
         await asyncio.sleep(0.05)
-
-    def _application(self) -> web.Application:
-        return web.Application(
-            http_handlers.routes(self),
-            log_function=lambda _handler: None,
-            websocket_max_message_size=action_parser.MAX_BYTES,
-            websocket_ping_interval=15,
-            websocket_ping_timeout=45,
-        )
 
     def _announce(self) -> None:
         """Wakes the tasks that send the view to browsers, because it has changed."""
