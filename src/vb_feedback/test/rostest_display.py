@@ -204,7 +204,7 @@ class DisplayTest(unittest.TestCase):
             self.assertIn(sentences.translate("no_screen"), run.stdout)
             view = yaml.safe_load((Path(folder) / "config").read_text())["Visualization Manager"]["Views"]["Current"]
             self.assertIn("__name:=display", (Path(folder) / "arguments").read_text())
-        layout = fit_view(Rectangle.around(self.grid.corners()), 16 / 9)
+        layout = fit_view(Rectangle.from_points(self.grid.corners()), 16 / 9)
         self.assertAlmostEqual(view["Scale"], 1280 / layout.view.width, 1)
         self.assertAlmostEqual(view["X"], layout.view.center[0], 2)
 

@@ -28,7 +28,7 @@ def text_boxes(shapes):
         if shape.kind == TEXT:
             boxes.append(text_box(shape.text, x, y, shape.size[0]))
         elif shape.kind == PLATE:
-            boxes.append(Rectangle.centered(x, y, *shape.size))
+            boxes.append(Rectangle.from_center(x, y, *shape.size))
     return boxes
 
 
@@ -139,7 +139,7 @@ def test_rviz_is_asked_for_the_letters(tmp_path):
     assert "code_points" not in (fonts / "f.fontdef").read_text()
 
 
-boxes = st.builds(Rectangle.centered, st.floats(-5, 15), st.floats(-5, 12), st.floats(0.5, 1.5), st.floats(0.2, 0.5))
+boxes = st.builds(Rectangle.from_center, st.floats(-5, 15), st.floats(-5, 12), st.floats(0.5, 1.5), st.floats(0.2, 0.5))
 
 
 @settings(max_examples=40, deadline=None)
@@ -157,13 +157,13 @@ def test_labels_lie_on_the_map_and_not_on_each_other(wanted):
 
 def test_labels_that_are_wanted_at_one_place_find_room():
     # five at the edge, and a flat one, which has to move farther than its own height
-    tall, flat = Rectangle.centered(0.0, 0.0, 1.0, 0.5), Rectangle.centered(0.0, 0.0, 1.0, 0.2)
+    tall, flat = Rectangle.from_center(0.0, 0.0, 1.0, 0.5), Rectangle.from_center(0.0, 0.0, 1.0, 0.2)
     placed = place_labels([*[tall] * 5, flat], Rectangle(0.0, 0.0, 8.0, 6.0))
     assert not any(a.overlaps(b) for a, b in itertools.combinations(placed, 2))
     # the last one fits into the column only exactly
     narrow = Rectangle(0.0, 0.0, 1.0, 2.0)
-    column = [Rectangle.centered(0.5, y, 1.0, 0.5) for y in (0.25, 1.25, 1.75)]
-    *others, last = place_labels([*column, Rectangle.centered(0.5, 1.9, 1.0, 0.4)], narrow)
+    column = [Rectangle.from_center(0.5, y, 1.0, 0.5) for y in (0.25, 1.25, 1.75)]
+    *others, last = place_labels([*column, Rectangle.from_center(0.5, 1.9, 1.0, 0.4)], narrow)
     assert not any(last.overlaps(other) for other in others)
     assert last.center[1] == pytest.approx(0.75, abs=0.06)
 

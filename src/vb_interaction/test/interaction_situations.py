@@ -49,4 +49,4 @@ def command_knowing_stops(interaction, said, source, now, **more) -> Answer:
 
 def drawing_of(interaction):
     """Returns what must not get lost: the interaction's id, its state, and the parts of the border not begun yet."""
-    return interaction.interaction_id, interaction.state, interaction.missing()
+    return interaction.interaction_id, interaction.state, interaction.missing_parts()

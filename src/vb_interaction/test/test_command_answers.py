@@ -66,9 +66,8 @@ def rug(**changes):
 
 
 RUG, OFF, BED = rug(), rug(enabled=False), VirtualBorder(id="b2", name="Bed", enabled=True)
-IDLE = VirtualBorder(
-    id="b2", name="Bed", enabled=True, reason="inactive_on_this_map"
-)  # the reason that the map integrator fills in
+# with a reason, which the map integrator fills in
+IDLE = VirtualBorder(id="b2", name="Bed", enabled=True, reason="inactive_on_this_map")
 
 
 @pytest.mark.parametrize(

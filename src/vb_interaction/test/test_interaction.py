@@ -96,7 +96,7 @@ def test_only_cancel_ends_an_interaction(before, command):
     else:
         assert record is None
         assert interaction.interaction_id == identity
-        assert interaction.missing() == [part for part in missing if command != f"define_{part}"]
+        assert interaction.missing_parts() == [part for part in missing if command != f"define_{part}"]
 
 
 @for_all_commands_in_all_situations
@@ -251,13 +251,14 @@ def test_durations_add_up_to_the_time_passed_in_each_state(steps):
         if interaction.pending:
             now += 1.5
             spent[before] += 1.5
-            interaction.finish_pending(Answer(accepted, "saved" if accepted else "busy"), now, "b" if accepted else "")
-        wanted = {state: pytest.approx(spent[state]) for state in (GUIDE, BORDER, SEED)}
-        assert interaction.durations(now) == wanted
+            code, border_id = ("saved", "b") if accepted else ("busy", "")
+            interaction.finish_pending(Answer(accepted, code), now, border_id)
+        expected = {state: pytest.approx(spent[state]) for state in (GUIDE, BORDER, SEED)}
+        assert interaction.durations(now) == expected
         record = interaction.take_record()
         assert (record is not None) == (before != DEFAULT and interaction.state == DEFAULT)
         if record:
-            assert [record.guide_s, record.border_s, record.seed_s] == list(wanted.values())
+            assert [record.guide_s, record.border_s, record.seed_s] == list(expected.values())
             assert record.total_s == pytest.approx(record.guide_s + record.border_s + record.seed_s)
             assert_fields(record, started=began, ended=now)
         if interaction.state != DEFAULT:

@@ -15,13 +15,13 @@ ADDRESSES = {"hub": "hub:1883", "hub:1884": "hub:1884", "[fd00::5]": "fd00::5:18
 
 
 def connect(port, connection=None, received=None, faults=None):
-    def take(topic, payload, retained):
+    def store(topic, payload, retained):
         if payload == b"raise":
             raise ValueError("a fault")
         received.append((topic, payload, retained))
 
     on_fault = print if faults is None else faults.append
-    handlers = {"lab/command": take}
+    handlers = {"lab/command": store}
     broker = MqttClient(f"127.0.0.1:{port}", connection or Connection(), "lab", WILL, handlers, on_fault)
     broker.put(WILL[0], b"online")
     broker.start()
@@ -35,32 +35,45 @@ def server(tmp_path):
     server.kill()
 
 
-def test_a_restarted_broker_gets_the_newest_states_only(server):
-    broker, hub = connect(server.port), Hub(server.port)
-    broker.put("lab/state", b"one")
-    wait_until(lambda: hub.messages.get("lab/state") == b"one" and hub.messages.get(WILL[0]) == b"online", "the state")
-    broker.send("lab/answer", b"1")
-    wait_until(lambda: hub.messages.get("lab/answer") == b"1", "the answer")
+def wait_for(hub, topic, payload):
+    """Waits until this is the newest message that the hub got on a topic."""
+    wait_until(lambda: hub.messages.get(topic) == payload, f"{payload} on {topic}")
+
+
+def test_a_hub_gets_states_and_answers_and_the_will_at_the_end(server):
+    client, hub = connect(server.port), Hub(server.port)
+    client.put("lab/state", b"one")
+    wait_for(hub, "lab/state", b"one")
+    wait_for(hub, WILL[0], b"online")
+    client.send("lab/answer", b"1")
+    wait_for(hub, "lab/answer", b"1")
+    client.close()
+    wait_for(hub, WILL[0], b"offline")
+    hub.close()
+
+
+def test_a_restarted_broker_gets_only_the_newest_states(server):
+    client, hub = connect(server.port), Hub(server.port)
+    client.put("lab/state", b"old")
+    wait_for(hub, "lab/state", b"old")
     server.kill()
-    wait_until(lambda: not broker.connected, "the loss to be noticed")
+    wait_until(lambda: not client.connected, "the loss to be noticed")
     for number in range(50):
-        broker.put("lab/state", b"%d" % number)
-    broker.put("lab/gone", b"x")
-    broker.put("lab/gone", b"")
-    broker.send("lab/answer", b"2")
+        client.put("lab/state", b"%d" % number)
+    client.put("lab/gone", b"x")
+    client.put("lab/gone", b"")
+    client.send("lab/answer", b"lost")
     hub.messages.clear()
     del hub.heard[:]
     server.start()
-    for topic, payload in (("lab/state", b"49"), (WILL[0], b"online")):
-        wait_until(lambda: hub.messages.get(topic) == payload, f"the newest {topic}")  # noqa: B023
-    wait_until(lambda: broker.connected, "the connection")
-    broker.send("lab/answer", b"3")
-    wait_until(lambda: hub.messages.get("lab/answer") == b"3", "an answer")
-    assert {payload for topic, payload in hub.heard if topic in ("lab/state", "lab/answer")} == {b"49", b"3"}
+    wait_for(hub, "lab/state", b"49")
+    wait_for(hub, WILL[0], b"online")
+    client.send("lab/answer", b"new")
+    wait_for(hub, "lab/answer", b"new")
+    assert {payload for topic, payload in hub.heard if topic == "lab/state"} == {b"49"}
+    assert {payload for topic, payload in hub.heard if topic == "lab/answer"} == {b"new"}
     assert "lab/gone" not in hub.messages
-    # the hub learns at once that the process has ended
-    broker.close()
-    wait_until(lambda: hub.messages.get(WILL[0]) == b"offline", "the farewell")
+    client.close()
     hub.close()
 
 
@@ -68,14 +81,14 @@ def test_retained_commands_are_marked_and_faults_reported(server):
     hub = Hub(server.port)
     hub.send("lab/command", b"kept", retain=True).wait_for_publish(5.0)
     received, faults = [], []
-    broker = connect(server.port, received=received, faults=faults)
-    wait_until(lambda: received == [("lab/command", b"kept", True)], "what was kept")
+    client = connect(server.port, received=received, faults=faults)
+    wait_until(lambda: received == [("lab/command", b"kept", True)], "the retained command")
     hub.send("lab/command", b"raise")
     hub.send("lab/command", b"new")
-    wait_until(lambda: received[1:] == [("lab/command", b"new", False)], "what comes after a fault")
+    wait_until(lambda: received[1:] == [("lab/command", b"new", False)], "the command after the fault")
     assert [str(fault) for fault in faults] == ["a fault"]
     hub.close()
-    broker.close()
+    client.close()
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +106,7 @@ def authority(tmp_path_factory):
 
 
 @pytest.fixture
-def guarded(tmp_path, authority):
+def guarded_server(tmp_path, authority):
     """A broker with TLS that requires a password."""
     passwords = tmp_path / "passwords"
     run_command("mosquitto_passwd", "-b", "-c", passwords, "home", "secret", check=True)
@@ -103,35 +116,36 @@ def guarded(tmp_path, authority):
     server.kill()
 
 
-def test_the_connection_can_use_tls_and_a_password(guarded, authority):
+def test_the_connection_can_use_tls_and_a_password(guarded_server, authority):
     credentials = {"tls": True, "ca_file": str(authority / "ca.crt"), "username": "home"}
-    broker = connect(guarded.port, Connection(password="secret", **credentials))
+    client = connect(guarded_server.port, Connection(password="secret", **credentials))
 
-    def secure(client):
-        client.tls_set(credentials["ca_file"])
-        client.username_pw_set("home", "secret")
+    def log_in(hub_client):
+        hub_client.tls_set(credentials["ca_file"])
+        hub_client.username_pw_set("home", "secret")
 
-    hub = Hub(guarded.port, setup=secure)
-    wait_until(lambda: hub.messages.get(WILL[0]) == b"online", "the availability")
+    hub = Hub(guarded_server.port, setup=log_in)
+    wait_for(hub, WILL[0], b"online")
     hub.close()
-    broker.close()
-    refused = connect(guarded.port, Connection(password="wrong", **credentials))
-    wait_until(lambda: refused.trouble, "a refusal")
-    assert "authori" in refused.trouble.lower()
-    assert not refused.connected
-    refused.close()
+    client.close()
+    rejected_client = connect(guarded_server.port, Connection(password="wrong", **credentials))
+    wait_until(lambda: rejected_client.trouble, "the refusal")
+    assert "authori" in rejected_client.trouble.lower()
+    assert not rejected_client.connected
+    rejected_client.close()
 
 
 @pytest.mark.parametrize("host, ca_file", [("127.0.0.1", "other.crt"), ("127.0.0.1", ""), ("localhost", "ca.crt")])
-def test_an_untrusted_broker_gets_no_password(guarded, authority, host, ca_file):
-    tried = []
-    connection = Connection(username="home", password="secret", tls=True, ca_file=ca_file and str(authority / ca_file))
-    broker = MqttClient(f"{host}:{guarded.port}", connection, "lab", WILL, {}, tried.append)
-    broker._client.on_connect_fail = lambda *_: tried.append(True)
-    broker.start()
-    wait_until(lambda: len(tried) > 1, "two tries")
-    assert not broker.connected
-    broker.close()
+def test_an_untrusted_broker_gets_no_password(guarded_server, authority, host, ca_file):
+    failures = []
+    ca_path = str(authority / ca_file) if ca_file else ""
+    connection = Connection(username="home", password="secret", tls=True, ca_file=ca_path)
+    client = MqttClient(f"{host}:{guarded_server.port}", connection, "lab", WILL, {}, failures.append)
+    client._client.on_connect_fail = lambda *_: failures.append(True)
+    client.start()
+    wait_until(lambda: len(failures) > 1, "two failures")
+    assert not client.connected
+    client.close()
 
 
 def test_only_its_owner_can_read_the_password_file(tmp_path):

@@ -170,7 +170,7 @@ def test_a_command_understood_late_is_uncertain(certain, end, uncertain):
 STEP = CHUNK / RATE
 
 
-def spoken_at(spans, faint=()):
+def detector_of(spans, faint=()):
     """Returns a speech detector that is sure of speech in `spans`, [(start, end) s], and doubts that in `faint`."""
     count = itertools.count()
 
@@ -184,9 +184,9 @@ def spoken_at(spans, faint=()):
     return probability
 
 
-def cut(spans, total, size=RATE // 20, faint=()):
+def cut_utterances(spans, total, size=RATE // 20, faint=()):
     """Returns the utterances of a stream of `total` seconds, pushed in pieces of `size` samples."""
-    endpointer = Endpointer(spoken_at(spans, faint))
+    endpointer = Endpointer(detector_of(spans, faint))
     pcm = (np.arange(int(total * RATE)) % 30000).astype(np.int16)  # each sample's value is its position
     return [speech for start in range(0, len(pcm), size) for speech in endpointer.push(pcm[start : start + size])]
 
@@ -194,16 +194,17 @@ def cut(spans, total, size=RATE // 20, faint=()):
 @pytest.mark.parametrize("size", [37, 511, 512, 513, 4000, 100000])
 def test_speech_is_cut_where_it_is_whatever_the_size_of_the_pieces(size):
     spans = [(1.0, 1.6), (2.5, 3.5)]
-    utterances = cut(spans, 5.0, size=size)
+    utterances = cut_utterances(spans, 5.0, size=size)
     np.testing.assert_allclose([(speech.start, speech.end) for speech in utterances], spans, atol=STEP)
     for speech in utterances:
-        assert len(speech.pcm) / RATE == pytest.approx(speech.end - speech.start + 0.4, abs=2 * STEP)
-        begin = int(round(speech.start * RATE)) - int(speech.pcm.size - (speech.end - speech.start) * RATE) // 2
-        assert abs(int(speech.pcm[0]) - begin % 30000) <= 2 * CHUNK
+        padding = len(speech.pcm) / RATE - (speech.end - speech.start)
+        assert padding == pytest.approx(0.4, abs=2 * STEP)
+        first_sample = int((speech.start - padding / 2.0) * RATE)
+        assert abs(int(speech.pcm[0]) - first_sample % 30000) <= 2 * CHUNK
 
 
 def test_long_speech_is_reported_once_and_a_pause_ends_it():
-    utterances = cut([(1.0, 5.0), (6.0, 6.5)], 7.5)
+    utterances = cut_utterances([(1.0, 5.0), (6.0, 6.5)], 7.5)
     assert [speech.too_long for speech in utterances] == [True, False]
     # no more than this much speech and its padding is kept
     assert len(utterances[0].pcm) <= (MAX_UTTERANCE + 0.5) * RATE
@@ -218,7 +219,7 @@ def test_long_speech_is_reported_once_and_a_pause_ends_it():
     ],
 )
 def test_a_click_is_no_utterance_and_a_short_pause_ends_none(spans, faint, total, expected):
-    utterances = [(speech.start, speech.end) for speech in cut(spans, total, faint=faint)]
+    utterances = [(speech.start, speech.end) for speech in cut_utterances(spans, total, faint=faint)]
     np.testing.assert_allclose(np.reshape(utterances, (-1, 2)), np.reshape(expected, (-1, 2)), atol=STEP)
 
 

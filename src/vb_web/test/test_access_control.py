@@ -35,7 +35,7 @@ def test_a_file_of_codes_that_protects_nothing_is_refused(tmp_path, change):
         load_codes(path)
 
 
-def test_codes_are_taken_as_people_type_them():
+def test_codes_are_accepted_as_people_type_them():
     sessions = Sessions(CODES)
     assert sessions.find(sessions.open(" OPER at 33"))[0] == Role.OPERATOR
     assert sessions.open("oper-at3") is sessions.open("") is None
@@ -105,8 +105,8 @@ class Connection:
         return self.ended
 
 
-def filled(slots, *holders):
-    """Returns a connection for each holder, or for several of one connection's, which took a slot one after another."""
+def fill_slots(slots, *holders):
+    """Returns connections that took a slot one after another, each for one holder or for several ("address session")."""
     connections = [Connection() for _ in holders]
     for connection, names in zip(connections, holders):
         displaced = slots.assign_slot(connection, *names.split())
@@ -116,31 +116,34 @@ def filled(slots, *holders):
 
 
 def test_who_holds_the_most_gives_up_a_slot_for_others():
-    connections = filled(ConnectionSlots(10, yields=False), *["attacker"] * 60, "phone", "wall", "attacker")
-    assert [number for number, connection in enumerate(connections) if not connection.ended] == list(range(53, 63))
+    connections = fill_slots(ConnectionSlots(10, yields=False), *["attacker"] * 60, "phone", "wall", "attacker")
+    open_connections = [number for number, connection in enumerate(connections) if not connection.ended]
+    assert open_connections == list(range(53, 63))
 
 
 @pytest.mark.parametrize("holders", [[f"address s{n}" for n in range(30)], [f"a{n} session" for n in range(30)]])
 def test_sessions_and_addresses_of_one_person_count_as_one(holders):
-    connections = filled(ConnectionSlots(10, yields=False), "phone one", *holders, "wall two")
+    connections = fill_slots(ConnectionSlots(10, yields=False), "phone one", *holders, "wall two")
     assert [connections[index].ended for index in (0, -1)] == [False, False]
 
 
 def test_strangers_replace_each_other_but_known_people_stay():
     names = [f"a{number}" for number in range(12)]
-    assert [peer.ended for peer in filled(ConnectionSlots(10, yields=True), *names)] == [True] * 2 + [False] * 10
-    assert [peer.ended for peer in filled(ConnectionSlots(10, yields=False), *names)] == [False] * 10 + [True] * 2
+    strangers = fill_slots(ConnectionSlots(10, yields=True), *names)
+    assert [connection.ended for connection in strangers] == [True] * 2 + [False] * 10
+    known_people = fill_slots(ConnectionSlots(10, yields=False), *names)
+    assert [connection.ended for connection in known_people] == [False] * 10 + [True] * 2
 
 
 def test_a_released_or_closed_slot_is_free():
     slots = ConnectionSlots(2, yields=False)
-    first, second = filled(slots, "a", "b")
+    first, second = fill_slots(slots, "a", "b")
     first.ended = True
     third = Connection()
     assert slots.assign_slot(third, "c") is None
     slots.release(second)
     assert slots.assign_slot(Connection(), "d") is None
-    assert slots.assign_slot(third, "c") is None  # taking it again keeps it
+    assert slots.assign_slot(third, "c") is None  # a connection that has a slot keeps it
 
 
 def test_a_limiter_gives_the_burst_and_then_its_rate():

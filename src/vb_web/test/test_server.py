@@ -327,16 +327,19 @@ def test_one_newcomer_is_let_in_at_each_turn_of_the_loop(local):
     counts = []
     entered, gate, finished = threading.Event(), threading.Event(), threading.Event()
 
-    def look():
+    def count_connections():
         counts.append(len(slots._holders))
-        finished.set() if counts[-1] == 6 else loop.call_soon(look)
+        if counts[-1] < 6:
+            loop.call_soon(count_connections)
+        else:
+            finished.set()
 
-    def stand_still():
+    def block_loop():
         entered.set()
         gate.wait(60.0)
-        look()
+        count_connections()
 
-    loop.call_soon_threadsafe(stand_still)
+    loop.call_soon_threadsafe(block_loop)
     assert entered.wait(60.0)
     with contextlib.ExitStack() as stack:
         for _ in range(6):

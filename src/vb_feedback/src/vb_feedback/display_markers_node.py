@@ -28,8 +28,8 @@ from vb_feedback.ros.display_inputs import DisplayInputs, InputListener
 from vb_msgs.msg import BorderProgress, VirtualBorder
 
 _REFRESH_PERIOD = 2.0  # [s]
-_PERIOD = 0.04  # [s] between redraws: no spot waits longer than one camera frame
-_STRIPE_WIDTH = 0.10  # [m] width of the stripes over restricted areas: visible from 3 m, finer than a doorway
+_PERIOD = 0.04  # [s] between two redraws, so that a spot waits no longer than the time of one camera frame
+_STRIPE_WIDTH = 0.10  # [m] of the stripes over restricted areas, which are visible from 3 m and finer than a doorway
 
 RESTRICTED_TOPIC = "/virtual_borders/display/restricted"
 
@@ -48,19 +48,19 @@ class DisplayMarkersNode:
     """Draws state, text, borders, the drawing and spots as markers, and restricted areas as a grid.
 
     Subscribed topics:
-        /map, /virtual_borders/map (nav_msgs/OccupancyGrid): for the layout, and where borders restrict the map.
+        /map, /virtual_borders/map (nav_msgs/OccupancyGrid): for the layout, and to see where borders restrict the map.
         /virtual_borders/state (vb_msgs/InteractionState)
         /virtual_borders/progress (vb_msgs/BorderProgress)
         /virtual_borders/preview (vb_msgs/BorderPreview): what saving now would do.
         /virtual_borders/borders (vb_msgs/VirtualBorderArray)
         /virtual_borders/spots (vb_msgs/LaserSpot)
         /virtual_borders/notices (vb_msgs/NoticeArray): notices of all nodes.
-        /virtual_borders/robots (vb_msgs/RobotStatusArray): commands that would have no effect are not shown
+        /virtual_borders/robots (vb_msgs/RobotStatusArray): tells which commands have no effect and are not shown
     Published topics:
-        /virtual_borders/markers (visualization_msgs/MarkerArray): only what changed, at most 25 times a second;
-            everything to a new subscriber.
-        /virtual_borders/display/restricted (nav_msgs/OccupancyGrid, latched): stripes where borders
-            restrict the map and where saving now would, in RViz's colour scheme "costmap".
+        /virtual_borders/markers (visualization_msgs/MarkerArray): only the changed markers, at most 25 times a second;
+            all markers to a new subscriber.
+        /virtual_borders/display/restricted (nav_msgs/OccupancyGrid, latched): stripes where borders restrict the map
+            and where saving now would restrict it, in RViz's colour scheme "costmap".
     """
 
     def __init__(self, params: DisplayParams) -> None:
@@ -71,7 +71,7 @@ class DisplayMarkersNode:
         }
         self._lock = threading.Lock()
         self._wake = node.WakeTimer(_REFRESH_PERIOD)
-        self._newcomers: List[Any] = []  # functions that publish to one new subscriber each
+        self._newcomers: List[Any] = []  # for each new subscriber, a function that publishes only to it
         self._grids: Dict[str, GridMap] = {}  # by topic
         # used by the worker only
         self._shown: Dict[scene.Key, scene.Shape] = {}
@@ -93,7 +93,7 @@ class DisplayMarkersNode:
 
     # ------------------------------------------------------------------ inputs
     def _on_subscriber(self, _topic: str, _publish: Any, publish_to_peer: Any) -> None:
-        """Records a new subscriber, so that the worker sends it everything."""
+        """Records a new subscriber, to which the worker then sends all markers."""
         with self._lock:
             self._newcomers.append(publish_to_peer)
         self._wake.set()
@@ -108,10 +108,10 @@ class DisplayMarkersNode:
 
     # ------------------------------------------------------------------ work
     def _redraw(self) -> None:
-        """Draws what has changed, then pauses. Pauses are in wall time: what a screen can show does not depend on simulated time."""
+        """Draws what has changed, then pauses in wall time, because a screen does not depend on simulated time."""
         started = time.monotonic()
         if started - self._refreshed >= _REFRESH_PERIOD:
-            # RViz drops markers in a frame that tf does not know yet, so robots are sent again and again
+            # RViz drops a marker if tf does not know its frame yet, so robots are sent again and again
             self._refreshed = started
             self._shown = {key: shape for key, shape in self._shown.items() if not shape.frame}
         fades = self._draw()
@@ -124,7 +124,7 @@ class DisplayMarkersNode:
         self._wake.close()
 
     def _draw(self) -> bool:
-        """Sends the changed shapes. Returns whether any keeps changing by itself."""
+        """Sends the changed shapes. Returns whether one of them is fading and must be drawn again."""
         with self._lock:
             newcomers = self._newcomers
             self._newcomers = []
@@ -133,7 +133,7 @@ class DisplayMarkersNode:
         restricted = self._grids.get(names.MAP_WITH_BORDERS)
         grid = restricted or physical
         if grid is not None:
-            self._layout = fit_view(Rectangle.around(grid.corners()), self._params.screen_aspect)
+            self._layout = fit_view(Rectangle.from_points(grid.corners()), self._params.screen_aspect)
         if physical is not None and restricted is not None:
             self._show_restricted(physical, restricted, inputs.region)
         if self._markers.get_num_connections() == 0 and not newcomers:
@@ -149,7 +149,7 @@ class DisplayMarkersNode:
             everything = MarkerArray([Marker(action=Marker.DELETEALL)])
             everything.markers += map(display_messages.marker_from_shape, shapes)
             publish(everything)
-        # fading shapes are drawn again, and once more to remove them
+        # a fading shape is drawn until it has vanished, and then removed
         return any(shape.lifetime for shape in shapes)
 
     def _show_restricted(self, physical: GridMap, map_with_borders: GridMap, region: Optional[GridMap]) -> None:
@@ -177,7 +177,7 @@ class DisplayMarkersNode:
         return shapes
 
     def _part(self, name: str, build_shapes: Callable[..., List[scene.Shape]], *inputs: Any) -> List[scene.Shape]:
-        """Builds the shapes of one part from its inputs, again only if these have changed."""
+        """Builds the shapes of one part of the display, but only if its inputs have changed."""
         if self._cached_parts.get(name, (None,))[0] != inputs:
             self._cached_parts[name] = (inputs, build_shapes(*inputs))
         return self._cached_parts[name][1]

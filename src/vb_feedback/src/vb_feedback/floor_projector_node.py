@@ -27,9 +27,9 @@ from vb_feedback.ros.display_inputs import InputListener
 from vb_feedback.ros.display_messages import displayed_border_from_message, drawing_from_progress
 
 FRAME = "projector"
-MIN_PERIOD = 0.2  # [s] between two images: fusion sends a new chain about as often
-_SPOT_LIFETIME = 0.5  # [s] a spot that no camera has seen for this long counts as gone
-# [m] how far the spot must move for the image to be drawn again; less than the radius that stays dark around it
+MIN_PERIOD = 0.2  # [s] between two images; border_fusion sends a new chain about as often
+_SPOT_LIFETIME = 0.5  # [s] after which a spot that no camera sees any more counts as gone
+# [m] by which the spot must move before the image is drawn again; less than the radius that stays dark around it
 _SPOT_STEP = 0.1
 
 
@@ -52,9 +52,9 @@ class ProjectorParams(Parameters):
 
 
 class FloorProjectorNode:
-    """Projects borders, drawing, the area that saving would restrict, and the state onto the floor, where people look.
+    """Projects borders, the drawing, the area that saving would restrict and the state onto the floor.
 
-    Without a calibration it first lights four markers in turn, and expects a click on each.
+    Without a calibration, the node first shows four markers, one after another, and expects a click on each.
 
     Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress)
@@ -81,7 +81,7 @@ class FloorProjectorNode:
         self._floor_image = FloorImage(calibration, params.brightness) if calibration is not None else None
         self._clicked: List[Tuple[float, float]] = []
         self._window = window
-        # no message reports that the spot is gone: check now and then during an interaction
+        # a period, because no message reports that the spot is gone
         self._wake = node.WakeTimer(1.0)
         self._inputs = InputListener(self._wake.set)
         self._spot_shown: Optional[Tuple[float, float]] = None
@@ -107,7 +107,7 @@ class FloorProjectorNode:
         rospy.loginfo("floor_projector: click in RViz ('Publish Point') where %s shines brightly on the floor", marker)
 
     def _on_click(self, message: PointStamped) -> None:
-        """Takes a click. Called only in rospy's one thread of this topic."""
+        """Stores a click. rospy calls this from only one thread."""
         if self._floor_image is not None:
             return
         point = (message.point.x, message.point.y)
@@ -148,19 +148,19 @@ class FloorProjectorNode:
             return FloorContent(borders=borders)
         drawing = Drawing()
         if inputs.progress is not None:
-            # every message repeats the points, but only the chain is shown
+            # without the points, which are not projected: if only they change, the image stays the same
             drawing = replace(drawing_from_progress(inputs.progress), points=(), point_cameras=())
         region = inputs.region if inputs.preview is not None and inputs.preview.success else None
         return FloorContent(inputs.state.name, borders, drawing, self._steady_spot(inputs.spots, now), region)
 
     def _steady_spot(self, spots: Tuple[TrailPoint, ...], now: float) -> Optional[Tuple[float, float]]:
-        """Returns the newest spot's position in steps, so that not every small movement needs a new image."""
+        """Returns the position of the newest spot, which changes only in steps, so that few images are drawn."""
         if not spots or not abs(now - spots[-1].stamp) <= _SPOT_LIFETIME:
             self._spot_shown = None
-        else:
-            position = (spots[-1].x, spots[-1].y)
-            if self._spot_shown is None or math.dist(position, self._spot_shown) > _SPOT_STEP:
-                self._spot_shown = position
+            return None
+        position = (spots[-1].x, spots[-1].y)
+        if self._spot_shown is None or math.dist(position, self._spot_shown) > _SPOT_STEP:
+            self._spot_shown = position
         return self._spot_shown
 
     def _show(self, floor_image: FloorImage, content: FloorContent) -> None:
@@ -178,8 +178,10 @@ def build() -> FloorProjectorNode:
     """Reads the parameters and makes the node."""
     params = parameters.read(ProjectorParams)
     if not params.calibration:
-        raise ParameterError("~calibration", "must name the projector's file; one that is not there yet will be made")
+        raise ParameterError("~calibration", "must name the calibration's file, which is created if it does not exist")
     calibration = projector_calibration.read_calibration(params.path) if params.path.exists() else None
-    size = (calibration.width, calibration.height) if calibration is not None else (params.width, params.height)
-    window = ProjectorWindow(params.window_x, params.window_y, *size, node.start_thread) if params.window else None
+    screen = calibration or params  # both have the size of the projector's image
+    window = None
+    if params.window:
+        window = ProjectorWindow(params.window_x, params.window_y, screen.width, screen.height, node.start_thread)
     return FloorProjectorNode(params, calibration, window)

@@ -64,15 +64,15 @@ def _query_screen() -> Optional[str]:
 
 
 def _report_missing(code: str) -> None:
-    """Logs what RViz lacks, and stores its code in a parameter for check_lab. It is "" if nothing is missing."""
+    """Logs what RViz needs, and stores the code in a parameter for check_lab. The code is "" if nothing is missing."""
     if code:
-        # logged before the parameter is set: its reader may end this node, and rospy can hang if interrupted in logging
+        # logged first: a reader of the parameter may end this node, and rospy may hang if that interrupts its logging
         rospy.logwarn("smart_display: %s", sentences.translate(code))
     rospy.set_param("~lacking", code)
 
 
 def _wait_for_screen() -> None:
-    """Waits for a screen. Without one, RViz would exit at once and be restarted again and again."""
+    """Waits for a screen. Without a screen, RViz would exit at once, and would be restarted again and again."""
     _report_missing("no_screen" if _query_screen() is None else "")
     while _query_screen() is None and not rospy.is_shutdown():
         rospy.rostime.wallsleep(_SCREEN_CHECK_PERIOD)
@@ -84,11 +84,11 @@ def _write_fitted_config(params: SmartDisplayParams, path: Path) -> None:
     rospy.loginfo("smart_display: RViz starts as soon as there is a map on %s", names.PHYSICAL_MAP)
     grid = grid_from_message(rospy.wait_for_message(names.PHYSICAL_MAP, NumpyOccupancyGrid))
     aspect = rospy.get_param(_ASPECT, None)
-    write_fitted_config(params.config, path, Rectangle.around(grid.corners()), *params.size(), aspect)
+    write_fitted_config(params.config, path, Rectangle.from_points(grid.corners()), *params.size(), aspect)
 
 
 def _install_fonts(name: str) -> None:
-    """Makes RViz draw more characters than its package requests. If that fails, RViz starts without them."""
+    """Lets RViz draw more characters than its package requests. If this fails, RViz starts without them."""
     try:
         rviz = Path(rospkg.RosPack().get_path("rviz"))
         folder = overlay_fonts(rviz, Path(rospkg.get_ros_home()) / "virtual_borders" / f"{name}_letters")
@@ -102,7 +102,7 @@ def main() -> None:
     """Runs the program. The name from roslaunch is passed on to RViz."""
     rospy.init_node("smart_display")
     name = rospy.get_name().strip("/").replace("/", "_")
-    # one file per node, rewritten at each start; RViz reads it after it has replaced this process
+    # one file per node, which each start writes again; RViz reads it after it has replaced this process
     path = Path(rospkg.get_ros_home()) / f"{name}.rviz"
     try:
         params = parameters.read(SmartDisplayParams)

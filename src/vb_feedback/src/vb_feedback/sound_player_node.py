@@ -17,7 +17,7 @@ from vb_msgs.msg import Sound
 from vb_feedback.sound.sound_output import play, synthesize
 
 _RETRY_DELAY = 5.0  # [s] after a failure, because a device may be plugged in later
-_MAX_WAITING = 16  # sounds in the queue; sounds become too old long before it is full
+_MAX_WAITING = 16  # sounds in the queue, which become too old long before it is full
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,8 @@ class SoundParams(Parameters):
 class SoundPlayerNode:
     """Plays sounds on this computer. Without a sound device it logs one warning and stays silent.
 
-    Sounds may arrive faster than they can be played. So a tick is played only if nothing else is playing or waiting,
-    and a sound that has waited longer than ~max_age is dropped, because it is outdated.
+    Sounds may arrive faster than they can be played. Therefore a tick is dropped while another sound is playing, and a
+    sound that has waited longer than ~max_age is dropped, because it is outdated.
 
     Subscribed topics:
         /virtual_borders/sound (vb_msgs/Sound): names from vb_core.sounds, which defines the sounds.

@@ -1,4 +1,4 @@
-"""Shows what saving would do before anyone says "save": from what was drawn and doubted, to the border that is saved."""
+"""Previews what saving would do, lists the doubts about a drawing, and provides the border that is saved."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ from vb_msgs.msg import BorderIssue, BorderProgress, VirtualBorder, VirtualBorde
 
 from vb_interaction.border_services import BorderServices
 
-PREVIEW_PERIOD = 0.5  # [s] between two previews: faster than people read
+PREVIEW_PERIOD = 0.5  # [s] between two previews, which is faster than people read
 RETRY_DELAY = 2.0  # [s] after which a service that did not answer is called again
-VISIBLE_MOVE = 0.02  # [m] a vertex or seed that moved less causes no visible change: a map cell is larger
-MAX_TIME_SHARE = 0.25  # share of the time that previews may take: the same computer searches the images
-# notices of a stroke that is not in the border, of a piece that was not seen, and of a spot that was held elsewhere
+VISIBLE_MOVE = 0.02  # [m] a smaller move of a vertex or seed changes nothing visible, because a map cell is larger
+MAX_TIME_SHARE = 0.25  # share of the time that previews may take, because the same computer searches the images
+# codes of notices: a stroke is not in the border, no camera saw a piece of it, the pointer was also held still elsewhere
 DOUBTS = ("strokes_left_out", "piece_unseen", "seed_held_elsewhere")
 
 
 # ------------------------------------------------------------------ what a preview depends on
 def comparison_key(points: np.ndarray) -> bytes:
-    """Returns a key of points (N, 2) [m] that differs once a point has moved visibly, or b"" if there are none."""
+    """Returns a key of points (N, 2) [m], which changes when a point moves visibly. It is b"" if there are no points."""
     return np.round(points / VISIBLE_MOVE).astype(np.int32).tobytes()
 
 
 @dataclass(frozen=True)
 class PreviewInputs:
-    """Everything that a preview depends on; equal inputs give previews that look the same.
+    """Everything that a preview depends on. Equal inputs give previews that look the same.
 
     Attributes:
-        interaction_id: id of the current interaction; "": none.
-        chain, seed: `comparison_key` of the border and the seed so far, map frame.
-        borders: changes with every change of the map or the borders in it.
-        missing_reason: why there is no border or no seed, if known.
-        warnings: what else makes the drawing doubtful (`DrawingWarnings`).
+        interaction_id: id of the current interaction, or "" if there is none.
+        chain, seed: `comparison_key` of the border and of the seed as drawn so far, in the map frame.
+        borders: stamp [s] and revision of the stored borders, of which one changes with the map or a border in it.
+        missing_reason: why there is no border or no seed, if that is known.
+        warnings: further reasons to doubt the drawing (`DrawingWarnings`).
     """
 
     interaction_id: str = ""
@@ -59,18 +59,18 @@ class PreviewInputs:
 
 
 class DrawingWarnings:
-    """Collects the reasons to doubt a drawing from the notices. Not thread safe.
+    """Collects the notices that give a reason to doubt the drawing. Not thread safe.
 
-    While a camera has an error, what it sees is missing from the line or misplaced, and remains so when the camera
-    works again. Therefore a camera's error makes the drawing doubtful until the interaction ends.
+    While a camera has an error, the spots that it should see are missing in the line or misplaced, and they remain so
+    when the camera works again. Therefore a camera's error makes the drawing doubtful until the interaction ends.
     """
 
     def __init__(self) -> None:
-        self.all: Tuple[Notice, ...] = ()  # the current warnings, then one for each camera whose error is over
-        self._failed_cameras: Set[str] = set()  # all that had an error since the drawing began
+        self.all: Tuple[Notice, ...] = ()  # the current warnings, then one for each camera that had an error before
+        self._failed_cameras: Set[str] = set()  # all cameras that had an error since the drawing began
 
     def update(self, notices: Sequence[Notice], is_new_drawing: bool = False) -> None:
-        """Takes from all current notices those that concern the drawing. Errors that were over do not concern a new one."""
+        """Selects the notices that concern the drawing. A new drawing begins without the errors that are already over."""
         current = []
         for notice in notices:
             if notice.code in DOUBTS or (notice.camera and notice.severity is Severity.ERROR):
@@ -88,19 +88,16 @@ class DrawingWarnings:
 class PreviewScheduler:
     """Decides when the next preview is due.
 
-    The pace is in wall time, as it limits the previews' share of the computer.
-
-    Attributes:
-        shown: the inputs of the last preview.
+    It uses wall time, because it limits the share of the computer's time that previews take.
     """
 
     def __init__(self) -> None:
-        self.shown: Optional[PreviewInputs] = None
+        self.shown: Optional[PreviewInputs] = None  # the inputs of the last preview
         self._not_before = float("-inf")
         self._retry_at: Optional[float] = None
 
     def delay(self, inputs: PreviewInputs, now: float) -> Optional[float]:
-        """Returns the time [s] until these inputs need a preview, 0 for now, or None for never unless they change."""
+        """Returns the time [s] until a preview of these inputs is due, 0 for now, or None if they need no preview."""
         if self.shown is None or inputs.interaction_id != self.shown.interaction_id:
             return 0.0
         if inputs == self.shown:
@@ -112,8 +109,8 @@ class PreviewScheduler:
 
         Args:
             inputs: the inputs of the preview.
-            started, now: [s] when work on it began and ended.
-            answered: False if a service did not answer; the preview is then tried again.
+            started, now: [s] times at which the work on the preview began and ended.
+            answered: False if a service did not answer; the preview is then tried again after RETRY_DELAY.
         """
         self.shown = inputs
         self._retry_at = None if answered else now + RETRY_DELAY
@@ -125,12 +122,12 @@ class PreviewScheduler:
 class PreviewPublisher:
     """Publishes /virtual_borders/preview (vb_msgs/BorderPreview, latched) from its own thread.
 
-    The `on_*` methods only store their inputs, so that a command never waits for a preview. `get` and `close` make it
-    the source of its own worker (vb_core.ros.node.Worker).
+    The `on_*` methods only store their inputs, so that a command never waits for a preview. Through `get` and `close`,
+    an instance is the source of its own worker (vb_core.ros.node.Worker).
 
     Args:
         services: calls the nodes that have the drawing and the map.
-        list_notices: returns all current notices. Those that concern the drawing are listed among the preview's issues.
+        list_notices: returns all current notices. Those that concern the drawing become issues of the preview.
     """
 
     def __init__(self, services: BorderServices, list_notices: Callable[[], List[Notice]]) -> None:
@@ -149,7 +146,7 @@ class PreviewPublisher:
         node.Worker(self, self._publish_preview)
 
     def on_interaction(self, interaction_id: str, saving: bool) -> None:
-        """Stores the current interaction, "" for none, and whether it is being saved. While it is, no preview is made."""
+        """Stores the id of the current interaction, or "", and whether it is being saved. Then no preview is made."""
         with self._condition:
             self._is_saving = saving
             self._warnings.update(self._list_notices(), is_new_drawing=interaction_id != self._interaction_id)
@@ -163,13 +160,13 @@ class PreviewPublisher:
             self._condition.notify()
 
     def on_borders(self, message: VirtualBorderArray) -> None:
-        """Stores the revision of the borders in the map, which are sent again whenever the map changes."""
+        """Stores the stamp and revision of the stored borders, which are sent again whenever the map changes."""
         with self._condition:
             self._borders = (message.header.stamp.to_sec(), message.revision)
             self._condition.notify()
 
     def _current_inputs(self) -> PreviewInputs:
-        """Returns what a preview made now would depend on. Needs the lock."""
+        """Returns the inputs of a preview that is made now. Needs the lock."""
         interaction_id = self._interaction_id
         warnings = self._warnings.all
         drawn = self._progress
@@ -179,34 +176,36 @@ class PreviewPublisher:
         if drawn.code != "ok":
             missing_reason = Notice(drawn.code, values=mapping_from_values(drawn.values), message=drawn.message)
         chain = comparison_key(array_from_points(drawn.chain))
-        seed = comparison_key(array_from_points([drawn.seed] if drawn.has_seed else []))
+        seed_points = [drawn.seed] if drawn.has_seed else []
+        seed = comparison_key(array_from_points(seed_points))
         return PreviewInputs(interaction_id, chain, seed, self._borders, missing_reason, warnings)
 
     def is_doubtful(self, interaction_id: str) -> bool:
-        """Returns whether a save should be confirmed, as the preview has issues or the drawing has warnings."""
+        """Returns whether a save should be confirmed, because the preview has issues or the drawing has warnings."""
         with self._condition:
             shown = self._shown
-            has_issues = shown.interaction_id == interaction_id and shown.available and shown.success and shown.issues
-            return bool(interaction_id and (has_issues or self._warnings.all))
+            can_save = shown.interaction_id == interaction_id and shown.available and shown.success
+            has_doubts = bool(can_save and shown.issues) or bool(self._warnings.all)
+            return interaction_id != "" and has_doubts
 
     def fetch_border_to_save(self, interaction_id: str) -> VirtualBorder:
-        """Returns the border that was previewed. Fetches the drawn one if more was drawn since, or nothing previewed.
+        """Returns the border that was previewed. Fetches the drawn border if there is no preview, or more was drawn since.
 
-        From now on the interaction counts as being saved, until `on_interaction` says otherwise.
+        From now on, no preview is made until `on_interaction` reports that the interaction is not being saved.
 
         Raises:
             CodedError: "no_service", "no_response", or why there is no border.
         """
         with self._condition:
             self._is_saving = True
-            is_current = self._interaction_id == interaction_id and self._current_inputs() == self._scheduler.shown
-            if is_current and self._shown.available:
+            is_unchanged = self._current_inputs() == self._scheduler.shown
+            if is_unchanged and self._interaction_id == interaction_id and self._shown.available:
                 return self._shown.border
         return self._services.fetch_drawn_border(interaction_id)
 
     # ------------------------------------------------------------------ the worker
     def get(self) -> Optional[PreviewInputs]:
-        """Waits for inputs that need a preview. Returns None once closed. For the worker only."""
+        """Waits for inputs that need a preview, and returns them. Returns None once closed. For the worker only."""
         with self._condition:
             while not self._closed:
                 inputs = self._current_inputs()
@@ -223,7 +222,7 @@ class PreviewPublisher:
             self._condition.notify()
 
     def _publish_preview(self, inputs: PreviewInputs) -> None:
-        """Makes and publishes a preview, which is obsolete if the interaction then has ended or is being saved."""
+        """Makes a preview, and publishes it unless the interaction has ended or is being saved meanwhile."""
         started = time.monotonic()
         answered = True
         reason = inputs.missing_reason
@@ -245,12 +244,13 @@ class PreviewPublisher:
 def _make_preview(
     inputs: PreviewInputs, reason: Notice, checked: Optional[Tuple[VirtualBorder, PreviewBorderArrayResponse]]
 ) -> NumpyBorderPreview:
-    """Makes a preview of a border and what adding it would do. Without them it is empty, for the reason given."""
+    """Makes a preview's message from a border and the map integrator's answer, or else an empty one with the reason."""
     preview = NumpyBorderPreview(interaction_id=inputs.interaction_id)
     preview.header.stamp = rospy.Time.now()
     preview.header.frame_id = names.MAP_FRAME
     if checked is None:
-        preview.code, preview.message = reason.code, reason.message
+        preview.code = reason.code
+        preview.message = reason.message
         preview.values = values_from_mapping(reason.values)
         preview.region.data = np.zeros(0, np.int8)
         return preview

@@ -11,21 +11,17 @@ from typing import Callable, Dict, Mapping
 from vb_core import sentences
 from vb_core.errors import CodedError
 
-_MAX_ANSWERS = 64  # a sender repeats within seconds, and no person gives this many commands in that time
+_MAX_ANSWERS = 64  # more commands than a person gives within the seconds in which a sender repeats one
 
 
 @dataclass(frozen=True)
 class Answer:
-    """The answer to the person: whether the command succeeded, and the code and values of the sentence.
-
-    Attributes:
-        fallback: another node's English sentence, in case our catalogue lacks its code.
-    """
+    """The answer to a command: whether it succeeded, and the code and values of the sentence for the person."""
 
     success: bool
     code: str
     values: Mapping[str, str] = field(default_factory=dict)
-    fallback: str = ""
+    fallback: str = ""  # the English sentence of another node, used if the catalogue does not have the code
 
     @property
     def message(self) -> str:
@@ -35,7 +31,8 @@ class Answer:
     @staticmethod
     def from_error(error: CodedError) -> "Answer":
         """Makes an answer from an error."""
-        return Answer(False, error.code, {name: str(value) for name, value in error.values.items()}, error.message)
+        values = {name: str(value) for name, value in error.values.items()}
+        return Answer(False, error.code, values, error.message)
 
 
 class AnswerCache:
@@ -51,7 +48,7 @@ class AnswerCache:
         self._answers: Dict[str, Future] = {}  # the oldest first
 
     def answer_once(self, identity: str, carry_out: Callable[[], Answer]) -> Answer:
-        """Carries out a command unless one with this id was, and returns its answer. Without an id ("") it always does."""
+        """Carries out a command, but only once for each id, and returns its answer. A command without an id is always new."""
         if not identity:
             return carry_out()
         with self._lock:
@@ -62,7 +59,7 @@ class AnswerCache:
         if is_first:
             try:
                 future.set_result(carry_out())
-            except BaseException as error:  # no answer: a repeated command is carried out
+            except BaseException as error:  # there is no answer to repeat, so a repeated command is carried out again
                 with self._lock:
                     self._answers.pop(identity, None)
                 future.set_exception(error)

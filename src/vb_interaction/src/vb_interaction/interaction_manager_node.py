@@ -33,8 +33,8 @@ from vb_interaction.command_answers import Answer, AnswerCache
 from vb_interaction.interaction import Interaction, InteractionParams
 
 _PUBLISH_PERIOD = 0.1  # [s] of wall time: robots stop half a second after the last state (vb_msgs/InteractionState)
-_STORE_PERIOD = 2.0  # [s] between attempts to store the stop: a full disk may have room again
-# answers to undo and redo by what they did to borders; any other change is reported as undone or redone
+_STORE_PERIOD = 2.0  # [s] between attempts to store the stop, because a full disk may have room again
+# codes of answers to undo and redo, by the change of the borders; all other changes share a general answer
 _CODES = {REMOVED: "border_removed", ADDED: "border_restored", ENABLED: "border_enabled", DISABLED: "border_disabled"}
 
 
@@ -52,27 +52,27 @@ class InteractionManagerNode:
     """Carries out commands, owns the state, and saves the border on the command *save*.
 
     Subscribed topics:
-        /virtual_borders/stop (vb_msgs/Stop): stops every robot; from any node.
+        /virtual_borders/stop (vb_msgs/Stop): stops of all robots, which any node may publish.
         /virtual_borders/drivers (vb_msgs/DriverState): stops that only a robot has received.
-        /virtual_borders/progress (vb_msgs/BorderProgress): which cameras contributed, for the record; border and seed
-            so far, for the preview; whether drawing continues.
-        /virtual_borders/spots (vb_msgs/LaserSpot): whether somebody points: an unclear command is then asked about.
+        /virtual_borders/progress (vb_msgs/BorderProgress): the cameras that contributed, for the record; border and
+            seed so far, for the preview; and whether drawing continues.
+        /virtual_borders/spots (vb_msgs/LaserSpot): whether somebody points. If so, unclear commands must be confirmed.
         /virtual_borders/borders (vb_msgs/VirtualBorderArray): whether the preview is still valid, and
             whether there is something to undo or redo.
         /virtual_borders/notices (vb_msgs/NoticeArray): doubts about the drawing, and faulty cameras, such as
-            those that disagree on the spot or have another lens than calibrated; each preview lists them as issues.
+            those that disagree about the spot or have a lens that was not calibrated. They become the preview's issues.
 
     Published topics:
         /virtual_borders/state (vb_msgs/InteractionState, latched): on each change, and every 0.1 s of wall time.
-        /virtual_borders/stop (vb_msgs/Stop): on `stop`, before anything else; not latched, as the state contains it.
+        /virtual_borders/stop (vb_msgs/Stop): on `stop`, before anything else. Not latched, because the state contains it.
         /virtual_borders/notices (vb_msgs/NoticeArray): stopped, stop_state_lost, stop_not_stored, interaction_ends_soon,
             spot_not_seen_check_laser.
         /virtual_borders/preview (vb_msgs/BorderPreview, latched): what saving now would do, as soon as there are
             a border and a seed, and again when they, the map or the borders in it change.
 
     Services:
-        /virtual_borders/command (vb_msgs/Command): one with an id is carried out once, however often it is sent.
-            A command is refused after its expiry ("expired"), or after a stop that its sender had not seen
+        /virtual_borders/command (vb_msgs/Command): a command with an id is carried out once, however often it is sent.
+            It is refused if it has expired ("expired"), or if there was a stop of which its sender did not know
             ("stopped_since"). `stop` is always carried out.
 
     Services called:
@@ -83,9 +83,6 @@ class InteractionManagerNode:
         /virtual_borders/undo_redo (vb_msgs/UndoRedo): on `undo` and `redo`.
         /virtual_borders/list_borders (vb_msgs/ListBorders): before and after undo and redo.
         /virtual_borders/preview_border (vb_msgs/PreviewBorder): for the preview, from a separate thread.
-
-    Args:
-        params: see config/interaction_manager.yaml.
     """
 
     def __init__(self, params: ManagerParams) -> None:
@@ -95,11 +92,11 @@ class InteractionManagerNode:
         self._lock = threading.Lock()
         self._latch = StopLatch(Path(params.stop_file).expanduser())
         if self._latch.lost:
-            rospy.logwarn("interaction_manager: it is not known whether robots were stopped: they are, until resume")
+            rospy.logwarn("interaction_manager: robots count as stopped until resume: the stop's file cannot be used")
         self._interaction = Interaction(params, latch=self._latch)
         # a save makes two service calls, undo makes three
         self._answer_cache = AnswerCache(3.0 * (SERVICE_TIMEOUT + RESPONSE_TIMEOUT))
-        self._contributing_cameras: Dict[str, List[str]] = {}  # names by the interaction's id, of the newest only
+        self._contributing_cameras: Dict[str, List[str]] = {}  # by interaction's id; only those of the newest one
         self._services = BorderServices(params.occupancy)
         self._preview_publisher = PreviewPublisher(self._services, NoticeListener().current)
         self._stop_publisher = rospy.Publisher(names.STOP, Stop, queue_size=10)
@@ -129,13 +126,13 @@ class InteractionManagerNode:
         with self._lock:
             self._contributing_cameras = {message.interaction_id: list(message.cameras)}
             if message.interaction_id == self._interaction.interaction_id:
-                # in Guide the fusion ignores all spots, but they show that a person holds the laser
+                # in the state Guide border_fusion ignores all spots, but they show that a person holds the laser
                 counts = (message.border_spots, message.seed_spots, message.ignored_spots)
                 self._interaction.set_spot_counts(*counts, rospy.get_time())
         self._preview_publisher.on_progress(message)
 
     def _on_spot(self, message: LaserSpot) -> None:
-        # a single assignment needs no lock, so that spots do not wait while a state is published
+        # a single assignment needs no lock; with one, spots would have to wait while a state is published
         self._interaction.laser_seen_at = message.header.stamp.to_sec()
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
@@ -173,21 +170,21 @@ class InteractionManagerNode:
 
     def _stop_robots(self, identity: str, source: str) -> Answer:
         identity = identity or new_id()
-        # robots do not wait for locks, files or answers
+        # published first, so that robots do not have to wait for locks, files or answers
         self._stop_publisher.publish(Stop(id=identity, source=source))
         with self._lock:
             answer = self._interaction.stop(identity, source, rospy.get_time())
             self._publish()
-        # robots have stopped; the answer waits for the disk, so that no restart undoes what was answered
+        # only the answer waits for the disk, so that a restart cannot release a stop that was confirmed
         return answer if self._latch.store() else Answer(True, "stop_not_stored")
 
     def _run_command(self, command: str, phrase: str, request: CommandRequest) -> Answer:
-        """Carries out a command, which a person gave or confirmed by a phrase."""
+        """Carries out a command. `phrase` is the command's name, or the answer by which a person confirmed it."""
         with self._lock_and_record():
             interaction = self._interaction
             now = rospy.get_time()
             if not request.expires.is_zero() and now > request.expires.to_sec():
-                # not recorded: only the person who gave the command is told
+                # not recorded, so that only the person who gave the command gets this answer
                 answer = Answer(False, "expired", {"command": words_of_name(phrase)})
             else:
                 is_doubtful = self._preview_publisher.is_doubtful(interaction.interaction_id)
@@ -196,7 +193,9 @@ class InteractionManagerNode:
                 answer = interaction.command(command, request.source, now, seen_stop=request.seen_stop, **doubts)
             is_delegated = answer.success and COMMANDS[command].is_delegated
             interaction_id = interaction.interaction_id
-            if not is_delegated or command != SAVE:  # a save usually has its final answer before the next state is due
+            # a save usually has its final answer before the next state is due
+            is_save_pending = is_delegated and command == SAVE
+            if not is_save_pending:
                 self._publish()
         if command == RESUME:
             self._latch.store()
@@ -205,7 +204,7 @@ class InteractionManagerNode:
         return answer
 
     def _complete(self, pending: str, interaction_id: str, request: CommandRequest) -> Answer:
-        """Has other nodes carry out a pending command, without the lock, and completes it with their answer."""
+        """Lets other nodes carry out a pending command, without holding the lock, and completes it with their answer."""
         border_id = ""
         is_sent = False
         try:
@@ -221,7 +220,7 @@ class InteractionManagerNode:
             if error.code in services.UNANSWERED:
                 rospy.logwarn("interaction_manager: %s: %s", error, error.__cause__)
         except Exception:
-            # a fault of this program must not leave it answering "busy" forever
+            # after a fault of this program, the command must not remain pending: all others would be answered "busy"
             rospy.logerr("interaction_manager: %s failed:\n%s", pending, traceback.format_exc())
             answer = Answer.from_error(CodedError("internal_error"))
         with self._lock_and_record():
@@ -230,7 +229,7 @@ class InteractionManagerNode:
         return answer
 
     def _undo_or_redo(self, command: str, request_id: str) -> Answer:
-        """Has the newest change of the borders undone or redone. The answer says how they have changed."""
+        """Lets the map integrator undo or redo a change of the borders. The answer says how the borders have changed."""
         before = self._services.fetch_borders()
         self._services.change(command, request_id)
         try:
@@ -240,7 +239,7 @@ class InteractionManagerNode:
 
     @contextmanager
     def _lock_and_record(self) -> Iterator[None]:
-        """Holds the lock in its block; then appends an interaction that has ended to the log, as no state may wait for a disk."""
+        """Holds the lock during its block. Then, without it, logs an interaction that ended: no state waits for a disk."""
         with self._lock:
             yield
             ended = self._interaction.take_record()
@@ -249,15 +248,17 @@ class InteractionManagerNode:
             return
         rospy.loginfo("interaction %s %s after %.1f s", ended.interaction_id, ended.outcome, ended.total_s)
         try:
-            append_line(self._log_file, ended.to_json(self._params.method, cameras.get(ended.interaction_id, [])))
+            contributing = cameras.get(ended.interaction_id, [])
+            append_line(self._log_file, ended.to_json(self._params.method, contributing))
         except OSError as error:
             rospy.logwarn("interaction_manager: cannot write %s: %s", self._log_file, error)
 
     # ------------------------------------------------------------------ outputs; the lock is held
     def _publish(self) -> None:
-        """Publishes state and notices, and tells the preview of the current interaction."""
+        """Publishes state and notices, and passes the current interaction on to the preview."""
         self._state_publisher.publish(self._make_state())
-        self._preview_publisher.on_interaction(self._interaction.interaction_id, self._interaction.pending == SAVE)
+        is_saving = self._interaction.pending == SAVE
+        self._preview_publisher.on_interaction(self._interaction.interaction_id, is_saving)
         self._notices.set(self._list_notices())
 
     def _make_state(self) -> InteractionState:
@@ -304,16 +305,17 @@ class InteractionManagerNode:
 
 
 def _describe_change(command: str, before: Mapping[str, VirtualBorder], after: Mapping[str, VirtualBorder]) -> Answer:
-    """Returns the answer to `undo` or `redo`, from the borders by id before and after it.
+    """Returns the answer to `undo` or `redo`, given the borders by id before and after it.
 
-    It names the borders if all of them changed in the same way.
+    The answer names the borders that changed, if all of them changed in the same way.
     """
-    other = "change_undone" if command == UNDO else "change_redone"
+    general_code = "change_undone" if command == UNDO else "change_redone"
     changes = find_border_changes(before, after)
-    codes = {_CODES.get(kind, other) for kind, _ in changes}
+    codes = {_CODES.get(kind, general_code) for kind, _ in changes}
     if len(codes) != 1:
         return Answer(True, "borders_changed")
-    return Answer(True, codes.pop(), {"borders": ", ".join(border.name or border.id for _, border in changes)})
+    changed_borders = ", ".join(border.name or border.id for _, border in changes)
+    return Answer(True, codes.pop(), {"borders": changed_borders})
 
 
 def build() -> InteractionManagerNode:

@@ -1,8 +1,8 @@
-"""The connection to the MQTT broker, which is restored automatically and then sends the newest states. No ROS.
+"""The connection to the MQTT broker, which is restored automatically. No ROS.
 
-States are sent with QoS 0, and all of them again at each connection. So a lost message is replaced, and an old one is
-never sent after a newer one. The session is clean: the broker must not queue requests while this client is away,
-because nobody expects them any more.
+States are sent with QoS 0, and after each new connection the newest ones are sent again. Thus a lost message is
+replaced, and an old one is never sent after a newer one. The session is clean, so that the broker queues no requests
+while this client is disconnected: nobody would expect them to be carried out later.
 """
 
 from __future__ import annotations
@@ -21,26 +21,25 @@ from vb_core import files
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 
-KEEPALIVE = 10  # [s] a silent loss of the broker or the network is noticed after one and a half times as long
+KEEPALIVE = 10  # [s] if broker or network fail without a sign, this is noticed after one and a half times as long
 _RETRIES = (1, 10)  # [s] shortest and longest time between two attempts to connect
 
 
 @dataclass(frozen=True)
 class Connection(Parameters):
-    """How to reach the broker, from a file that only its owner can read."""
+    """The settings of the connection to the broker, from a file that only its owner can read."""
 
     username: str = param("")
     password: str = param("")
     port: int = param(0, "", low=0, high=65535)  # 0: the default
     tls: bool = param(False)
-    ca_file: str = param("")  # certificate of the CA that signed the broker's, or empty for the system's CAs
+    ca_file: str = param("")  # certificate of the CA that signed the broker's certificate; "" for the system's CAs
 
 
 def read_connection(path: Path) -> Connection:
-    """Reads a YAML file, and makes it readable by its owner only. Without a file, no password is used.
+    """Reads a YAML file, and makes it readable by its owner only. If there is no file, the default settings apply.
 
-    Raises:
-        CodedError: "mqtt_file_bad", "bad_parameter", "file_not_private".
+    Raises CodedError "mqtt_file_bad", "bad_parameter" or "file_not_private".
     """
     try:
         if not path.exists():
@@ -48,14 +47,14 @@ def read_connection(path: Path) -> Connection:
         files.restrict_to_owner(path)
         return Connection.from_mapping(yaml.safe_load(path.read_text(encoding="utf-8")), str(path))
     except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or type(error).__name__  # the text may hold the password
+        reason = getattr(error, "strerror", None) or type(error).__name__  # the error's text may contain the password
         raise CodedError("mqtt_file_bad", file=path, reason=reason) from None
 
 
 def _split_address(address: str) -> Tuple[str, Optional[int]]:
     try:
         parts = urlsplit(f"//{address}")
-        if parts.hostname and parts.netloc == address:  # a scheme would leave a path
+        if parts.hostname and parts.netloc == address:  # false if the address has a scheme or a path
             return parts.hostname, parts.port
     except ValueError:
         pass
@@ -63,14 +62,14 @@ def _split_address(address: str) -> Tuple[str, Optional[int]]:
 
 
 class MqttClient:
-    """A client of a broker. Its callbacks are called in one thread of its own.
+    """A client of a broker. One separate thread calls all callbacks.
 
     Args:
-        address: HOST or HOST:PORT; an IPv6 address in brackets.
-        client: the client's id, always the same: the broker ends an earlier connection before it accepts a new one.
-        will: topic and payload that the broker publishes, retained, once this client is gone.
+        address: HOST or HOST:PORT; an IPv6 address is in brackets.
+        client: the client's id. It is always the same, so that the broker ends an earlier connection first.
+        will: topic and payload of a retained message that the broker publishes when this client is gone.
         subscriptions: callbacks (topic, payload, retained) by topic filter, with QoS 1.
-        on_fault: called if a callback raised, which is a fault of the program.
+        on_fault: called with the exception if a callback raised one, which is a fault of the program.
 
     Raises:
         CodedError: "bad_parameter" for a malformed address; "mqtt_file_bad" if the CA file cannot be used.
@@ -89,10 +88,12 @@ class MqttClient:
         port = port or connection.port or (8883 if connection.tls else 1883)
         self.address = f"{host}:{port}"
         self.trouble = ""  # why the broker last refused a connection or subscription, or ""
-        self._states: Dict[str, bytes] = {}
+        self._states: Dict[str, bytes] = {}  # the newest retained message of each topic
         self.connected = False  # whether the broker has accepted this client
         self._lock = threading.Lock()
-        self._will, self._subscriptions, self._on_fault = will, subscriptions, on_fault
+        self._will = will
+        self._subscriptions = subscriptions
+        self._on_fault = on_fault
         self._client = paho.Client(paho.CallbackAPIVersion.VERSION2, client_id=client, clean_session=True)
         self._client.will_set(*will, qos=1, retain=True)
         if connection.username:
@@ -104,7 +105,7 @@ class MqttClient:
         self._client.on_disconnect = self._on_disconnect
         self._client.on_subscribe = self._on_subscribe
         for topics, callback in subscriptions.items():
-            self._client.message_callback_add(topics, self._receiver(callback))
+            self._client.message_callback_add(topics, self._make_receiver(callback))
         self._client.connect_async(host, port, KEEPALIVE)
 
     def start(self) -> None:
@@ -112,7 +113,7 @@ class MqttClient:
         self._client.loop_start()
 
     def put(self, topic: str, payload: bytes) -> None:
-        """Sets a topic's retained message, now or once connected. An empty one deletes it, only while connected."""
+        """Sets a topic's retained message, now or once connected. An empty payload deletes it, but only if connected."""
         with self._lock:
             if payload and self._states.get(topic) == payload:
                 return
@@ -128,7 +129,7 @@ class MqttClient:
             self._client.publish(topic, payload, qos=0)
 
     def close(self) -> None:
-        """Publishes the will, and disconnects."""
+        """Publishes the will and disconnects."""
         if self.connected:
             self._client.publish(*self._will, qos=1, retain=True).wait_for_publish(2.0)
         self._client.disconnect()
@@ -139,7 +140,7 @@ class MqttClient:
         if reason.is_failure:
             self.trouble = str(reason)
             return
-        # subscribed first: once a hub sees this client online, the hub's requests must be received
+        # subscribes first, because a hub may send requests as soon as it sees that this client is online
         client.subscribe([(topics, 1) for topics in self._subscriptions])
         with self._lock:
             self.connected = True
@@ -154,11 +155,11 @@ class MqttClient:
     def _on_subscribe(self, _client: Any, _data: Any, _id: int, reasons: Any, _properties: Any) -> None:
         self.trouble = next((str(reason) for reason in reasons if reason.is_failure), "")
 
-    def _receiver(self, callback: Callable[[str, bytes, bool], None]) -> Callable[..., None]:
+    def _make_receiver(self, callback: Callable[[str, bytes, bool], None]) -> Callable[..., None]:
         def receive(_client: Any, _data: Any, message: Any) -> None:
             try:
                 callback(message.topic, bytes(message.payload), bool(message.retain))
-            except Exception as error:  # raised on, it would end this thread, which receives the messages
+            except Exception as error:  # must not end this thread, which receives all messages
                 self._on_fault(error)
 
         return receive
@@ -166,6 +167,7 @@ class MqttClient:
 
 def _make_tls_context(ca_file: str) -> ssl.SSLContext:
     try:
-        return ssl.create_default_context(cafile=str(Path(ca_file).expanduser()) if ca_file else None)
+        path = str(Path(ca_file).expanduser()) if ca_file else None
+        return ssl.create_default_context(cafile=path)
     except (OSError, ssl.SSLError) as error:
         raise CodedError("mqtt_file_bad", file=ca_file, reason=error.strerror or error) from None

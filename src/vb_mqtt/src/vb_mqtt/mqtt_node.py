@@ -33,10 +33,12 @@ from vb_mqtt.entities import CONFIRM, INTEGRATOR, MANAGER, MONITOR, OFFLINE, ONL
 from vb_mqtt.incoming_requests import BURST, RATE, Inbox, MqttRequest
 
 SOURCE = "home_assistant"
-SWITCH_BORDER = "switch_border"  # name of a switch in the queue of commands, which are carried out in the order given
-_PERIOD = 1.0  # [s] between two rounds of publishing, and of looking for silent nodes
+SWITCH_BORDER = (
+    "switch_border"  # stands for the switching of a border in the queue of commands, which keeps their order
+)
+_PERIOD = 1.0  # [s] between two rounds of publishing, in which silent nodes are found too
 _SILENCE = 4.0  # [s] after which a node is silent; a detector publishes once a second, the manager ten times
-_GRACE = 5.0  # [s] without a broker before a notice says so
+_GRACE = 5.0  # [s] without a connection to the broker, after which a notice is published
 
 
 @dataclass(frozen=True)
@@ -64,12 +66,10 @@ class MqttNode:
         /virtual_borders/detectors (vb_msgs/DetectorStatus), /virtual_borders/robots (vb_msgs/RobotStatusArray)
         /virtual_borders/notices (vb_msgs/NoticeArray), /virtual_borders/drivers (vb_msgs/DriverState)
     Published topics:
-        /virtual_borders/stop (vb_msgs/Stop): on `stop`; robots receive it without any other node.
+        /virtual_borders/stop (vb_msgs/Stop): on `stop`; it reaches robots without any other node.
         /virtual_borders/notices (vb_msgs/NoticeArray): mqtt_not_connected.
     Services called:
         /virtual_borders/command (vb_msgs/Command), /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled)
-    Parameters:
-        config/mqtt.yaml
     """
 
     def __init__(self, params: MqttParams) -> None:
@@ -79,12 +79,12 @@ class MqttNode:
         self._inbox = Inbox(time.time())
         self._answer_limiter = RateLimiter(RATE, BURST)
         self._refusal_counts: Dict[str, int] = {}  # by code
-        self._description_topics: Set[str] = set()  # what the broker holds of this lab's entities
-        self._borders: Optional[Dict[str, VirtualBorder]] = None  # by key, or None if not known yet
-        self._grids: Dict[str, Any] = {}
-        self._question_is_open = False
-        self._last_heard: Dict[str, float] = {}  # [s] of the monotonic clock, last time by node or camera
-        self._shown_notices: Optional[Set[Tuple[str, ...]]] = None  # keys of the last round's notices
+        self._description_topics: Set[str] = set()  # topics at which the broker has a description of an entity
+        self._borders: Optional[Dict[str, VirtualBorder]] = None  # by key, or None if they are not known yet
+        self._grids: Dict[str, Any] = {}  # the newest message of each topic
+        self._is_question_open = False
+        self._last_heard: Dict[str, float] = {}  # [s] on the monotonic clock, by node or camera
+        self._previous_notices: Optional[Set[Tuple[str, ...]]] = None  # keys of the previous round's notices
         self._connected_at = time.monotonic()
         connection = read_connection(Path(params.connection_file).expanduser())
         subscriptions = {self._lab.topic(entities.COMMAND): self._on_message, self._lab.discovery: self._on_description}
@@ -124,7 +124,7 @@ class MqttNode:
         self._put_state("stopped", entities.stop_payload(message))
         question = entities.question_payload(message, self._language)
         self._put_state("question", question)
-        self._question_is_open = bool(question["answer"])
+        self._is_question_open = bool(question["answer"])
         self._put_health()
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
@@ -140,10 +140,11 @@ class MqttNode:
         self._maps.put(True)
 
     def _publish_map(self) -> None:
-        grids = [self._grids.get(rospy.resolve_name(name)) for name in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS)]
-        if None in grids:
+        physical = self._grids.get(rospy.resolve_name(names.PHYSICAL_MAP))
+        with_borders = self._grids.get(rospy.resolve_name(names.MAP_WITH_BORDERS))
+        if physical is None or with_borders is None:
             return
-        prior, posterior = map(messages.grid_from_message, grids)
+        prior, posterior = map(messages.grid_from_message, (physical, with_borders))
         if prior.same_geometry(posterior):
             image = entities.map_png(prior, posterior, list((self._borders or {}).values()))
             self._broker.put(self._lab.topic("map"), image)
@@ -162,23 +163,27 @@ class MqttNode:
         return time.monotonic() - self._last_heard.get(sender, -1e9) < _SILENCE
 
     def _put_health(self) -> None:
-        manager = self._is_alive(MANAGER)
+        has_manager = self._is_alive(MANAGER)
         robots = self._robots.current()
         offered = effective_commands(robots[1], tuple(COMMANDS)) if robots is not None else COMMANDS
-        health = {command: manager and command in offered for command in COMMANDS}
-        health.update({MANAGER: manager, MONITOR: robots is not None, CONFIRM: manager and self._question_is_open})
+        health = {command: has_manager and command in offered for command in COMMANDS}
+        health[MANAGER] = has_manager
+        health[MONITOR] = robots is not None
+        health[CONFIRM] = has_manager and self._is_question_open
         health[INTEGRATOR] = self._borders_subscriber.get_num_connections() > 0
         self._put_state("health", {key: ONLINE if is_online else OFFLINE for key, is_online in health.items()})
 
     def _publish_all(self) -> None:
-        """Publishes all entities with their availability and problems, and new notices."""
+        """Publishes all entities with their availability and problems, and the notices that are new."""
         robots = self._robots.current()
         borders = self._borders
         notices = self._notices.current()
         if robots is not None:
-            self._lab = replace(self._lab, robots=tuple(status.robot for status in robots[0].robots))
+            robot_names = tuple(status.robot for status in robots[0].robots)
+            self._lab = replace(self._lab, robots=robot_names)
         if borders is not None:
-            self._lab = replace(self._lab, borders={border.id: border.name for border in borders.values()})
+            border_names = {border.id: border.name for border in borders.values()}
+            self._lab = replace(self._lab, borders=border_names)
         self._put_health()
         problems = {entity_key("camera", name): self._camera_problems(name, notices) for name in self._lab.cameras}
         for robot in self._lab.robots or ():
@@ -216,19 +221,20 @@ class MqttNode:
         keys = ((notice.code, notice.robot, notice.border_id, notice.camera) for notice in notices)
         current = dict(zip(keys, values))
         for key, value in current.items():
-            if self._shown_notices is not None and key not in self._shown_notices:
+            if self._previous_notices is not None and key not in self._previous_notices:
                 self._broker.send(self._lab.topic(entities.NOTICE), _json(value))
-        self._shown_notices = set(current)
+        self._previous_notices = set(current)
 
     def _watch_connection(self) -> None:
         now = time.monotonic()
         if self._broker.connected and not self._broker.trouble:
             self._connected_at = now
-        silent = now - self._connected_at > _GRACE
         trouble = self._broker.trouble
         reason = {"reason": trouble} if trouble else {"reason_code": "mqtt_unreachable"}
         values = {"broker": self._broker.address, **reason}
-        self._notice_publisher.set([Notice("mqtt_not_connected", Severity.WARNING, values=values)] if silent else [])
+        notice = Notice("mqtt_not_connected", Severity.WARNING, values=values)
+        is_lost = now - self._connected_at > _GRACE
+        self._notice_publisher.set([notice] if is_lost else [])
 
     # ------------------------------------------------------------------ requests from people
     def _on_message(self, _topic: str, payload: bytes, retained: bool) -> None:
@@ -238,7 +244,8 @@ class MqttNode:
                 self._carry_out(request)
         except CodedError as error:
             if retained:
-                self._broker.put(self._lab.topic(entities.COMMAND), b"")  # or it would arrive again at each connection
+                # deletes the message, which would otherwise arrive again at each connection
+                self._broker.put(self._lab.topic(entities.COMMAND), b"")
             self._refuse(MqttRequest("", getattr(error, "sender_id", "")), error)
 
     def _carry_out(self, request: MqttRequest) -> None:
@@ -279,7 +286,7 @@ class MqttNode:
     def _send_answer(self, request: MqttRequest, success: bool, code: str, text: str) -> None:
         request_name = request.command or request.border
         rospy.loginfo_throttle_identical(1.0, f"{rospy.get_name()}: {request_name or 'a message'}: {text} [{code}]")
-        # the inbox limits requests with an id; a refusal is counted even if it is not answered
+        # the inbox has already limited the requests that have an id; the other answers are limited here
         if request.id or self._answer_limiter.allows("", time.time()):
             value = entities.answer_payload(request.sender_id, request_name, success, code, text)
             self._broker.send(self._lab.topic(entities.ANSWER), _json(value))

@@ -12,12 +12,12 @@ class ButtonMap:
     """Turns button presses into commands, one command per press.
 
     Args:
-        mapping: from command to the index, or list of indices, of its buttons; if empty, button i gives command i.
-        by_state: for a device with few buttons, from state to a mapping that applies only in this state; buttons that
-            it does not name keep their meaning from `mapping`.
+        mapping: the index of the button of each command, or a list of them. If it is empty, button i gives command i.
+        by_state: for a device with few buttons, a mapping for each state in which buttons have other meanings. Buttons
+            that it does not contain keep their meaning from `mapping`.
 
     Raises:
-        ParameterError: names the unknown key, or the key with invalid buttons.
+        ParameterError: with the key that is unknown or has invalid buttons.
     """
 
     def __init__(self, mapping: Mapping[str, object], by_state: Mapping[str, Mapping[str, object]]) -> None:
@@ -32,9 +32,9 @@ class ButtonMap:
         self._held: frozenset = frozenset()
 
     def update(self, buttons: Sequence[int], state: str) -> List[str]:
-        """Returns the commands of the buttons just pressed, given a new reading of 0 or 1 per button.
+        """Returns the commands of the buttons that have just been pressed, given a new reading of 0 or 1 per button.
 
-        A held button does not repeat. An unknown state counts as "default".
+        A button that is held does not repeat its command. An unknown state counts as "default".
         """
         held = frozenset(button for button, value in enumerate(buttons) if value)
         pressed = sorted(held - self._held)
@@ -44,7 +44,7 @@ class ButtonMap:
 
 
 def _read(key: str, mapping: object) -> Dict[int, str]:
-    """Converts the mapping in parameter `key`, from commands to their buttons, to the command of each button."""
+    """Converts the parameter `key`, which has the buttons of each command, to the command of each button."""
     if not isinstance(mapping, Mapping):
         raise ParameterError(key, f"expected commands with their buttons, got {mapping!r}")
     result: Dict[int, str] = {}

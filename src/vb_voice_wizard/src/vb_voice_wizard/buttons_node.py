@@ -26,11 +26,11 @@ class ButtonsParams(Parameters):
 
 
 class ButtonsNode:
-    """Sends a command for each press of a button, on the robot (in the baseline method) or on a presenter.
+    """Sends a command for each press of a button, which is on a presenter or, in the baseline method, on the robot.
 
     Subscribed topics:
         joy (sensor_msgs/Joy): a command is sent once per press, not repeatedly while the button is held.
-        /virtual_borders/state (vb_msgs/InteractionState): the newest stop, and the state that a button may depend on.
+        /virtual_borders/state (vb_msgs/InteractionState): the newest stop, and the state, on which a button may depend.
         /virtual_borders/drivers (vb_msgs/DriverState), /virtual_borders/robots (vb_msgs/RobotStatusArray): who holds a stop.
 
     Published topics:
@@ -38,9 +38,6 @@ class ButtonsNode:
 
     Services called:
         /virtual_borders/command (vb_msgs/Command)
-
-    Args:
-        params: see config/buttons.yaml.
     """
 
     def __init__(self, params: ButtonsParams) -> None:

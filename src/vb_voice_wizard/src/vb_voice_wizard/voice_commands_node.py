@@ -22,10 +22,10 @@ from vb_voice_wizard.voice.recognizer import CommandListener, CommandRecognizer,
 
 AUDIO = "/virtual_borders/voice/audio"
 
-_WATCH_PERIOD = 0.25  # [s] wall time between two checks for sound
-_NEAR_MISS = 0.2  # confidence from which the error sound answers a rejected utterance, so that people repeat it
-_SILENCE_TIMEOUT = 5.0  # [s] without any sound after which a notice is published
-_LATE = 2.0  # [s] from a command's end to its recognition, after which the person may no longer want it
+_WATCH_PERIOD = 0.25  # [s] wall time between two checks whether there is sound
+_NEAR_MISS = 0.2  # a rejected utterance with at least this confidence is answered by a sound, so that people repeat it
+_SILENCE_TIMEOUT = 5.0  # [s] without any sound, after which a notice is published
+_LATE = 2.0  # [s] a command that is recognised so long after its end is late, and may no longer be wanted
 
 
 @dataclass(frozen=True)
@@ -40,17 +40,17 @@ class VoiceCommandsNode:
     """Recognises spoken commands and sends them to the interaction.
 
     Sound is handled in wall time, even in simulation, because people speak in wall time. An overloaded computer
-    recognises commands late. They do not expire, because their time counts from when they are recognised. But a late
-    command with consequences must be confirmed, as if it were uncertain, and a notice is published.
+    recognises commands late. Such a command has not expired, because its age is counted from its recognition. But if it
+    has consequences, it must be confirmed like an uncertain command, and a notice is published.
 
     Subscribed topics:
-        /virtual_borders/sound (vb_msgs/Sound): an utterance entirely within a playing sound counts only if it is *stop*.
+        /virtual_borders/sound (vb_msgs/Sound): speech that lies entirely within a sound counts only if it is *stop*.
         /virtual_borders/voice/audio (vb_msgs/Audio): the sound, if ~source is "topic"; 16,000 samples a second.
         /virtual_borders/state (vb_msgs/InteractionState): the newest stop, which is sent with each spoken command.
         /virtual_borders/drivers (vb_msgs/DriverState), /virtual_borders/robots (vb_msgs/RobotStatusArray): who holds a stop.
 
     Published topics:
-        /virtual_borders/voice/heard (vb_msgs/SpeechCommand): every utterance, accepted or not, and the answer to its command.
+        /virtual_borders/voice/heard (vb_msgs/SpeechCommand): each utterance, accepted or not, and the command's answer.
         /virtual_borders/stop (vb_msgs/Stop): on `stop`.
         /virtual_borders/notices (vb_msgs/NoticeArray): microphone_missing, microphone_silent, speech_late.
         /virtual_borders/sound (vb_msgs/Sound): "recognized" as soon as a command is recognised; "error" for a near
@@ -58,14 +58,11 @@ class VoiceCommandsNode:
 
     Services called:
         /virtual_borders/command (vb_msgs/Command): with source "voice".
-
-    Args:
-        params: the source of the sound.
     """
 
     def __init__(self, params: VoiceParams) -> None:
         self._listener = CommandListener(CommandRecognizer())
-        # 20 s of sound; a node that falls further behind should not act on old commands
+        # room for 20 s of sound: a node that is further behind must not carry out such old commands
         self._samples: node.Queue = node.Queue(400)
         self._microphone: Optional[Microphone] = None
         self._trouble = ""
@@ -75,7 +72,7 @@ class VoiceCommandsNode:
         self._watch_timer = node.WakeTimer(_WATCH_PERIOD)
         self._heard_publisher = rospy.Publisher(names.SPEECH_COMMANDS, SpeechCommand, queue_size=10)
         self._sound_publisher = rospy.Publisher(names.SOUND, Sound, queue_size=10)
-        # sends from another thread, because an answer may take seconds and listening must continue
+        # sends commands from another thread, so that this node goes on listening while an answer takes seconds
         self._command_sender = commands.CommandSender("voice", self._on_answer)
         node.Worker(self._samples, self._listen)
         node.Worker(self._watch_timer, lambda _woken: self._check_sound())
@@ -148,7 +145,7 @@ class VoiceCommandsNode:
         uncertain = self._late or not heard.certain
         seen_stop = self._command_sender.stop_number(heard.start)
         if not self._command_sender.submit(heard.command, heard, uncertain=uncertain, seen_stop=seen_stop):
-            self._publish(heard.refused("busy"))
+            self._publish(heard.refuse("busy"))
 
     def _on_answer(
         self, request: CommandRequest, context: Any, answer: Optional[CommandResponse], error: Optional[CodedError]
@@ -160,7 +157,7 @@ class VoiceCommandsNode:
         self._publish(context, answer)
 
     def _publish(self, heard: RecognitionResult, answer: Optional[CommandResponse] = None) -> None:
-        """Publishes and logs what was heard, with the answer if it was a command that was sent."""
+        """Publishes and logs the result for an utterance, with the answer if a command was sent."""
         answer = answer or CommandResponse()
         message = SpeechCommand(
             command=heard.best,

@@ -1,7 +1,7 @@
 """Renders the wizard console's screen, and maps its keys to commands. Needs the messages, but no node.
 
-Each key is one command, each event is one line, and the current state is shown below the last line. Borders are left to
-the page and the display, where they can be seen.
+Each key is one command, each event is one line, and the current state is shown below the last line. Borders are not
+shown here, because the page and the smart display show them on the map.
 """
 
 from __future__ import annotations
@@ -30,31 +30,31 @@ _CONTROLS = dict.fromkeys([*range(0x20), *range(0x7F, 0xA0)])
 
 
 def extract_keys(typed: str) -> str:
-    """Returns the keys in terminal input, without arrow and function keys, whose sequences may end with a letter."""
+    """Returns the keys in terminal input. Arrow and function keys are left out, whose sequences may end with a letter."""
     return _SEQUENCE.sub("", typed)
 
 
 def safe_text(text: str, style: str = "") -> Text:
-    """Returns a text without control characters: names and sentences come from outside, and rich lets ESC pass."""
+    """Returns a text without control characters, which names and sentences from other programs may contain."""
     return Text(text.translate(_CONTROLS), style)
 
 
 @dataclass
 class ConsoleContent:
-    """The newest messages, unchanged, and how they are shown."""
+    """The newest messages, and the language in which they are shown."""
 
-    state: Optional[InteractionState] = None  # None while nothing is heard of the interaction manager
+    state: Optional[InteractionState] = None  # None while no message arrives from the interaction manager
     progress: BorderProgress = field(default_factory=BorderProgress)
     preview: BorderPreview = field(default_factory=BorderPreview)
     notices: Tuple[Notice, ...] = ()  # the most severe first
     language: str = sentences.ENGLISH
 
     def translate(self, code: str, **values: Any) -> str:
-        """Returns the words for a code in the operator's language."""
+        """Returns the text with a code in the operator's language."""
         return sentences.translate(code, values, self.language)
 
     def lines(self, now: float = 0.0) -> List[RenderableType]:
-        """Renders the content at a ROS time [s]: state, drawing, keys, what saving would do, and notices, each once."""
+        """Renders the content at a ROS time [s]: state, drawing, keys, preview and notices, each sentence only once."""
         style_by_sentence = dict(self._preview())
         for notice in self.notices:
             if self.state is None or notice.code not in _IN_STATE_LINE:
@@ -63,13 +63,13 @@ class ConsoleContent:
         return [self._state_line(now), self._keys(), *sentence_lines]
 
     def _state_line(self, now: float) -> Text:
-        """Renders the line of the state: a stop, the state, its time, the spots so far, and what people should do soon."""
-        state, progress = self.state, self.progress
+        """Renders the first line: a stop, the state, its duration, the spots so far, and what people should do soon."""
+        state = self.state
+        progress = self.progress
         if state is None:
             return safe_text(self.translate("console_waiting_manager"), "bold yellow")
         text = Text()
         if state.stopped:
-            # before everything else
             text.append(f" {self.translate('console_stopped')} ", "bold white on red")
             text.append_text(safe_text(f" {state.stopped_by} ", "bold red"))
         color = STATES.get(state.name, DEFAULT).color
@@ -88,7 +88,7 @@ class ConsoleContent:
         return text
 
     def _preview(self) -> List[Tuple[str, str]]:
-        """Returns (sentence, style) of what saving would do, then of each issue that this sentence does not contain."""
+        """Returns (sentence, style) for the effect of saving, then for each issue that this sentence does not contain."""
         preview = self.preview
         can_save = preview.available and preview.success
         sentence = sentence_in(preview, self.language)
@@ -113,10 +113,10 @@ class ConsoleContent:
         for key, code, is_available in [*keys, (QUIT_KEY, "console_quit", True)]:
             style = "" if is_available else "dim"
             name = self.translate("console_space") if key == " " else key
-            columns.append(Text.assemble((f" {name} ", f"reverse {style}"), f" {self.translate(code)}", style=style))
+            columns.append(Text(f" {name} ", f"reverse {style}") + Text(f" {self.translate(code)}", style))
         return Columns(columns)
 
 
 def _clock(seconds: float) -> str:
-    whole = max(0, int(seconds))
-    return f"{whole // 60}:{whole % 60:02d}"
+    minutes, rest = divmod(max(0, int(seconds)), 60)
+    return f"{minutes}:{rest:02d}"

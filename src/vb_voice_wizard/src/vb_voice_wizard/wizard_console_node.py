@@ -28,12 +28,12 @@ from vb_msgs.srv import CommandRequest, CommandResponse
 from vb_voice_wizard.wizard_console import COMMAND_KEYS, QUIT_KEY, ConsoleContent, extract_keys, safe_text
 from vb_voice_wizard.wizard_console import OK_STYLE, WARNING_STYLE
 
-_PERIOD = 0.2  # [s] between two updates: an operator cannot follow more
-_SILENCE_TIMEOUT = 3.0  # [s] the state comes ten times a second
+_PERIOD = 0.2  # [s] between two updates; an operator could not follow faster ones
+_SILENCE_TIMEOUT = 3.0  # [s] without a state, which otherwise arrives ten times a second
 
 
 class WizardConsoleNode:
-    """Shows the interaction and sends commands. Says when no state arrives, and continues when one does.
+    """Shows the interaction and sends commands. While no state arrives, the console says so.
 
     Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress)
@@ -65,7 +65,7 @@ class WizardConsoleNode:
         self._content.state = message
         previous_time = self._last_answered
         self._last_answered = message.last_answered
-        # an answer given before the console started is not news
+        # an answer that was given before the console started is not printed
         if message.last_command and previous_time not in (None, message.last_answered):
             sender = message.last_source or self._content.translate("console_somebody")
             command = self._content.translate("command_" + message.last_command)
@@ -74,8 +74,7 @@ class WizardConsoleNode:
 
     # ------------------------------------------------------------------ commands
     def press(self, key: str) -> bool:
-        """Sends the command of a pressed key, if it has one. Returns whether the key leaves the console."""
-        # another thread sends it, so that reading goes on
+        """Sends the command of a key, if it has one, from another thread. Returns whether the key leaves the console."""
         if key in COMMAND_KEYS and not self._command_sender.submit(COMMAND_KEYS[key]):
             self._print(self._content.translate("console_too_many_keys"), WARNING_STYLE)
         return key == QUIT_KEY
@@ -83,7 +82,7 @@ class WizardConsoleNode:
     def _on_answer(
         self, _request: CommandRequest, _context: Any, answer: Optional[CommandResponse], error: Optional[CodedError]
     ) -> None:
-        # answers arrive with the state, except for these
+        # the others are printed when they arrive with the state
         if error is not None:
             sentence = sentences.translate(error.code, error.values, self._content.language, error.message)
             self._print(self._content.translate("console_try_again", what=sentence), WARNING_STYLE)
@@ -92,15 +91,16 @@ class WizardConsoleNode:
 
     # ------------------------------------------------------------------ screen
     def _print(self, text: str, style: str) -> None:
-        """Prints a line with the time of day above the current state; from any thread."""
-        self._live.console.print(Text.assemble((time.strftime("%H:%M:%S "), "dim"), safe_text(text, style)))
+        """Prints a line with the time of day above the current state. May be called from any thread."""
+        clock_time = Text(time.strftime("%H:%M:%S "), "dim")
+        self._live.console.print(clock_time + safe_text(text, style))
 
     def run(self) -> None:
         """Shows the interaction until the operator leaves the console."""
         keyboard = sys.stdin.fileno()
         settings = termios.tcgetattr(keyboard)
         try:
-            # key by key, without an echo; control-C still interrupts
+            # the terminal then passes on each key at once and without an echo; control-C still interrupts
             tty.setcbreak(keyboard)
             with self._live:
                 self._update_until_left(keyboard)
@@ -143,5 +143,5 @@ def main() -> None:
     rospy.init_node("wizard_console", anonymous=True, disable_signals=True, log_level=rospy.FATAL)
     WizardConsoleNode(options.source, options.language).run()
     sys.stdout.flush()
-    # rospy's threads wait for a master that may be gone: leave without them
+    # exits without waiting for rospy's threads, which may wait for a master that is gone
     os._exit(0)

@@ -1,8 +1,8 @@
 """Decides who may do what on the page, and how much of it: codes, roles, sessions and slots for connections.
 
-A request is refused unless it proves its rights. On the loopback interface, a loopback name in the Host header does;
-elsewhere the cookie of a session, which only the holder of a code gets. Limited resources are divided: each role has
-its own slots for connections, and within a role the client that holds the most gives one up first.
+A request is refused unless it proves its rights. On the loopback interface, a loopback name in the Host header is proof
+enough. In a network, the proof is the cookie of a session, which nobody gets without a code. Connections are limited:
+each role has its own slots, and when all of a role's slots are taken, the client that holds the most gives one up.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from vb_core.files import write_atomically
 
 COOKIE = "virtual_borders_page"
 COOKIE_DAYS = 30
-_ALPHABET = "23456789abcdefghjkmnpqrstuvwxyz"  # no letters and digits that look alike
-_CODE_LENGTH = 8  # 40 bits, which take 14 years on average to find at 1000 tries a second
+_ALPHABET = "23456789abcdefghjkmnpqrstuvwxyz"  # without letters and digits that look alike
+_CODE_LENGTH = 8  # 40 bits: at 1000 tries a second, finding a code takes 14 years on average
 _MAX_SESSIONS = 100  # per code, so that holders of one code cannot log out those of the other
 
 
 class Role(enum.IntEnum):
-    """What a client may do. Each role may also do what those below it may."""
+    """What a client may do. Each role may also do everything that the lower roles may."""
 
     NOBODY = 0
     VIEWER = 1  # sees the page
@@ -51,8 +51,7 @@ def _new_code() -> str:
 def load_codes(path: Path) -> Dict[str, str]:
     """Reads the codes of "viewer" and "operator" from a file that only its owner can read. Creates it if needed.
 
-    Raises:
-        CodedError: "page_codes_bad" if it is unusable, "cannot_write" if it cannot be created.
+    Raises CodedError "page_codes_bad" if the file is unusable, "cannot_write" if it cannot be created.
     """
     names = ("viewer", "operator")
     try:
@@ -63,11 +62,13 @@ def load_codes(path: Path) -> Dict[str, str]:
         codes = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
         raise CodedError("page_codes_bad", file=path, reason=error) from None
-    if not isinstance(codes, dict) or set(codes) != set(names) or not all(isinstance(codes[n], str) for n in names):
+    has_both = isinstance(codes, dict) and set(codes) == set(names)
+    if not has_both or not all(isinstance(code, str) for code in codes.values()):
         raise CodedError("page_codes_bad", file=path, reason=f"it needs the texts {', '.join(names)}")
-    if min(map(len, map(normalize_code, codes.values()))) < _CODE_LENGTH:
+    normalized_codes = [normalize_code(code) for code in codes.values()]
+    if min(map(len, normalized_codes)) < _CODE_LENGTH:
         raise CodedError("page_codes_bad", file=path, reason=f"codes need {_CODE_LENGTH} letters or digits at least")
-    if len(set(map(normalize_code, codes.values()))) < len(names):
+    if len(set(normalized_codes)) < len(names):
         raise CodedError("page_codes_bad", file=path, reason="viewer and operator need different codes")
     return codes
 
@@ -84,7 +85,8 @@ class Sessions:
         path: the file of the sessions, beside that of the codes. None keeps them in memory only.
         on_fault: called with the error if the file cannot be written. The sessions in memory stay valid.
 
-    The file has digests of each session's cookie and of the code that opened it: changing a code ends its sessions.
+    The file contains a digest of each session's cookie, and one of the code that opened it. Therefore changing a code
+    ends the sessions that were opened with the old one.
     """
 
     def __init__(self, codes: Dict[str, str], path: Optional[Path] = None, on_fault: Callable = print) -> None:
@@ -92,27 +94,29 @@ class Sessions:
         self._on_fault = on_fault
         self._roles = {_digest(normalize_code(code)): Role[name.upper()] for name, code in codes.items()}
         self._lock = threading.Lock()
-        self._open: Dict[str, Tuple[str, float]] = {}  # each session's (digest of the code, time of opening [s])
-        with contextlib.suppress(OSError, ValueError, TypeError, AttributeError):  # then everybody logs in again
+        self._open: Dict[str, Tuple[str, float]] = {}  # by session: the digest of its code, the time of opening [s]
+        # if the file is damaged, everybody logs in again
+        with contextlib.suppress(OSError, ValueError, TypeError, AttributeError):
             if path is not None and path.exists():
                 entries = json.loads(path.read_text()).items()
                 self._open = {str(name): (str(code), float(opened_at)) for name, (code, opened_at) in entries}
 
     def open(self, typed: str) -> Optional[str]:
-        """Opens a session with a code as typed, and returns its cookie's value, or None if the code is wrong.
+        """Opens a session with a code as typed. Returns the value of its cookie, or None if the code is wrong.
 
-        Digests are compared, so that the time it takes reveals nothing about the code.
+        Only digests are compared, so that the duration of the comparison reveals nothing about the code.
         """
         code = _digest(normalize_code(typed))
         cookie = secrets.token_urlsafe(24)
         if code not in self._roles:
             return None
-        previous = [name for name, (opener, _) in self._open.items() if opener == code][: 1 - _MAX_SESSIONS]
-        self._change({_digest(cookie): (code, time.time())}, previous)
+        previous_sessions = [name for name, (opener, _) in self._open.items() if opener == code]
+        surplus_sessions = previous_sessions[: 1 - _MAX_SESSIONS]  # the oldest ones
+        self._change({_digest(cookie): (code, time.time())}, surplus_sessions)
         return cookie
 
     def find(self, cookie: Optional[str]) -> Tuple[Role, str]:
-        """Returns (role, session's name) of a cookie's value, or (NOBODY, "") if there is no such session (any more)."""
+        """Returns the role and the name of the session with this cookie, or (NOBODY, "") if there is no such session."""
         name = _digest(cookie or "")
         code, opened_at = self._open.get(name, ("", 0.0))
         role = self._roles.get(code, Role.NOBODY)
@@ -127,7 +131,8 @@ class Sessions:
 
     def _change(self, new_entries: Dict[str, Tuple[str, float]], ended: Any) -> None:
         with self._lock:
-            self._open = {name: entry for name, entry in {**self._open, **new_entries}.items() if name not in ended}
+            entries = {**self._open, **new_entries}
+            self._open = {name: entry for name, entry in entries.items() if name not in ended}
             if self._path is not None:
                 try:
                     write_atomically(self._path, json.dumps(self._open).encode("ascii"), private=True)
@@ -136,27 +141,29 @@ class Sessions:
 
 
 class ConnectionSlots:
-    """A number of slots for connections. When all are taken, the holder of the most gives one up for a newcomer.
+    """A limited number of slots for connections. When all are taken, whoever holds the most gives one up for a newcomer.
 
     Args:
         size: the number of slots.
-        yields: if all hold the same number, whether the longest unused slot goes, or else one of the newcomer's own.
+        yields: decides if several hold the most. If True, the slot that was unused for the longest time is given up;
+            otherwise the newcomer gives up one that it holds, if it is among them.
     """
 
     def __init__(self, size: int, yields: bool) -> None:
-        self._size, self._yields = size, yields
-        self._holders: Dict[Any, Tuple[str, ...]] = {}  # each connection's holders, the longest unused first
+        self._size = size
+        self._yields = yields
+        self._holders: Dict[Any, Tuple[str, ...]] = {}  # by connection, the one that was unused for longest first
 
     def release(self, connection: Any) -> None:
         """Gives up a connection's slot, if it has one."""
         self._holders.pop(connection, None)
 
     def assign_slot(self, connection: Any, *holders: str) -> Optional[Any]:
-        """Gives a connection a slot. Returns the connection that has to go for it, which may be the same one.
+        """Gives a connection a slot. Returns the connection that must be closed for it, which may be the same one.
 
         Args:
-            connection: anything with `closed()`. A closed one gives up its slot.
-            holders: who holds it, for instance an address and a session. The one that holds more slots counts.
+            connection: any object with a method `closed()`. A closed connection gives up its slot.
+            holders: who holds the connection, for instance an address and a session. The one with more slots counts.
         """
         self.release(connection)
         self._holders[connection] = holders
@@ -167,14 +174,15 @@ class ConnectionSlots:
         counts = Counter(holder for names in self._holders.values() for holder in names)
         shares = {peer: max(counts[holder] for holder in names) for peer, names in self._holders.items()}
         largest = [peer for peer, share in shares.items() if share == max(shares.values())]
-        own = [] if self._yields else [peer for peer in largest if set(self._holders[peer]) & set(holders)]
-        displaced = (own or largest)[0]
+        own = [peer for peer in largest if set(self._holders[peer]) & set(holders)]
+        candidates = own if own and not self._yields else largest
+        displaced = candidates[0]
         self.release(displaced)
         return displaced
 
 
 def security_headers(secure: bool) -> Dict[str, str]:
-    """Returns the headers of every answer: nothing from elsewhere runs in the page, and the page runs in no frame."""
+    """Returns the headers of every answer. With them, the page loads nothing from other sites, and no frame shows it."""
     policy = (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
         "manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"

@@ -1,6 +1,6 @@
 """Carries out the page's requests by calling interaction manager, map integrator and robot monitor. Needs a node.
 
-Each action has a method of the same name, which returns an answer with code and values, or raises a `CodedError`.
+Each action has a method of the same name, which returns the answer to the request, or raises a `CodedError`.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from vb_web.action_parser import ActionRequest
 from vb_web.page_messages import apply_draft, issues_section, region_uri
 from vb_web.page_view import answer_from_error, make_answer, json_number
 
-_TIMEOUT = 20.0  # [s] a preview of 16 million cells takes half a second on a busy computer
+_TIMEOUT = 20.0  # [s] for an answer; on a busy computer, a preview of 16 million cells takes half a second
 _MONITOR = {"who_code": "robot_monitor"}
-_CHANGES = {  # to a stored border: services whose fields have the same names as the request's
+_CHANGES = {  # services that change a stored border; their fields have the same names as those of the request
     "update": (names.UPDATE_BORDER, UpdateBorder),
     "rename": (names.RENAME_BORDER, RenameBorder),
     "enable": (names.SET_BORDER_ENABLED, SetBorderEnabled),
@@ -39,9 +39,9 @@ class ActionExecutor:
     """Carries out requests. Thread safe.
 
     Args:
-        find_border: returns the stored border of an id, or None.
-        has_manager: returns whether there is an interaction manager.
-        make_invitation: returns what a phone needs to log in.
+        find_border: returns the stored border with an id, or None.
+        has_manager: returns whether an interaction manager is connected.
+        make_invitation: returns the addresses and codes with which a phone can log in.
     """
 
     def __init__(
@@ -56,25 +56,26 @@ class ActionExecutor:
         self._command_sender = CommandSender("page", self._on_answer)
 
     def carry_out(self, request: ActionRequest, source: str) -> Dict[str, Any]:
-        """Carries out a request. Returns its answer, or raises a CodedError if it was not carried out."""
+        """Carries out a request and returns the answer. Raises a CodedError if it was not carried out."""
         return getattr(self, f"_{request.action}")(request, source)
 
     # ------------------------------------------------------------- commands
     def command(self, request: ActionRequest, source: str) -> "asyncio.Future[Dict[str, Any]]":
-        """Starts to carry out a command. Returns a future of its answer in the calling thread's event loop."""
+        """Starts to carry out a command. Returns a future of the answer in the calling thread's event loop."""
         command = request.values["command"]
         future = asyncio.get_event_loop().create_future()
-        without_manager = command in (UNDO, REDO) and not self._has_manager()
-        # the browser's id, so that a request repeated after a restart of the page is carried out once
-        if not self._command_sender.submit(
+        is_without_manager = command in (UNDO, REDO) and not self._has_manager()
+        is_accepted = self._command_sender.submit(
             command,
             future,
             given_at=request.arrived - request.values["age"],
             source=source,
             seen_stop=request.values["seen_stop"],
+            # chosen by the browser, so that a request that it repeats after a restart of this node is carried out once
             identity=request.id,
-            carry_out=_undo_or_redo if without_manager else send,
-        ):
+            carry_out=_undo_or_redo if is_without_manager else send,
+        )
+        if not is_accepted:
             future.set_result(answer_from_error(CodedError("page_too_fast")))
         return future
 
@@ -109,13 +110,15 @@ class ActionExecutor:
 
     def _change(self, request: ActionRequest, source: str) -> Dict[str, Any]:
         fields = dict(request.values)
-        stored = self._copy_stored(fields.pop("border"))  # only ids of stored borders get through
+        stored = self._copy_stored(fields.pop("border"))
         if "draft" in fields:
-            fields.update(border=apply_draft(fields.pop("draft"), stored), frame_id=names.MAP_FRAME)
+            fields["border"] = apply_draft(fields.pop("draft"), stored)
+            fields["frame_id"] = names.MAP_FRAME
         else:
             fields["id"] = stored.id
         revision = fields.pop("revision")
-        return _answer(_call(*_CHANGES[request.action], source=source, expected_revision=revision, **fields))
+        service_name, service = _CHANGES[request.action]
+        return _answer(_call(service_name, service, source=source, expected_revision=revision, **fields))
 
     _update = _rename = _enable = _remove = _change
 
@@ -139,7 +142,7 @@ class ActionExecutor:
 def _call(
     service_name: str, service: Any, answering_node: Mapping[str, str] = services.INTEGRATOR, **fields: Any
 ) -> Any:
-    """Calls a service with a request of these fields."""
+    """Calls a service with a request that has these fields."""
     request = service._request_class(**fields)
     return services.call(service_name, service, request, answering_node, response_timeout=_TIMEOUT)
 

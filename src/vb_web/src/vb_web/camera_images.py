@@ -20,20 +20,19 @@ from vb_web import page_images
 
 _TRANSPORTS = {"raw": ("image_raw", Image), "compressed": ("image_raw/compressed", CompressedImage)}
 _IMAGE_TIMEOUT = 2.0  # [s] for a camera's next image
-_FLOOR_LIFETIME = 5.0  # [s] for which all browsers get the same image, if it shows all cameras' images
+_FLOOR_LIFETIME = 5.0  # [s] for which all browsers get the same image of the floor, if no camera is missing in it
 
 
 def to_bgr(message: Union[Image, CompressedImage]) -> np.ndarray:
     """Converts an image message to (H, W, 3) bgr uint8.
 
-    Raises:
-        CodedError: "bad_image", or "unknown_encoding" for an image that is not a picture, such as depth.
+    Raises CodedError "bad_image", or "unknown_encoding" for an image that is not a picture, such as depth.
     """
     return decode(message, PixelReader()).bgr()
 
 
 class CameraImages:
-    """Makes images for browsers from the detectors' debug images, and of the floor as the ceiling cameras see it.
+    """Makes two kinds of images for browsers: the detectors' debug images, and the floor as the ceiling cameras see it.
 
     Args:
         find_detector: returns the namespace of a camera's detector, or None for an unknown camera.
@@ -50,9 +49,11 @@ class CameraImages:
         find_map: Callable[[], Optional[GridMap]],
         transforms: TransformLookup,
     ) -> None:
-        self._find_detector, self._find_map = find_detector, find_map
-        self._cameras, self._transforms = cameras, transforms
-        self._topic, self._kind = _TRANSPORTS[transport]
+        self._find_detector = find_detector
+        self._find_map = find_map
+        self._cameras = cameras
+        self._transforms = transforms
+        self._topic, self._message_type = _TRANSPORTS[transport]
         self._floor_lock = threading.Lock()
         self._floor: Optional[bytes] = None
         self._floor_at = -1e9
@@ -69,23 +70,26 @@ class CameraImages:
             return None
 
     def floor_webp(self) -> Optional[bytes]:
-        """Draws the floor as all ceiling cameras see it now. Returns None if none of them does."""
+        """Draws the floor as all ceiling cameras see it now. Returns None without a map or if no camera sends images."""
         with self._floor_lock:
             if self._floor is None or time.monotonic() - self._floor_at > _FLOOR_LIFETIME:
                 grid = self._find_map()
                 images = [image for image in map(self._receive, self._cameras) if image is not None]
                 self._floor = page_images.draw_floor(grid, images).encoded if grid is not None and images else None
-                # if a camera is missing, the next request draws the image again, as the camera may be starting
-                self._floor_at = time.monotonic() if len(images) == len(self._cameras) else -1e9
+                # if a camera is missing, it may be about to start: the next request draws the image again
+                is_complete = len(images) == len(self._cameras)
+                self._floor_at = time.monotonic() if is_complete else -1e9
             return self._floor
 
     def _receive(self, camera: str) -> Optional[page_images.CeilingImage]:
         try:
             info = rospy.wait_for_message(f"/{camera}/camera_info", CameraInfo, timeout=_IMAGE_TIMEOUT)
-            image = to_bgr(rospy.wait_for_message(f"/{camera}/{self._topic}", self._kind, timeout=_IMAGE_TIMEOUT))
+            topic = f"/{camera}/{self._topic}"
+            image = to_bgr(rospy.wait_for_message(topic, self._message_type, timeout=_IMAGE_TIMEOUT))
             model = camera_from_info(info)
             T_camera_map = self._transforms.lookup(f"{camera}_optical_frame", names.MAP_FRAME, rospy.Time(0))
         except (rospy.ROSException, CodedError) as error:
             rospy.logwarn_throttle(60.0, f"{rospy.get_name()}: the floor's image is without camera {camera}: {error}")
             return None
-        return page_images.CeilingImage(image, model.scaled_to(image.shape[1], image.shape[0]), T_camera_map)
+        height, width = image.shape[:2]
+        return page_images.CeilingImage(image, model.scaled_to(width, height), T_camera_map)

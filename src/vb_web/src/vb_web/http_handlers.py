@@ -1,7 +1,7 @@
 """Answers browsers: files and images by HTTP, and one WebSocket for everything else.
 
-Browsers get the view's sections as they change, and send requests that `action_parser` must accept. No request names
-a file on disk: dictionaries hold all that can be fetched.
+A browser gets the sections of the view as they change, and sends requests, which `action_parser` checks. No request can
+name a file on disk, because everything that can be fetched is in dictionaries.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from vb_web.page_view import answer_from_error, compact_json
 
 _SEND_PERIOD = 0.04  # [s] between two messages to a browser: 25 a second look fluid, and cost little for 20 browsers
 MAX_BODY = 2048  # [B] the only body is a code
-_MAX_UNANSWERED = 4  # requests of one browser
-_MAX_REFUSED = 20  # messages after which the browser is disconnected
+_MAX_UNANSWERED = 4  # requests of one browser that are carried out at the same time
+_MAX_REFUSED = 20  # refused messages after which a browser is disconnected
 _PROXY_HEADERS = ("Forwarded", "X-Forwarded-For", "X-Real-Ip", "Via")
 
 
@@ -69,7 +69,7 @@ class _GuardedHandler(web.RequestHandler):
             self.set_header("Connection", "close")
             raise web.HTTPError(503)
         if request.method not in ("GET", "HEAD") or isinstance(self, WebSocketHandler):
-            # this computer's own browsers are checked too: any other page open in them could ask
+            # local browsers are checked too, because any page that is open in them could send requests to this one
             if not is_same_origin(request.headers.get("Origin"), request.protocol, request.host):
                 raise web.HTTPError(403)
         if self.role < self.NEEDS:
@@ -78,7 +78,7 @@ class _GuardedHandler(web.RequestHandler):
     def _identify(self) -> Tuple[Role, str]:
         if self.page.sessions is not None:
             return self.page.sessions.find(self.get_cookie(access_control.COOKIE))
-        # a request by another host's name that leads here, or through a proxy here, is not from this computer
+        # a request that names another host, or that came through a proxy, is not from this computer
         is_direct = not any(name in self.request.headers for name in _PROXY_HEADERS)
         hosts = (parse_host(self.request.host), self.request.remote_ip or "")
         is_local = is_direct and all(map(is_loopback, hosts))
@@ -130,20 +130,21 @@ class _ImageHandler(_Handler):
 
 
 class _CameraHandler(_Handler):
-    """Sends a camera's image, or the floor as all of them see it. Both are made on request."""
+    """Sends a camera's image, or an image of the floor as all cameras see it. Both are made when they are requested."""
 
     NEEDS = Role.OPERATOR
 
     async def get(self, camera: Optional[str]) -> None:
-        make = (self.page.cameras.camera_jpeg, camera) if camera else (self.page.cameras.floor_webp,)
-        data = await self.page.in_turn(self.session, *make)
+        images = self.page.cameras
+        make_image = partial(images.camera_jpeg, camera) if camera else images.floor_webp
+        data = await self.page.run_in_turn(self.session, make_image)
         if data is None:
             raise web.HTTPError(404)
         self.send(data, "image/jpeg" if camera else "image/webp")
 
 
 class _SessionHandler(_Handler):
-    """Tells a browser its role, which a failed WebSocket does not. Logs in (POST, with a code) and out (DELETE)."""
+    """Tells a browser its role (GET), which a refused WebSocket cannot; logs in with a code (POST) and out (DELETE)."""
 
     NEEDS = Role.NOBODY
 
@@ -159,7 +160,8 @@ class _SessionHandler(_Handler):
             raise web.HTTPError(429)
         try:
             fields = json.loads(self.body.decode("utf-8"))
-            code = fields["code"] if set(fields) == {"code"} and isinstance(fields["code"], str) else ""
+            has_code = set(fields) == {"code"} and isinstance(fields["code"], str)
+            code = fields["code"] if has_code else ""
         except (ValueError, TypeError, RecursionError):
             raise web.HTTPError(400) from None
         cookie = await asyncio.get_event_loop().run_in_executor(self.page.pool, sessions.open, code)
@@ -178,7 +180,8 @@ class _SessionHandler(_Handler):
     async def delete(self) -> None:
         if self.session and self.page.sessions is not None:
             await asyncio.get_event_loop().run_in_executor(self.page.pool, self.page.sessions.end, self.session)
-            for browser in [browser for browser in self.page.browsers if browser.session == self.session]:
+            logged_out = [browser for browser in self.page.browsers if browser.session == self.session]
+            for browser in logged_out:
                 browser.close(1008)
         self.clear_cookie(access_control.COOKIE)
         self.send(b'{"ok":true}', "application/json")
@@ -188,7 +191,7 @@ class _LinkHandler(_GuardedHandler, WebSocketHandler):
     """The WebSocket of one browser."""
 
     def check_origin(self, origin: str) -> bool:
-        return True  # `prepare` has checked it, and refused a missing one
+        return True  # `prepare` has checked the origin, and has refused a request without one
 
     def open(self, *_args: str) -> None:
         self.set_nodelay(True)
@@ -203,9 +206,10 @@ class _LinkHandler(_GuardedHandler, WebSocketHandler):
         self.page.browsers.discard(self)
 
     async def _send_view(self) -> None:
-        """Sends this browser what it has not received yet, as fast as it accepts it, but no faster than looks fluid.
+        """Sends this browser the changes that it has not received yet, at most one message per _SEND_PERIOD.
 
-        Viewers are served at random moments within that period: otherwise an operator's answer would wait for them all.
+        Each viewer is served at a random moment within the period. If all were served at once, an operator's answer
+        would have to wait for them.
         """
         revision = 0
         delay = 0.0 if self.role == Role.OPERATOR else random.uniform(0.0, _SEND_PERIOD)
@@ -225,8 +229,8 @@ class _LinkHandler(_GuardedHandler, WebSocketHandler):
             self.write_message(compact_json(message))
 
     def on_message(self, message: Any) -> None:
-        """Starts what a message asks for, or answers why not. A browser that is refused too often is disconnected."""
-        request_id = ""  # a refusal names its request too, if that has a usable id
+        """Carries out the request in a message, or refuses it. A browser that is refused too often is disconnected."""
+        request_id = ""  # is sent with the refusal, if the request has a usable id
         try:
             if not self._message_limiter.allows("", time.monotonic()):
                 raise CodedError("page_too_fast")
@@ -244,8 +248,9 @@ class _LinkHandler(_GuardedHandler, WebSocketHandler):
             self._write_json({"re": request.id, **answer_from_error(CodedError("page_too_fast"))})
             return
         self._unanswered += 1
-        # by callback: each await would cost another turn of the loop, in which all others come first
-        self.page.carry_out(request, self.session).add_done_callback(partial(self._answer, request))
+        # a callback instead of an await, after which this browser would have to wait for all others again
+        future = self.page.carry_out(request, self.session)
+        future.add_done_callback(partial(self._answer, request))
 
     def _answer(self, request: action_parser.ActionRequest, future: asyncio.Future) -> None:
         self._unanswered -= 1

@@ -1,7 +1,7 @@
-"""The images under the page's lines: map, restricted floor, and the floor as the ceiling cameras see it.
+"""The images below the page's lines: the map, the restricted floor, and the floor as the ceiling cameras see it.
 
-All are transparent where there is nothing to show, so that light and dark pages use the same ones. Row 0 of an image
-is the map's highest y. A map with more than MAX_SIDE cells along a side is reduced, but no wall ever vanishes.
+All images are transparent where there is nothing to show, so that a light and a dark page can use the same ones. Row 0
+of an image is the map's highest y. A map with more than MAX_SIDE cells along a side is reduced, but no wall vanishes.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from vb_core.geometry import transform_points
 from vb_core.grid_map import UNKNOWN, GridMap
 from vb_web.page_view import json_number
 
-MAX_SIDE = 2048  # [px] of an image; more is neither visible on a display nor smooth on a phone
+MAX_SIDE = 2048  # [px] of an image; a larger one would not look better on a display, and would be slow on a phone
 FLOOR_SIDE = 1400  # [px] of the floor's image
-FLOOR_PIXEL = 0.01  # [m] a ceiling camera resolves nothing finer
+FLOOR_PIXEL = 0.01  # [m] edge of a pixel of the floor's image; ceiling cameras resolve no finer details
 STRIPE_PERIOD = 0.2  # [m] period of the stripes
 _INK = (40, 34, 30, 255)  # bgra of walls; the dark page inverts them
 _UNKNOWN = (128, 128, 128, 70)
@@ -31,11 +31,11 @@ PREVIEW_SIDE = 700  # [px] of a preview, which travels inside a message
 
 @dataclass(frozen=True)
 class EncodedImage:
-    """A PNG or WebP.
+    """A PNG or WebP image.
 
     Attributes:
-        name: changes with the content, so that browsers may cache it forever.
-        cells_per_pixel: of the map, along a side; less than 1 if the image is finer than the map.
+        name: changes with the content, so that browsers may cache the image forever.
+        cells_per_pixel: number of map cells along the side of a pixel; less than 1 if the image is finer than the map.
     """
 
     encoded: bytes
@@ -44,7 +44,7 @@ class EncodedImage:
 
 
 class ImageCache:
-    """Keeps the newest two images of each kind, as a browser may still be fetching the previous one."""
+    """Keeps the newest two images of each kind, because a browser may still be fetching the previous one."""
 
     def __init__(self) -> None:
         self._images: Dict[str, Tuple[EncodedImage, ...]] = {}
@@ -55,12 +55,12 @@ class ImageCache:
         self._images[kind] = (image, *previous[:1])
 
     def get(self, kind: str, name: str) -> Optional[EncodedImage]:
-        """Returns an image by its name, or None if it is not (or no longer) there."""
+        """Returns an image by its name, or None if it is not in the cache."""
         return next((image for image in self._images.get(kind, ()) if image.name == name), None)
 
 
 def _reduce(data: np.ndarray, side: int) -> Tuple[np.ndarray, int]:
-    """Reduces (H, W) to maxima of blocks, the last padded by the edge. Also returns a block's side [cells]."""
+    """Reduces (H, W), padded by repeating its edge, to the maxima of blocks. Also returns a block's side [cells]."""
     cells = int(np.ceil(max(data.shape) / side))
     missing = [(0, -size % cells) for size in data.shape]
     padded = np.pad(data, missing, mode="edge")
@@ -85,13 +85,14 @@ def map_layer(grid: GridMap) -> EncodedImage:
     data, cells = _reduce(grid.data, MAX_SIDE)
     pixels = np.zeros((*data.shape, 4), np.uint8)
     pixels[data > 0] = _INK
-    pixels[..., 3] = np.where(data > 0, np.maximum(data, 0).astype(np.uint16) * 255 // 100, 0).clip(0, 255)
+    opacity = np.maximum(data, 0).astype(np.uint16) * 255 // 100
+    pixels[..., 3] = opacity.clip(0, 255)
     pixels[data == UNKNOWN] = _UNKNOWN
     return _encode(pixels, cells)
 
 
 def map_section(grid: GridMap, base: EncodedImage, restricted: Optional[EncodedImage], floor: bool) -> Dict[str, Any]:
-    """Describes the map's images and geometry for the page. `floor`: whether there is an image of the floor."""
+    """Describes the map's images and geometry for the page. `floor` says whether there is an image of the floor."""
     rows, columns = grid.shape
     return {
         "picture": base.name,
@@ -106,7 +107,7 @@ def map_section(grid: GridMap, base: EncodedImage, restricted: Optional[EncodedI
 
 
 def draw_restricted(prior: GridMap, posterior: GridMap) -> EncodedImage:
-    """Draws stripes where the map with borders is more occupied, fainter for lower occupancy."""
+    """Draws stripes where borders have made the map more occupied. They are fainter for a lower occupancy."""
     region = np.where(posterior.data > prior.data, posterior.data, np.int8(0))
     return draw_region(region, posterior.resolution, RESTRICTED_COLOR, MAX_SIDE)
 
@@ -123,10 +124,11 @@ def draw_region(region: np.ndarray, resolution: float, tint: Tuple[int, int, int
     data, cells = _reduce(region, side)
     rows, columns = np.indices(data.shape, dtype=np.float32)
     period = max(4.0, STRIPE_PERIOD / (resolution * cells))
-    dark = ((rows + columns) % period) < period / 2.0
+    is_dark = ((rows + columns) % period) < period / 2.0
+    strength = np.where(is_dark, 1.45, 0.75)
     pixels = np.zeros((*data.shape, 4), np.uint8)
     pixels[..., :3] = tint
-    pixels[..., 3] = np.where(dark, 1.45, 0.75) * np.maximum(data, 0)
+    pixels[..., 3] = strength * np.maximum(data, 0)
     return _encode(pixels, cells)
 
 
@@ -145,18 +147,20 @@ class CeilingImage:
 
 
 def floor_cells_per_pixel(grid: GridMap) -> float:
-    """Returns the map cells per pixel of the floor's image, along a side."""
+    """Returns the number of map cells along the side of a pixel of the floor's image."""
     return max(max(grid.shape) / FLOOR_SIDE, FLOOR_PIXEL / grid.resolution)
 
 
 def draw_floor(grid: GridMap, images: Sequence[CeilingImage]) -> EncodedImage:
-    """Draws the floor in the map's geometry, as all cameras together see it, and transparent where none does.
+    """Draws the floor as all cameras together see it, in the map's geometry. It is transparent where no camera sees it.
 
-    Where several see the same floor, each is weighted by the pixel's distance to its image's edge: no hard seams.
+    Where several cameras see the same part of the floor, their images are averaged. The weight of an image decreases
+    towards its edge, so that there are no hard seams.
     """
     cells = floor_cells_per_pixel(grid)
     rows, columns = (int(np.ceil(size / cells)) for size in grid.shape)
-    centers = np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), axis=-1).reshape(-1, 2)
+    center_x, center_y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
+    centers = np.column_stack([center_x.ravel(), center_y.ravel()])
     positions = grid.grid_to_world(centers * cells - 0.5)
     floor_points = np.column_stack([positions, np.zeros(len(positions))])
     total = np.zeros((rows, columns, 3), np.float32)
@@ -167,16 +171,18 @@ def draw_floor(grid: GridMap, images: Sequence[CeilingImage]) -> EncodedImage:
         points[~in_front] = (0.0, 0.0, 1.0)
         pixels = image.camera.project(points).astype(np.float32)
         size = np.array([image.camera.width, image.camera.height], np.float32)
-        inside = np.minimum(pixels, size - 1.0 - pixels).min(axis=1) / size.min()
-        weight = np.where(in_front & (inside > 0.0), inside, 0.0).reshape(rows, columns).astype(np.float32)
+        edge_distance = np.minimum(pixels, size - 1.0 - pixels).min(axis=1) / size.min()
+        is_seen = in_front & (edge_distance > 0.0)
+        weight = np.where(is_seen, edge_distance, 0.0).reshape(rows, columns).astype(np.float32)
         pixel_grid = pixels.reshape(rows, columns, 2)
         colors = cv2.remap(image.pixels, pixel_grid[..., 0], pixel_grid[..., 1], cv2.INTER_AREA)
         total += colors * weight[..., None]
         weights += weight
+    is_visible = weights > 0
+    mean_colors = total[is_visible] / weights[is_visible][:, None]
     pixels = np.zeros((rows, columns, 4), np.uint8)
-    is_seen = weights > 0
-    pixels[..., :3][is_seen] = (total[is_seen] / weights[is_seen][:, None]).clip(0, 255)
-    pixels[..., 3] = np.where(is_seen, 255, 0)
+    pixels[is_visible, :3] = mean_colors.clip(0, 255)
+    pixels[is_visible, 3] = 255
     return _encode(pixels, cells, _WEBP)
 
 

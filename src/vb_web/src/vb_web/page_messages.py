@@ -1,6 +1,6 @@
 """Converts messages to sections of the page's view, and the page's drafts to messages. Needs the messages, but no node.
 
-Lengths are metres. Chains and points are sent in whole centimetres, [x0, y0, x1, y1, ...]: compact, finer than a spot.
+Lengths are in metres, but chains and points are compact lists of whole centimetres, [x0, y0, x1, y1, ...].
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _KIND_NAMES = {number: name for name, number in _KINDS.items()}
 
 
 def centimeters(points: Iterable[Point]) -> List[int]:
-    """Converts points to whole centimetres in one list, without points that are not finite."""
+    """Converts points to one list of coordinates in whole centimetres. Leaves out points that are not finite."""
     coordinates = np.array([(point.x, point.y) for point in points], dtype=float).reshape(-1, 2)
     coordinates = coordinates[np.isfinite(coordinates).all(axis=1)].clip(-1e6, 1e6)
     return np.rint(coordinates * 100.0).astype(int).ravel().tolist()
@@ -38,7 +38,7 @@ def copy_fields(source: Any, *fields: str) -> Dict[str, Any]:
 
 
 def coded_sentence(message: Any) -> Dict[str, Any]:
-    """Returns code, values and English sentence of any message that has these three."""
+    """Returns the code, the values and the English sentence of a message that has these three fields."""
     return {"code": message.code, "values": mapping_from_values(message.values), "message": message.message}
 
 
@@ -49,10 +49,12 @@ def issues_section(issues: Iterable[BorderIssue]) -> List[Dict[str, Any]]:
 
 def state_section(message: InteractionState) -> Dict[str, Any]:
     """Converts the state of the interaction. Times become seconds."""
-    ends = (message.ends_at - message.header.stamp).to_sec() if not message.ends_at.is_zero() else 0.0
+    seconds_left = 0.0
+    if not message.ends_at.is_zero():
+        seconds_left = (message.ends_at - message.header.stamp).to_sec()
     return {
         **copy_fields(message, "name", "available_commands", "stopped", "stopped_by", "stop_number"),
-        "ends_in_s": max(0, int(ends)),
+        "ends_in_s": max(0, int(seconds_left)),
         "confirm": message.confirm_save,
         "outcome": message.last_outcome,
         "last": {
@@ -92,7 +94,7 @@ def region_uri(region: Any) -> str:
 
 
 def preview_section(message: BorderPreview) -> Dict[str, Any]:
-    """Converts the preview of what saving now would do."""
+    """Converts a preview, which describes what saving now would do."""
     if not message.available:
         return {"available": False}
     return {
@@ -107,7 +109,7 @@ def preview_section(message: BorderPreview) -> Dict[str, Any]:
 
 
 def border_section(border: VirtualBorder, capabilities: Optional[Capabilities] = None) -> Dict[str, Any]:
-    """Converts one border. `capabilities`, if they are known, tell which robots do not keep it: `unkept`."""
+    """Converts one border. If `capabilities` are known, its entry `unkept` says which robots ignore the border."""
     zone = zone_by_number(border.zone).name
     unkept = None
     if capabilities is not None and border.in_force:
@@ -127,7 +129,7 @@ def border_section(border: VirtualBorder, capabilities: Optional[Capabilities] =
 
 
 def borders_section(message: VirtualBorderArray, capabilities: Optional[Capabilities] = None) -> Dict[str, Any]:
-    """Converts all borders. `capabilities`: those of what is connected, if that is known."""
+    """Converts all borders. `capabilities` are those of the connected robots, if they are known."""
     return {
         **copy_fields(message, "revision", "map_id", "map_name", "available_commands"),
         "unconfirmed": message.needs_confirmation,
@@ -139,21 +141,22 @@ def borders_section(message: VirtualBorderArray, capabilities: Optional[Capabili
 def capabilities_section(
     capabilities: Capabilities, message: RobotStatusArray, more_commands: Iterable[str] = ()
 ) -> Dict[str, Any]:
-    """Converts what the lab can do, and what is said about its robots. `more_commands`: further commands to offer."""
+    """Converts the capabilities of the lab, and the notices about its robots. Offers `more_commands` too."""
+    notices = [
+        {"robot": notice.robot, "severity": int(notice.severity), "code": notice.code, "values": dict(notice.values)}
+        for notice in capabilities.robot_notices
+    ]
     return {
         **copy_fields(capabilities, "state", "zones", "sendable_robots"),
         "interaction": message.interaction,
         "commands": [*capabilities.commands, *more_commands],
         "robots": [robot.robot for robot in message.robots],
-        "lines": [
-            {"robot": line.robot, "severity": int(line.severity), "code": line.code, "values": dict(line.values)}
-            for line in capabilities.robot_notices
-        ],
+        "lines": notices,
     }
 
 
 def goals_section(message: RobotStatusArray) -> Dict[str, Any]:
-    """Converts where robots are going: goal and path, by robot."""
+    """Converts the goal and the path of each robot that has a goal, by robot."""
     return {
         robot.robot: {"goal": centimeters([robot.goal]), "path": centimeters(robot.path)}
         for robot in message.robots
@@ -178,7 +181,7 @@ def detector_entry(message: DetectorStatus) -> Dict[str, Any]:
 
 
 def driver_entry(message: DriverState) -> Dict[str, Any]:
-    """Converts who drives a robot, and the sentence that says why it stands or drives."""
+    """Converts the state of a robot's driver: which program drives the robot, and why it drives or stands still."""
     code = "robot_stopped_inside_border" if message.code == "inside_border" else f"robot_{message.code}"
     values = {**sentences.robot_values(message.robot), "others_code": "page_other_program"}
     return {"source": message.source, "code": code, "values": values, "message": message.message}
@@ -198,7 +201,7 @@ def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:
 
 
 def apply_draft(draft: Mapping[str, Any], border: VirtualBorder) -> VirtualBorder:
-    """Puts a draft, checked by `action_parser`, into a border's message. Fields that a draft does not have are unchanged."""
+    """Puts a draft that `action_parser` has checked into a border's message. The message's other fields are unchanged."""
     border.name = draft["name"]
     border.enabled = draft["enabled"]
     border.robots = list(draft["robots"])

@@ -43,13 +43,14 @@ _EVENTS = 100
 
 
 class _ReceivedEntry(NamedTuple):
-    """An entry of a section, and when its newest message came."""
+    """An entry of a section, and the time at which its newest message arrived."""
 
     received_at: float  # [s] monotonic clock
     entry: Dict[str, Any]
 
     def with_presence(self, now: float) -> Dict[str, Any]:
-        return {**self.entry, "present": now - self.received_at < _SILENCE_TIMEOUT}
+        is_present = now - self.received_at < _SILENCE_TIMEOUT
+        return {**self.entry, "present": is_present}
 
 
 class PageNode:
@@ -61,21 +62,19 @@ class PageNode:
         /virtual_borders/progress (vb_msgs/BorderProgress), /virtual_borders/preview (vb_msgs/BorderPreview)
         /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/notices (vb_msgs/NoticeArray)
         /virtual_borders/detectors (vb_msgs/DetectorStatus), /virtual_borders/drivers (vb_msgs/DriverState)
-        /virtual_borders/robots (vb_msgs/RobotStatusArray): what is connected, which decides what is offered and claimed
+        /virtual_borders/robots (vb_msgs/RobotStatusArray): what is connected, and thus what the page can offer
         /tf, /tf_static (tf2_msgs/TFMessage): the robots' and the cameras' poses
-        <detector>/debug_image, /<camera>/image_raw (sensor_msgs/Image): while a browser shows them
-        /<camera>/image_raw/compressed (sensor_msgs/CompressedImage): the same
-        /<camera>/camera_info (sensor_msgs/CameraInfo): the same
+        <detector>/debug_image, /<camera>/image_raw (sensor_msgs/Image): only while a browser shows them
+        /<camera>/image_raw/compressed (sensor_msgs/CompressedImage): only while a browser shows it
+        /<camera>/camera_info (sensor_msgs/CameraInfo): only while a browser shows the camera's image
     Published topics:
-        /virtual_borders/stop (vb_msgs/Stop): on Stop; it reaches robots without any other node.
+        /virtual_borders/stop (vb_msgs/Stop): when Stop is pressed; it reaches robots without any other node.
     Services called:
         /virtual_borders/command (vb_msgs/Command), /virtual_borders/confirm_map (vb_msgs/ConfirmMap)
         /virtual_borders/preview_border (vb_msgs/PreviewBorder), /virtual_borders/add_border (vb_msgs/AddBorder)
         /virtual_borders/update_border (vb_msgs/UpdateBorder), /virtual_borders/remove_border (vb_msgs/RemoveBorder)
         /virtual_borders/rename_border (vb_msgs/RenameBorder), /virtual_borders/send_robot (vb_msgs/SendRobot)
         /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled), /virtual_borders/undo_redo (vb_msgs/UndoRedo)
-    Parameters:
-        config/page.yaml
     """
 
     def __init__(self, params: PageParams) -> None:
@@ -87,32 +86,32 @@ class PageNode:
         self._events: Deque[Dict[str, Any]] = deque(maxlen=_EVENTS)  # what the page shows as history
         self._grid: Optional[GridMap] = None
         self._borders: Optional[VirtualBorderArray] = None  # None until they are known
-        self._border_marks: Dict[str, str] = {}  # each border's, by its id
+        self._border_marks: Dict[str, str] = {}  # by the border's id
         self._capabilities: Optional[Capabilities] = None  # None while it is not known what is connected
-        self._stoppable = False  # whether a robot has obeyed Stop since this node was started
-        self._base_frames: Dict[str, str] = {}  # each robot's
+        self._has_stoppable_robot = False  # whether a robot that obeys Stop was connected since this node was started
+        self._base_frames: Dict[str, str] = {}  # by robot
         self._last_answer: Any = None
         self._is_drawing = False
         self._state_at = time.monotonic()
         self._spots: Dict[str, Any] = {}  # each camera's newest spot
-        self._notices_timer = node.WakeTimer(_HEALTH_PERIOD)  # a silent node's notices expire without a message
+        self._notices_timer = node.WakeTimer(_HEALTH_PERIOD)  # the notices of a silent node expire without a message
         self._notices = NoticeListener(self._notices_timer.set)
         self._cameras: Dict[str, _ReceivedEntry] = {}
         self._detectors: Dict[str, str] = {}  # namespaces by camera
-        self._drivers: Dict[str, _ReceivedEntry] = {}  # each robot's
+        self._drivers: Dict[str, _ReceivedEntry] = {}  # by robot
         self._transforms = TransformLookup()
         self._camera_images = CameraImages(
             self._detectors.get, params.cameras, params.image_transport, lambda: self._grid, self._transforms
         )
         self._actions = ActionExecutor(
-            lambda border_id: _by_id(self._borders).get(border_id),
+            lambda border_id: _index_borders(self._borders).get(border_id),
             lambda: self._connected(names.STATE),
             lambda: {"addresses": self._addresses, **self._codes},
         )
         self._subscribe()
         self._robots = CapabilitiesListener()
         self._serve()
-        # in wall time, which goes on when simulated time stops
+        # the timers use wall time, which goes on when simulated time stops
         self._timers = {
             node.WakeTimer(_POSE_PERIOD): self._show_poses,
             node.WakeTimer(_HEALTH_PERIOD): self._show_health,
@@ -134,9 +133,13 @@ class PageNode:
             self._codes = load_codes(codes_file)
             sessions = Sessions(self._codes, sessions_file, partial(rospy.logwarn, "%s: %s", rospy.get_name()))
             hint = f"; its codes are in {codes_file}"
-        parts = (self._view, self._images, self._actions, self._camera_images, self._find_bounds)
-        fault = CodedError("internal_error")
-        self._server = PageServer(params, sessions, *parts, on_fault=lambda _error: node.shut_down_with_error(fault))
+
+        def on_fault(_error: BaseException) -> None:
+            node.shut_down_with_error(CodedError("internal_error"))
+
+        self._server = PageServer(
+            params, sessions, self._view, self._images, self._actions, self._camera_images, self._find_bounds, on_fault
+        )
         self._server.start()
         self._addresses = page_urls(params, self._server.port, _own_addresses())
         rospy.loginfo("%s: the page is at %s%s", rospy.get_name(), " or ".join(self._addresses), hint)
@@ -150,9 +153,9 @@ class PageNode:
 
     # ------------------------------------------------------------- inputs
     def _subscribe(self) -> None:
-        """Subscribes to all topics. A worker draws the maps, for which the callbacks would take too long."""
+        """Subscribes to all topics. A separate worker draws the maps, because that would block a callback for too long."""
         self._maps: node.Mailbox = node.Mailbox()
-        self._grids: Dict[str, Any] = {}  # the newest message by topic
+        self._grids: Dict[str, Any] = {}  # the newest message of each topic
         node.Worker(self._maps, lambda _: self._draw_maps())
         large = {"queue_size": 1, "buff_size": 2**24, "tcp_nodelay": True}
         small = {"tcp_nodelay": True}
@@ -188,19 +191,20 @@ class PageNode:
         if posterior is not None and posterior.same_geometry(prior):
             restricted = page_images.draw_restricted(prior, posterior)
             self._images.put("restricted", restricted)
-        self._view.put("map", page_images.map_section(prior, base, restricted, bool(self._params.cameras)))
+        self._view.put("map", page_images.map_section(prior, base, restricted, floor=bool(self._params.cameras)))
 
     def _show_capabilities(self) -> None:
-        """Shows what is connected. When that is no longer known, browsers get a null section."""
+        """Shows what the connected robots can do. Browsers get a null section once that is no longer known."""
         message, capabilities = self._robots.current() or (None, None)
         changed = capabilities != self._capabilities
         self._capabilities = capabilities
         if message is not None and capabilities is not None:
             self._base_frames = {robot.robot: robot.frame for robot in message.robots}
-            # Stop does not vanish from under a finger while a driver is being restarted
-            self._stoppable = self._stoppable or "stop" in capabilities.commands
-            stop = ("stop", "resume") if self._stoppable and "stop" not in capabilities.commands else ()
-            self._view.put("capabilities", page_messages.capabilities_section(capabilities, message, stop))
+            can_stop = "stop" in capabilities.commands
+            self._has_stoppable_robot = self._has_stoppable_robot or can_stop
+            # while a driver is being restarted, Stop must not vanish from under somebody's finger
+            kept_commands = ("stop", "resume") if self._has_stoppable_robot and not can_stop else ()
+            self._view.put("capabilities", page_messages.capabilities_section(capabilities, message, kept_commands))
             self._view.put("goals", page_messages.goals_section(message))
         elif changed:
             self._view.put("capabilities", None)
@@ -213,11 +217,11 @@ class PageNode:
         self._borders = message
         self._show_borders()
         if previous is not None:
-            for kind, border in find_border_changes(_by_id(previous), _by_id(message)):
+            for kind, border in find_border_changes(_index_borders(previous), _index_borders(message)):
                 self._log_event(f"page_event_{kind}", {"border": border.name or border.id})
 
     def _show_borders(self) -> None:
-        """Shows the newest borders. Called from several threads, of which none can bring back an older list."""
+        """Shows the newest borders. The lock keeps a slow thread from replacing them by an older list."""
         with self._borders_lock:
             if self._borders is None:
                 return
@@ -253,7 +257,7 @@ class PageNode:
     def _on_spot(self, message: LaserSpot) -> None:
         entry = page_messages.spot_entry(message)
         if entry is not None and message.header.frame_id.lstrip("/") == names.MAP_FRAME:
-            # the stamp distinguishes a spot at rest from a repeated message
+            # by the stamp, browsers distinguish a spot that does not move from a message that was sent again
             self._spots[message.camera] = [*entry, json_number(message.header.stamp.to_sec(), 3)]
             while len(self._spots) > 20:
                 self._spots.pop(next(iter(self._spots)))
@@ -279,7 +283,7 @@ class PageNode:
         for robot, frame in self._base_frames.items():
             pose = self._transforms.pose_on_map(frame, _SILENCE_TIMEOUT)
             if pose is not None:
-                poses[robot] = [json_number(value, 2) for value in pose]  # a robot at rest is then reported once
+                poses[robot] = [json_number(value, 2) for value in pose]  # a robot that stands still is reported once
         self._view.put("robots", poses)
 
     def _show_health(self) -> None:
@@ -306,11 +310,13 @@ class PageNode:
 
     # ------------------------------------------------------------- for the server
     def _find_bounds(self) -> Optional[Bounds]:
-        corners = None if self._grid is None else self._grid.corners()
-        return None if corners is None else (corners.min(axis=0).tolist(), corners.max(axis=0).tolist())
+        if self._grid is None:
+            return None
+        corners = self._grid.corners()
+        return corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
 
 
-def _by_id(message: Optional[VirtualBorderArray]) -> Dict[str, VirtualBorder]:
+def _index_borders(message: Optional[VirtualBorderArray]) -> Dict[str, VirtualBorder]:
     return {border.id: border for border in message.borders} if message is not None else {}
 
 

@@ -1,7 +1,7 @@
-"""What the page shows, as sections of JSON with a revision each.
+"""The content of the page: sections of JSON, each with a revision.
 
 A section is serialised once, when it changes. A browser that knows revision N gets the sections that are newer. All
-browsers get the same text, and a slow one skips what has been replaced.
+browsers get the same text, and a slow browser does not get the versions of a section that have already been replaced.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def json_number(value: float, digits: int = 3) -> Optional[float]:
 
 
 def coarse_age(seconds: float) -> int:
-    """Rounds an age [s] down, for a sentence read out at each change: 0, 3, 5, 10, 20 ... 60, 120 ... 3600."""
+    """Rounds an age [s] down to 0, 3, 5, 10, 20 ... 60, 120 ... 3600, as a screen reader reads out each change."""
     steps = (3, 5, *range(10, 60, 10), *range(60, 3600, 60), 3600)
     return max([step for step in steps if step <= seconds], default=0)
 
@@ -33,13 +33,14 @@ def compact_json(value: Any) -> str:
 
 
 def make_answer(code: str, ok: bool, values: Dict[str, str], message: str) -> Dict[str, Any]:
-    """Makes the answer to a request: its code, the values of that code's sentence, and the sentence in English."""
+    """Makes the answer to a request: a code, the values for the sentence with this code, and the sentence in English."""
     return {"ok": ok, "code": code, "values": values, "message": message}
 
 
 def answer_from_error(error: CodedError) -> Dict[str, Any]:
     """Converts an error to an answer."""
-    return make_answer(error.code, False, {key: str(value) for key, value in error.values.items()}, error.message)
+    values = {name: str(value) for name, value in error.values.items()}
+    return make_answer(error.code, False, values, error.message)
 
 
 class PageView:
@@ -68,15 +69,18 @@ class PageView:
     def changes_since(self, revision: int) -> Tuple[int, str]:
         """Returns the current revision, and a message with all sections newer than `revision`, "" if there are none."""
         with self._lock:
-            newer = [f'"{name}":{text}' for name, (changed, text) in self._sections.items() if changed > revision]
-            message = '{"view":{' + ",".join(newer) + "}}" if newer else ""
-            return self._revision, message
+            current = self._revision
+            newer = {name: text for name, (changed, text) in self._sections.items() if changed > revision}
+        if not newer:
+            return current, ""
+        members = ",".join(f'"{name}":{text}' for name, text in newer.items())
+        return current, '{"view":{' + members + "}}"
 
 
 def mark_borders(previous_marks: Dict[str, str], ids: List[str]) -> Dict[str, str]:
-    """Gives each border a mark that stands for it where its name has no room. Returns the marks by border's id.
+    """Gives each border a short mark, which the page shows where there is no room for its name. Returns them by id.
 
-    A border keeps its mark from `previous_marks`. A new one gets the first of A to Z, A1 to Z1, ... that is free there.
+    A border keeps its mark from `previous_marks`. A new border gets the first of A to Z, A1 to Z1, ... not used there.
 
     >>> mark_borders({"rug": "A", "bed": "B"}, ["bed", "sofa"])
     {'bed': 'B', 'sofa': 'C'}

@@ -1,8 +1,8 @@
-"""The web server: its thread, its connections, and the pools that carry out the requests to `http_handlers`.
+"""The web server: its thread, its connections, and the thread pools that do the work of `http_handlers`. No ROS.
 
-An attacker must not prevent an operator's *stop*. Therefore each role has its own slots for connections
-(`access_control.ConnectionSlots`), slow work is separate from quick work and done one piece at a time for each person,
-and a connection that reads or writes too slowly is closed. No ROS here; `action_executor.ActionExecutor` carries out requests.
+An attacker must not be able to prevent an operator's *stop*. Therefore each role has its own slots for connections
+(`access_control.ConnectionSlots`), and a connection that reads or writes too slowly is closed. Slow work has its own
+pool, and each person's pieces of slow work are done one after another.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _TYPES = {
     ".css": "text/css; charset=utf-8",
     ".webmanifest": "application/manifest+json",
 }
-# numbers of connections; their sum is below the usual limit of open files, with room for ROS
+# numbers of connections; their sum is below the usual limit of open files, and leaves room for those of ROS
 _SLOTS = {Role.NOBODY: 64, Role.VIEWER: 80, Role.OPERATOR: 60}
 _PATIENCE = 10.0  # [s] for a request's headers, a handshake, or the next request
 _SEND_PATIENCE = 20  # [s] for a browser to receive sent data
@@ -68,15 +68,16 @@ class PageParams(Parameters):
         """The files page.crt and page.key beside the codes, for https in a network, or None if there are none.
 
         Raises:
-            ParameterError: if only one exists, as the person who created it does not want http.
+            ParameterError: if only one of them exists: whoever created it does not want to serve the page by http.
         """
         if is_loopback(self.address):
             return None
-        files = tuple(Path(self.codes_file).expanduser().with_name(name) for name in ("page.crt", "page.key"))
-        exist = [path.exists() for path in files]
-        if any(exist) and not all(exist):
-            raise ParameterError("codes_file", f"{files[0]} and {files[1]} go together: one of them is missing")
-        return files if all(exist) else None  # type: ignore[return-value]
+        codes_file = Path(self.codes_file).expanduser()
+        certificate = codes_file.with_name("page.crt")
+        key = codes_file.with_name("page.key")
+        if certificate.exists() != key.exists():
+            raise ParameterError("codes_file", f"{certificate} and {key} go together: one of them is missing")
+        return (certificate, key) if certificate.exists() else None
 
 
 class PageServer:
@@ -84,9 +85,9 @@ class PageServer:
 
     Args:
         sessions: None only for loopback addresses, where every user of this computer is an operator.
-        actions: an `action_executor.ActionExecutor`, which carries out requests in the pools' threads. It may take seconds.
-        cameras: a `camera_images.CameraImages`, which may take seconds too.
-        find_bounds: returns the map's bounds, for checking points, or None without a map.
+        actions: an `action_executor.ActionExecutor`. Its methods may take seconds, and are called in the pools' threads.
+        cameras: a `camera_images.CameraImages`. Its methods may take seconds too.
+        find_bounds: returns the map's bounds, for checking points, or None if there is no map.
         on_fault: called once with the error that ended the server's thread.
     """
 
@@ -101,8 +102,13 @@ class PageServer:
         find_bounds: Callable[[], Optional[action_parser.Bounds]],
         on_fault: Callable[[BaseException], None],
     ) -> None:
-        self.params, self.sessions, self.view, self.images = params, sessions, view, images
-        self.actions, self.cameras, self.find_bounds = actions, cameras, find_bounds
+        self.params = params
+        self.sessions = sessions
+        self.view = view
+        self.images = images
+        self.actions = actions
+        self.cameras = cameras
+        self.find_bounds = find_bounds
         self.login_limiter = RateLimiter(rate=5.0 / 60.0, burst=5.0)
         self.request_limiter = RateLimiter(rate=40.0, burst=120.0)
         self.connection_limiter = RateLimiter(rate=5.0, burst=100.0)
@@ -110,7 +116,7 @@ class PageServer:
         self.browsers: Set[Any] = set()  # the open WebSockets' handlers
         self.pool = ThreadPoolExecutor(max_workers=16, thread_name_prefix="page")
         self.slow_pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="page_slow")
-        self._turns: "WeakValueDictionary[str, asyncio.Lock]" = WeakValueDictionary()  # each person's
+        self._turns: "WeakValueDictionary[str, asyncio.Lock]" = WeakValueDictionary()  # by person
         self._answers: Dict[Tuple[str, str], asyncio.Future] = {}  # by (person, request's id), the oldest first
         self.files = {path.name: (path.read_bytes(), _TYPES[path.suffix]) for path in STATIC.iterdir()}
         for language in sentences.languages():
@@ -122,7 +128,7 @@ class PageServer:
         self._thread = threading.Thread(target=self._run, name="page_server", daemon=True)
 
     def hello(self, role: Role) -> Dict[str, Any]:
-        """Returns what a browser is told first: its role, and the tables of states, commands and zones."""
+        """Returns the first message to a browser: its role, and the tables of states, commands and zones."""
         return {
             "role": role.name.lower(),
             "languages": sentences.languages(),
@@ -132,11 +138,7 @@ class PageServer:
         }
 
     def start(self) -> None:
-        """Starts the thread and waits until it listens.
-
-        Raises:
-            CodedError: "page_no_address" if the address or port is not available.
-        """
+        """Starts the thread and waits until it listens. Raises CodedError "page_no_address" if the port is not free."""
         self._thread.start()
         try:
             self.port = self._started.result()
@@ -167,14 +169,22 @@ class PageServer:
 
     async def _serve(self) -> None:
         self._loop = asyncio.get_event_loop()
-        self._closing, self.view_changed = asyncio.Event(), asyncio.Event()
+        self._closing = asyncio.Event()
+        self.view_changed = asyncio.Event()
         context = None
         certificate = self.params.certificate
         if certificate is not None:
             context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
             context.load_cert_chain(*map(str, certificate))
+        application = web.Application(
+            http_handlers.routes(self),
+            log_function=lambda _handler: None,
+            websocket_max_message_size=action_parser.MAX_BYTES,
+            websocket_ping_interval=15,
+            websocket_ping_timeout=45,
+        )
         server = _BoundedServer(
-            self._application(),
+            application,
             page=self,
             ssl_options=context,
             max_header_size=16384,
@@ -194,23 +204,14 @@ class PageServer:
             browser.close(1001)
         await asyncio.sleep(0.05)
 
-    def _application(self) -> web.Application:
-        return web.Application(
-            http_handlers.routes(self),
-            log_function=lambda _handler: None,
-            websocket_max_message_size=action_parser.MAX_BYTES,
-            websocket_ping_interval=15,
-            websocket_ping_timeout=45,
-        )
-
     def _announce(self) -> None:
-        """Wakes the browsers' senders: the view has changed."""
+        """Wakes the tasks that send the view to browsers, because it has changed."""
         self.view_changed.set()
         self.view_changed = asyncio.Event()
 
     # ------------------------------------------------------------- browsers' requests
     def assign_slot(self, stream: Any, role: Role, *holders: str) -> bool:
-        """Gives a connection a slot of its role, for which another may be closed. Returns whether it got one."""
+        """Gives a connection one of its role's slots, and closes another connection if needed. Returns whether it got one."""
         for slots in self.slots.values():
             slots.release(stream)
         displaced = self.slots[role].assign_slot(stream, *holders)
@@ -218,8 +219,8 @@ class PageServer:
             displaced.close()
         return displaced is not stream
 
-    async def in_turn(self, person: str, work: Callable[..., Any], *args: Any) -> Any:
-        """Does slow work, one piece at a time for each person, so that nobody fills the pool for all."""
+    async def run_in_turn(self, person: str, work: Callable[..., Any], *args: Any) -> Any:
+        """Does slow work, but only one piece at a time for each person, so that nobody can occupy the whole pool."""
         turn = self._turns.setdefault(person, asyncio.Lock())
         async with turn:
             return await asyncio.get_event_loop().run_in_executor(self.slow_pool, work, *args)
@@ -240,14 +241,14 @@ class PageServer:
     async def _carry_out(self, request: action_parser.ActionRequest, person: str, source: str) -> Dict[str, Any]:
         try:
             if request.action == "preview":
-                return await self.in_turn(person, self.actions.carry_out, request, source)
+                return await self.run_in_turn(person, self.actions.carry_out, request, source)
             return await asyncio.get_event_loop().run_in_executor(self.pool, self.actions.carry_out, request, source)
         except CodedError as error:
             return answer_from_error(error)
 
 
 class _BoundedServer(HTTPServer):
-    """Gives each new connection a slot of `Role.NOBODY`, and closes those that arrive too fast or read too slowly."""
+    """Gives each new connection a slot of `Role.NOBODY`. Closes connections that come too fast or read too slowly."""
 
     def initialize(self, *args: Any, page: PageServer, **kwargs: Any) -> None:
         super().initialize(*args, **kwargs)
@@ -256,8 +257,8 @@ class _BoundedServer(HTTPServer):
     def accept(self, listener: socket.socket) -> None:
         """Accepts one new connection in each iteration of the event loop.
 
-        Tornado's handler accepts up to 128 waiting connections at once. Their TLS handshakes, which take longer than
-        all other work, would then run in one iteration, while open connections wait.
+        Tornado's own handler accepts up to 128 waiting connections at once. Their TLS handshakes, which take longer than
+        any other work, would then run in the same iteration, and open connections would have to wait for them.
         """
         try:
             connection, address = listener.accept()
@@ -269,7 +270,7 @@ class _BoundedServer(HTTPServer):
             connection.close()
 
     def handle_stream(self, stream: Any, address: Any) -> None:
-        # the kernel's timeout also applies while the peer keeps confirming a window of zero
+        # unlike other timeouts, this one also closes a connection whose peer keeps confirming a window of zero
         stream.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _SEND_PATIENCE * 1000)
         self._page.assign_slot(stream, Role.NOBODY, address[0])
         super().handle_stream(stream, address)
@@ -279,4 +280,5 @@ def page_urls(params: PageParams, port: int, own_addresses: List[str]) -> List[s
     """Returns the page's URLs, the most useful first, given this computer's own addresses in the network."""
     hosts = own_addresses if params.address in ("0.0.0.0", "::", "") else [params.address]
     scheme = "https" if params.certificate else "http"
-    return [f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}/" for host in hosts]
+    bracketed_hosts = [f"[{host}]" if ":" in host else host for host in hosts]  # IPv6 addresses need brackets
+    return [f"{scheme}://{host}:{port}/" for host in bracketed_hosts]

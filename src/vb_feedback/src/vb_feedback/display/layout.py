@@ -1,7 +1,7 @@
-"""The layout of the smart display: the map, a panel to its right, a strip below it.
+"""The layout of the smart display: the map, a panel to its right, and a strip below it.
 
-The view is a rectangle in the map frame with the screen's aspect ratio. Letter sizes are shares of its height, so that
-the same share gives the same size on the screen for any map.
+The view is a rectangle in the map frame with the screen's aspect ratio. Letter sizes are given as shares of its height,
+so that letters have the same size on the screen for any map.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from vb_core.errors import CodedError
 PANEL_WIDTH = 0.5  # width of the panel, as a share of the view's height
 STRIP_HEIGHT = 0.23  # height of the strip, as a share of the view's height
 MAP_MARGIN = 0.015  # free margin around the map, as a share of the view's height
-MAX_PANEL_WIDTH = 0.38  # share of the view's width, for screens hardly wider than they are high
-LINE_SPACING = 1.2  # line spacing, in letter heights
-_USUAL_GAP = 0.1  # usual gap between labels, in heights of the moved one
-_MIN_GAP = 1e-6  # the same where space is scarce
-# Latin with all accents, Greek and Cyrillic, punctuation from dashes to the ellipsis, and the euro sign
+MAX_PANEL_WIDTH = 0.38  # largest width of the panel, as a share of the view's width; limits it on nearly square screens
+LINE_SPACING = 1.2  # distance between lines, in letter heights
+_USUAL_GAP = 0.1  # gap between two labels, in heights of the label that is moved
+_MIN_GAP = 1e-6  # gap between two labels where there is little room, in the same unit
+# characters: Latin with all accents, Greek and Cyrillic, punctuation from dashes to the ellipsis, and the euro sign
 DRAWABLE_RANGES = ((32, 126), (161, 591), (880, 1279), (8208, 8230), (8364, 8364))
 
 
@@ -56,14 +56,19 @@ class Rectangle:
         """Returns whether the two share an area. Touching edges do not count."""
         return self.x0 < other.x1 and other.x0 < self.x1 and self.y0 < other.y1 and other.y0 < self.y1
 
-    @staticmethod
-    def around(points: np.ndarray) -> "Rectangle":
-        """Makes the smallest box that holds points (N, 2) [m]."""
-        low, high = np.min(points, axis=0), np.max(points, axis=0)
-        return Rectangle(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+    def extend(self, width: float, height: float) -> "Rectangle":
+        """Returns a box with the same centre that is wider and higher by `width` and `height` [m]."""
+        return Rectangle.from_center(*self.center, self.width + width, self.height + height)
 
     @staticmethod
-    def centered(x: float, y: float, width: float, height: float) -> "Rectangle":
+    def from_points(points: np.ndarray) -> "Rectangle":
+        """Makes the smallest box that contains points (N, 2) [m]."""
+        x0, y0 = np.min(points, axis=0).tolist()
+        x1, y1 = np.max(points, axis=0).tolist()
+        return Rectangle(x0, y0, x1, y1)
+
+    @staticmethod
+    def from_center(x: float, y: float, width: float, height: float) -> "Rectangle":
         """Makes a box from its centre and size [m]."""
         return Rectangle(x - width / 2.0, y - height / 2.0, x + width / 2.0, y + height / 2.0)
 
@@ -84,17 +89,17 @@ class Layout:
 
 
 def fit_view(extent: Rectangle, aspect: float) -> Layout:
-    """Returns the smallest view that shows the whole map beside panel and strip.
+    """Returns the layout of the smallest view that shows the whole map beside panel and strip.
 
     Args:
         aspect: the screen's width divided by its height.
 
     Raises:
-        CodedError: "bad_layout" for an empty map, or an aspect not in 0.5 .. 5.
+        CodedError: "bad_layout" for an empty map, or an aspect that is not 0.5 .. 5.
     """
     panel = min(PANEL_WIDTH / aspect, MAX_PANEL_WIDTH)
-    map_width = (1.0 - panel) * aspect - 2.0 * MAP_MARGIN  # room for the map, in heights of the view
-    map_height = 1.0 - STRIP_HEIGHT - 2.0 * MAP_MARGIN
+    map_width = (1.0 - panel) * aspect - 2.0 * MAP_MARGIN  # of the map's area, as a share of the view's height
+    map_height = 1.0 - STRIP_HEIGHT - 2.0 * MAP_MARGIN  # as a share of the view's height
     if extent.width <= 0 or extent.height <= 0:
         raise CodedError("bad_layout", f"the map's extent is {extent.width} m x {extent.height} m")
     if not 0.5 <= aspect <= 5.0:
@@ -105,26 +110,28 @@ def fit_view(extent: Rectangle, aspect: float) -> Layout:
     x0 = x - (1.0 - panel) * width / 2.0
     y1 = y + (1.0 - STRIP_HEIGHT) * height / 2.0
     view = Rectangle(x0, y1 - height, x0 + width, y1)
-    left = x0 + (1.0 - panel) * width
-    bottom = view.y0 + STRIP_HEIGHT * height
-    return Layout(view, extent, Rectangle(left, bottom, view.x1, view.y1), Rectangle(view.x0, view.y0, view.x1, bottom))
+    panel_left = x0 + (1.0 - panel) * width
+    strip_top = view.y0 + STRIP_HEIGHT * height
+    panel_box = Rectangle(panel_left, strip_top, view.x1, view.y1)
+    strip_box = Rectangle(view.x0, view.y0, view.x1, strip_top)
+    return Layout(view, extent, panel_box, strip_box)
 
 
 # ----------------------------------------------------------------- letters
-_FONT_FILE = "LiberationSans-Regular.ttf"  # RViz's font; without RViz Pillow's default, which is about as wide
+_FONT_FILE = "LiberationSans-Regular.ttf"  # RViz's font; if it is not installed, Pillow's default is about as wide
 _MEASURING_SIZE = 1000  # [px] font size at which letters are measured
-_SPACE = 0.31  # [font sizes] width of a space; RViz's own is too wide, see `place_words`
-# font size, as a share of the height of an RViz text marker: 0.83 to 0.84 on words of 4 to 11 letters
+_SPACE = 0.31  # [font sizes] width of a space between words, which RViz makes too wide, see `place_words`
+# font size, as a share of the height of an RViz text marker; measured: 0.83 to 0.84 for words of 4 to 11 letters
 _FONT_SHARE = 0.84
 
 
 def is_drawable(character: str) -> bool:
-    """Returns whether RViz with the fonts of `rviz_config.overlay_fonts` can draw a character."""
+    """Returns whether RViz can draw a character, if it uses the fonts of `rviz_config.overlay_fonts`."""
     return any(first <= ord(character) <= last for first, last in DRAWABLE_RANGES)
 
 
 def transliterate(text: str) -> str:
-    """Converts a text to characters that RViz can draw: other characters are transliterated (anyascii)."""
+    """Converts a text to characters that RViz can draw. All others are transliterated by anyascii."""
     composed = unicodedata.normalize("NFC", text)
     drawable = "".join(letter if is_drawable(letter) else _transliterate(letter) for letter in composed)
     return " ".join(drawable.split())
@@ -147,19 +154,20 @@ def _font() -> ImageFont.FreeTypeFont:
 
 @lru_cache(maxsize=2000)
 def _width(letter: str) -> float:
-    """Measures a letter's advance in font sizes. RViz places letters without kerning."""
+    """Measures the advance of a letter, in font sizes. RViz does not use kerning."""
     return _SPACE if letter == " " else _font().getlength(letter) / _MEASURING_SIZE
 
 
 def text_width(text: str, size: float) -> float:
-    """Measures the width [m] of a text in letters of `size` [m]. The longest line counts."""
-    return size * _FONT_SHARE * max((sum(map(_width, line)) for line in text.split("\n")), default=0.0)
+    """Measures the width [m] of a text's longest line, in letters of `size` [m]."""
+    line_widths = [sum(map(_width, line)) for line in text.split("\n")]
+    return size * _FONT_SHARE * max(line_widths)
 
 
 def place_words(text: str, x: float, y: float, size: float) -> List[Tuple[str, float, float]]:
-    """Returns each word of a text centred at (x, y) [m], with the word's own centre. Newlines separate lines.
+    """Centres a text at (x, y) [m]. Returns each word and the word's centre. Newlines separate lines.
 
-    RViz makes spaces more than twice as wide as they should be, so each word is placed alone.
+    RViz makes spaces more than twice as wide as they should be, so each word becomes a separate marker.
     """
     lines = text.split("\n")
     placed = []
@@ -168,7 +176,8 @@ def place_words(text: str, x: float, y: float, size: float) -> List[Tuple[str, f
         baseline = y + ((len(lines) - 1) / 2.0 - number) * LINE_SPACING * size
         words = line.split(" ")
         for index, word in enumerate(words):
-            offset = text_width(" ".join(words[:index] + [""]), size) if index else 0.0
+            text_before = " ".join([*words[:index], ""]) if index else ""
+            offset = text_width(text_before, size)
             if word:
                 placed.append((word, left + offset + text_width(word, size) / 2.0, baseline))
     return placed
@@ -176,7 +185,7 @@ def place_words(text: str, x: float, y: float, size: float) -> List[Tuple[str, f
 
 def text_box(text: str, x: float, y: float, size: float) -> Rectangle:
     """Returns the box of a text centred at (x, y) [m]. Newlines separate lines."""
-    return Rectangle.centered(x, y, text_width(text, size), text_height(text.count("\n") + 1, size))
+    return Rectangle.from_center(x, y, text_width(text, size), text_height(text.count("\n") + 1, size))
 
 
 def wrap(text: str, size: float, width: float) -> List[str]:
@@ -197,10 +206,10 @@ def wrap(text: str, size: float, width: float) -> List[str]:
 
 
 def fit_texts(texts: Sequence[str], sizes: Sequence[float], width: float, height: float) -> Tuple[List[str], float]:
-    """Wraps sentences, one below the other, at the largest of the sizes [m] at which all fit a box. Returns both.
+    """Wraps sentences, one below the other, at the largest size [m] at which they fit a box. Returns texts and size.
 
-    At the smallest size, sentences that do not fit are cut, with an ellipsis: the longest ones first. Each keeps at
-    least one line.
+    If they do not fit even at the last and smallest size, they are shortened, the longest ones first. A shortened
+    sentence ends with an ellipsis, and keeps at least one line.
     """
     for size in sizes:
         wrapped = [wrap(text, size, width) for text in texts]
@@ -228,12 +237,12 @@ def _truncate(lines: List[str], count: int, size: float, width: float) -> str:
 
 
 def place_labels(desired: Sequence[Rectangle], within: Rectangle) -> List[Rectangle]:
-    """Moves labels up or down, as little as needed to be inside a box and, if there is room, not to overlap."""
+    """Moves labels up or down, as little as needed to be inside a box and, if there is enough room, not to overlap."""
     placed: List[Rectangle] = []
     for box in desired:
         desired_y = box.center[1]
         for gap in (_USUAL_GAP, _MIN_GAP):
-            # if there is room, there is some at an edge or next to a label, so no other heights need to be tried
+            # the nearest room, if there is any, begins at an edge or next to a label: no other heights need to be tried
             heights = [desired_y, within.y0, within.y1]
             for other in placed:
                 step = (other.height + box.height) / 2.0 + gap * box.height
@@ -242,14 +251,16 @@ def place_labels(desired: Sequence[Rectangle], within: Rectangle) -> List[Rectan
             free = [option for option in options if not any(map(option.overlaps, placed))]
             if free:
                 break
-        # the first option is the desired place
-        placed.append(min(free or options[:1], key=lambda option: abs(option.center[1] - desired_y)))
+        # if there is no room anywhere, the label stays at the desired height, which is the first option
+        candidates = free or options[:1]
+        placed.append(min(candidates, key=lambda option: abs(option.center[1] - desired_y)))
     return placed
 
 
 def _move_inside(box: Rectangle, y: float, within: Rectangle) -> Rectangle:
-    """Moves a box to a centre's height y [m], and from there as little as needed to be inside another box."""
-    # a box that is too large stands at the lower edges
-    x = max(min(box.center[0], within.x1 - box.width / 2.0), within.x0 + box.width / 2.0)
-    y = max(min(y, within.y1 - box.height / 2.0), within.y0 + box.height / 2.0)
-    return Rectangle.centered(x, y, box.width, box.height)
+    """Moves a box to the height y [m] of its centre, and then as little as needed to be inside another box."""
+    half_width, half_height = box.width / 2.0, box.height / 2.0
+    # a box that is too large touches the left and the lower edge
+    x = max(min(box.center[0], within.x1 - half_width), within.x0 + half_width)
+    y = max(min(y, within.y1 - half_height), within.y0 + half_height)
+    return Rectangle.from_center(x, y, box.width, box.height)

@@ -1,4 +1,4 @@
-"""Adapts RViz to a map, a screen and a language: its configuration, and the characters that it can draw. No ROS."""
+"""Adapts RViz's configuration to a map and a screen, and its fonts to the characters of many languages. No ROS."""
 
 from __future__ import annotations
 
@@ -18,26 +18,25 @@ from vb_feedback.display.layout import DRAWABLE_RANGES, Rectangle, fit_view
 def write_fitted_config(
     source: str, target: Path, extent: Rectangle, width: int, height: int, aspect: Optional[float] = None
 ) -> None:
-    """Copies an RViz config, with its view from above changed to show the whole display on a screen.
-
-    The view is that of display_markers' layout, see `layout.fit_view`.
+    """Copies an RViz config, and changes its view from above so that the screen shows the whole smart display.
 
     Args:
         source: an RViz config with a TopDownOrtho view.
         extent: extent of the map [m].
         width, height: size of the screen [px].
-        aspect: aspect ratio (width / height) of display_markers' layout, or None for the screen's. If the screen's
-            differs, there is a margin, and nothing is cut off.
+        aspect: aspect ratio (width / height) of display_markers' layout (`layout.fit_view`), or None if it is that of
+            the screen. If the two differ, there is a margin, and nothing is cut off.
 
     Raises:
-        CodedError: "bad_config" if the source cannot be read or has no such view; "bad_layout" if screen or map has no
-            sensible size.
+        CodedError: "bad_config" if the source cannot be read or has no such view; "bad_layout" if the screen or the map
+            is too small.
     """
     if width < 320 or height < 240:
         raise CodedError("bad_layout", f"the screen must be at least 320 x 240 pixels, got {width} x {height}")
     try:
         config = yaml.safe_load(Path(source).read_text(encoding="utf-8"))
-        view, window = config["Visualization Manager"]["Views"]["Current"], config["Window Geometry"]
+        view = config["Visualization Manager"]["Views"]["Current"]
+        window = config["Window Geometry"]
         view_class = view["Class"]
     except (OSError, yaml.YAMLError) as error:
         raise CodedError("bad_config", f"cannot read the RViz config '{source}': {error}") from None
@@ -47,26 +46,27 @@ def write_fitted_config(
         raise CodedError("bad_config", f"the config's view must be rviz/TopDownOrtho, it is {view_class}")
     layout = fit_view(extent, aspect or width / height)
     x, y = layout.view.center
-    view.update({"Angle": 0, "Scale": min(width / layout.view.width, height / layout.view.height), "X": x, "Y": y})
+    scale = min(width / layout.view.width, height / layout.view.height)  # [px/m]
+    view.update({"Angle": 0, "Scale": scale, "X": x, "Y": y})
     window.update({"X": 0, "Y": 0, "Width": int(width), "Height": int(height)})
     write_atomically(target, yaml.safe_dump(config, default_flow_style=False, sort_keys=False).encode("utf-8"))
 
 
 def screen_size(description: str) -> Optional[Tuple[int, int]]:
-    """Parses (width, height) [px] of the screen from xdpyinfo's output. Returns None if it is missing."""
+    """Parses the screen's (width, height) [px] in xdpyinfo's output. Returns None if the output has none."""
     match = re.search(r"dimensions:\s+(\d+)x(\d+) pixels", description)
     return (int(match.group(1)), int(match.group(2))) if match else None
 
 
 def overlay_fonts(rviz: Path, folder: Path) -> Path:
-    """Creates a folder that overlays RViz's package. Returns it, to be put before the package in ROS_PACKAGE_PATH.
+    """Creates a folder that overlays RViz's package, and returns it. It must precede the package in ROS_PACKAGE_PATH.
 
-    RViz draws text in Liberation Sans, but requests only the font's characters up to 166 (OGRE's default), and does not
-    draw a text that contains any other character. The font itself has Latin, Greek and Cyrillic. So RViz is started
-    with a folder of links to everything in its package except the font definitions, which request all of DRAWABLE_RANGES.
+    RViz draws text in Liberation Sans, which has Latin, Greek and Cyrillic characters. But it requests only those up to
+    166 (OGRE's default), and draws no text that contains any other character. The overlay has links to all files of the
+    package except the font definitions; in their place are copies that request all of DRAWABLE_RANGES.
 
     Args:
-        rviz: the package's own folder.
+        rviz: the folder of RViz's package.
         folder: the folder to create; an existing one is replaced.
     """
     shutil.rmtree(str(folder), ignore_errors=True)

@@ -1,7 +1,7 @@
 """Builds the smart display's content as plain shapes. No ROS.
 
-Each `..._shapes` function builds one part of the display from plain values. Shapes are compared with the previous ones
-(`find_changes`), so that only changed shapes are sent.
+Each `..._shapes` function builds one part of the display from plain values. `find_changes` compares all shapes with the
+previous ones, so that only changed shapes are sent.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from vb_core.geometry import chain_length, resample_chain
 from vb_feedback.display import colors
 from vb_feedback.display.colors import Color
-from vb_feedback.display.layout import Rectangle, Layout, fit_texts, place_labels, place_words, transliterate, text_box
+from vb_feedback.display.layout import Layout, fit_texts, place_labels, place_words, transliterate, text_box
 
 LINES = "lines"
 POINTS = "points"
@@ -23,7 +23,7 @@ PLATE = "plate"
 TEXT = "text"
 Key = Tuple[str, int]  # a shape's namespace and number
 
-# [m] heights in the scene, from the lowest to the highest; higher shapes hide lower ones
+# [m] heights above the map, from the lowest to the highest; higher shapes hide lower ones
 _LEVELS = tuple(0.06 * step for step in range(1, 11))
 Z_LABEL, Z_BORDER, Z_NAME, Z_POINTS, Z_CHAIN, Z_SEED, Z_ROBOT, Z_SPOT, Z_PLATE, Z_TEXT = _LEVELS
 
@@ -33,12 +33,12 @@ class Shape:
     """One marker. Shapes with the same namespace and number replace each other.
 
     Attributes:
-        kind: LINES between pairs of points, POINTS at all points; DISC, PLATE or TEXT at the first point.
+        kind: LINES between each two points, POINTS at all points, or a DISC, PLATE or TEXT at the first point.
         points: (x, y) [m] each.
-        size: [m] width of a line, diameter of points and disc, (width, height) of a plate, height of letters.
-        colors: one for all points, or one per point.
-        frame: "" for the map frame; a shape in another frame moves with it.
-        lifetime: [s], 0 for unlimited.
+        size: [m] width of lines, diameter of points or of a disc, (width, height) of a plate, or height of letters.
+        colors: one colour for all points, or one per point.
+        frame: the frame with which the shape moves, "" for the map frame.
+        lifetime: [s] after which the shape expires, 0 for never.
     """
 
     namespace: str
@@ -60,9 +60,9 @@ class Shape:
 
 
 def find_changes(shown: Dict[Key, Shape], shapes: Sequence[Shape]) -> Tuple[List[Shape], List[Key]]:
-    """Compares shapes with those shown, by their keys. Returns the new and changed ones, and the keys of removed ones.
+    """Compares shapes with the shown ones. Returns the new and changed shapes, and the keys of those to be removed.
 
-    A shape with a lifetime always counts as new, because it would expire otherwise.
+    A shape with a lifetime always counts as new, because it expires if it is not sent again.
     """
     keys = {shape.key for shape in shapes}
     changed = [shape for shape in shapes if shape.lifetime or shown.get(shape.key) != shape]
@@ -94,7 +94,7 @@ def line_segments(points: Sequence[Sequence[float]], closed: bool, width: float)
 
 
 def dash_outline(outline: Sequence[Sequence[float]], width: float) -> Tuple[Tuple[float, float], ...]:
-    """Splits a closed outline into dashes, pairs of points. Dashes and gaps are about four line widths long."""
+    """Splits a closed outline into dashes, each a pair of points. Dashes and gaps are about four line widths long."""
     length = chain_length(outline, closed=True)
     if length == 0.0:
         return ()
@@ -106,17 +106,17 @@ def text_shapes(
     namespace: str, text: str, x: float, y: float, size: float, tints: Sequence[Color], z: float = Z_TEXT
 ) -> List[Shape]:
     """Builds a text centred at (x, y), one shape per word. `tints` has one colour for all words, or one for each."""
-    words = place_words(text, x, y, size)
-    return [
-        Shape(namespace, number, TEXT, ((word_x, word_y),), z, (size,), (tints[number % len(tints)],), text=word)
-        for number, (word, word_x, word_y) in enumerate(words)
-    ]
+    shapes = []
+    for number, (word, word_x, word_y) in enumerate(place_words(text, x, y, size)):
+        tint = tints[number % len(tints)]
+        shapes.append(Shape(namespace, number, TEXT, ((word_x, word_y),), z, (size,), (tint,), text=word))
+    return shapes
 
 
 # ----------------------------------------------------------------- borders
 @dataclass(frozen=True)
 class DisplayedBorder:
-    """A stored border. While it is unconfirmed, `before` and `after` outline the floor that it closed off, and will."""
+    """A stored border. While it is unconfirmed, `before` outlines the floor that it restricted, `after` what it will."""
 
     name: str
     points: Tuple[Tuple[float, float], ...]
@@ -134,7 +134,7 @@ def border_shapes(layout: Layout, borders: Sequence[DisplayedBorder], disabled_w
     size = 0.055 * layout.unit
     texts = [_label(border, layout, size, disabled_word) for border in borders]
     boxes = [text_box(text, *border.seed, size) for border, text in zip(borders, texts)]
-    desired_plates = [Rectangle.centered(*box.center, box.width + 0.5 * size, box.height + 0.3 * size) for box in boxes]
+    desired_plates = [box.extend(0.5 * size, 0.3 * size) for box in boxes]
     plates = place_labels(desired_plates, layout.map)
     shapes: List[Shape] = []
     for number, (border, text, plate) in enumerate(zip(borders, texts, plates)):
@@ -147,15 +147,16 @@ def border_shapes(layout: Layout, borders: Sequence[DisplayedBorder], disabled_w
 
 
 def _label(border: DisplayedBorder, layout: Layout, size: float, disabled_word: str) -> str:
+    name = transliterate(border.name) or "?"
     # a name wider than 0.45 of the map is wrapped onto two lines, and cut at the end of the second
-    (text,), _ = fit_texts([transliterate(border.name) or "?"], (size,), 0.45 * layout.map.width, 2.4 * size)
+    (text,), _ = fit_texts([name], (size,), 0.45 * layout.map.width, 2.4 * size)
     if not border.enabled:
         return f"{text}\n{disabled_word}"
     return f"{text}\n{border.area_m2:.2f} m\u00b2" if border.area_m2 > 0 else text
 
 
 def _outline_shapes(border: DisplayedBorder, number: int, width: float) -> List[Shape]:
-    """Draws a border, and if it is unconfirmed the floor that it closed off, dashed, and the floor that it will."""
+    """Draws a border. If it is unconfirmed, also outlines the floor that it restricted (dashed) and will restrict."""
     tint = border_color(border)
     outlines = (
         ("outline", line_segments(border.points, border.closed, width), Z_BORDER, tint),
@@ -170,7 +171,7 @@ def _outline_shapes(border: DisplayedBorder, number: int, width: float) -> List[
 
 
 def border_color(border: DisplayedBorder) -> Color:
-    """Returns dark red, lighter for softer borders, or grey for a disabled one."""
+    """Returns the colour of a border: dark red, lighter for a lower occupancy, or grey if it is disabled."""
     if not border.enabled:
         return colors.GRAY
     return colors.blend(colors.CRIMSON, colors.WHITE, 0.55 * (1.0 - border.occupancy))
@@ -197,8 +198,9 @@ def drawing_shapes(layout: Layout, drawing: Drawing) -> List[Shape]:
         size = (0.009 * unit,)
         shapes.append(Shape("drawing/points", 0, POINTS, drawing.points, Z_POINTS, size, tints or (colors.GRAY,)))
     if len(drawing.chain) > 1:
-        # a dark rim keeps the line visible on white floor, on stripes and on walls
-        for name, height, share, tint in (("rim", 0.0, 0.014, colors.BLACK), ("chain", 0.02, 0.009, colors.ORANGE)):
+        # because of its dark rim, the line is visible on white floor, on stripes and on walls
+        strokes = (("rim", 0.0, 0.014, colors.BLACK), ("chain", 0.02, 0.009, colors.ORANGE))
+        for name, height, share, tint in strokes:
             width = share * unit
             line = line_segments(drawing.chain, drawing.closed, width)
             shapes.append(Shape(f"drawing/{name}", 0, LINES, line, Z_CHAIN + height, (width,), (tint,)))
@@ -206,7 +208,8 @@ def drawing_shapes(layout: Layout, drawing: Drawing) -> List[Shape]:
         rings = ((0.052, colors.BLACK), (0.044, colors.SKY_BLUE), (0.020, colors.BLACK))
         for number, (share, tint) in enumerate(rings):
             z = Z_SEED + 0.015 * number
-            shapes.append(Shape("drawing/seed", number, DISC, (drawing.seed,), z, (share * unit,), (tint,)))
+            size = (share * unit,)
+            shapes.append(Shape("drawing/seed", number, DISC, (drawing.seed,), z, size, (tint,)))
     return shapes
 
 
@@ -226,10 +229,10 @@ _LIFETIME = 2.0 * FADE_TIME  # [s] after which RViz removes a spot if this node 
 
 
 def spot_shapes(layout: Layout, spots: Sequence[TrailPoint], now: float) -> List[Shape]:
-    """Draws for each camera a disc at the last position of its spot, and a trail that fades into the floor's white.
+    """Draws each camera's newest spot as a disc, and its earlier spots as a trail that fades to white.
 
     Args:
-        spots: the newest last. Those more than FADE_TIME in the past or the future are left out.
+        spots: in the order of their times. Spots more than FADE_TIME in the past or the future are left out.
         now: [s].
     """
     trails: Dict[str, List[TrailPoint]] = {}
@@ -240,20 +243,22 @@ def spot_shapes(layout: Layout, spots: Sequence[TrailPoint], now: float) -> List
     for camera, trail in trails.items():
         tint = colors.camera_color(camera)
         points = tuple((spot.x, spot.y) for spot in trail)
-        faded = tuple(colors.blend(tint, colors.WHITE, 0.85 * max(0.0, now - spot.stamp) / FADE_TIME) for spot in trail)
+        fading = [0.85 * max(0.0, now - spot.stamp) / FADE_TIME for spot in trail]
+        faded_tints = tuple(colors.blend(tint, colors.WHITE, share) for share in fading)
         parts = (
-            (f"spots/{camera}/trail", 0, POINTS, points, 0.014, faded),
+            (f"spots/{camera}/trail", 0, POINTS, points, 0.014, faded_tints),
             (f"spots/{camera}", 0, DISC, points[-1:], 0.036, (colors.BLACK,)),
             (f"spots/{camera}", 1, DISC, points[-1:], 0.028, (tint,)),
         )
         for level, (name, number, kind, positions, share, tints) in enumerate(parts):
             z = Z_SPOT + 0.015 * level
-            shapes.append(Shape(name, number, kind, positions, z, (share * layout.unit,), tints, lifetime=_LIFETIME))
+            size = (share * layout.unit,)
+            shapes.append(Shape(name, number, kind, positions, z, size, tints, lifetime=_LIFETIME))
     return shapes
 
 
 def robot_shapes(base_frame: str, number: int, radius: float) -> List[Shape]:
-    """Draws a robot's footprint of radius [m] and its heading in its own frame, so that RViz moves them with tf."""
+    """Draws a robot's footprint of radius [m] and its heading. They are in the robot's frame, so that tf moves them."""
     arrow_points = np.array([[0.7, 0.0], [-0.4, 0.5], [-0.15, 0.0], [-0.4, -0.5]]) * radius
     width = 0.14 * radius
     arrow = line_segments(arrow_points, True, width)

@@ -1,8 +1,8 @@
 """The projector's image on the floor: borders, the growing drawing, the area that saving would restrict. No ROS.
 
-A projector adds light. Dark colours are invisible, so the palette is the brighter half of the display's. The cameras
-see the light too, so nothing in the image looks like a laser spot: lines are long, the seed is a ring, and both are
-less bright. Nothing changes near the spot: the drawing's newest piece is shown only after the spot has moved on.
+A projector adds light and cannot show dark colours, so only the brighter colours of the display are used. The cameras
+see the light too, so nothing in the image may look like a laser spot: lines are long, the seed is a ring, and both are
+less bright. Nothing changes near the spot: the newest piece of the drawing is shown only after the spot has moved on.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from vb_feedback.display.colors import Color
 from vb_feedback.projector.projector_calibration import ProjectorCalibration, markers
 from vb_feedback.display.scene import DisplayedBorder, Drawing
 
-_RESOLUTION = 0.005  # [m] edge of a canvas pixel; the canvas is then warped into the projector's image
-_LINE, _SEED_RADIUS, _STRIPE = 0.03, 0.15, 0.10  # [m]
-# [m] around the spot, where the drawing is left out, because light that grows beside the spot would disturb detectors
+_RESOLUTION = 0.005  # [m] edge of a pixel of the canvas, which is then warped into the projector's image
+_LINE_WIDTH, _SEED_RADIUS, _STRIPE_WIDTH = 0.03, 0.15, 0.10  # [m]
+# [m] the drawing is left out within this distance of the spot, because new light beside the spot would disturb detectors
 _DARK_RADIUS = 0.35
-_BITS = 4
+_BITS = 4  # fractional bits of OpenCV's fixed-point coordinates
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,9 @@ class FloorImage:
         self._low = footprint.min(axis=0)
         size = footprint.max(axis=0) - self._low
         columns, rows = np.maximum(2, np.ceil(size / _RESOLUTION)).astype(int)
-        # an image that spans a hall is drawn more coarsely, no finer than the projector can show it
+        # an image that spans a hall is drawn more coarsely, because a projector cannot show so many pixels
         self._scale = 1.0 / _RESOLUTION * min(1.0, 4096.0 / max(columns, rows))  # [px/m] of the canvas
-        self._thickness = max(1, int(round(_LINE * self._scale)))
+        self._thickness = max(1, int(round(_LINE_WIDTH * self._scale)))
         height, width = [int(count * self._scale * _RESOLUTION) + 1 for count in (rows, columns)]
         self._shape = (height, width, 3)
         pixel = 1.0 / self._scale  # [m]
@@ -87,7 +87,7 @@ class FloorImage:
 
     # ------------------------------------------------------------- parts
     def _render_drawing(self, content: FloorContent) -> np.ndarray:
-        """Draws chain and seed, which are left out around the spot, unlike borders."""
+        """Draws chain and seed, and then blackens the surroundings of the spot. Borders are not left out there."""
         canvas = np.zeros(self._shape, np.uint8)
         drawn = content.drawing
         if len(drawn.chain) > 1:
@@ -100,27 +100,30 @@ class FloorImage:
         return canvas
 
     def _shade(self, color: Color, level: float) -> Tuple[int, int, int]:
-        return tuple(int(round(255.0 * level * self._brightness * share)) for share in color)  # type: ignore[return-value]
+        full = 255.0 * level * self._brightness
+        return tuple(int(round(full * share)) for share in color)  # type: ignore[return-value]
 
-    def _fixed_point(self, points: Sequence[Sequence[float]]) -> np.ndarray:
+    def _to_fixed_point(self, points: Sequence[Sequence[float]]) -> np.ndarray:
         """Converts map coordinates to canvas pixels in OpenCV's fixed-point format."""
         pixels = (np.asarray(points, dtype=float).reshape(-1, 2) - self._low) * self._scale
         return np.clip(np.rint(pixels * (1 << _BITS)), -(2**26), 2**26).astype(np.int32)
 
     def _draw_line(self, canvas: np.ndarray, points, closed: bool, color: Color, level: float) -> None:
         tint = self._shade(color, level)
-        cv2.polylines(canvas, [self._fixed_point(points)], closed, tint, self._thickness, cv2.LINE_AA, _BITS)
+        pixels = self._to_fixed_point(points)
+        cv2.polylines(canvas, [pixels], closed, tint, self._thickness, cv2.LINE_AA, _BITS)
 
     def _draw_circle(self, canvas: np.ndarray, center, radius: float, tint, thickness: int, line: int) -> None:
-        pixel = tuple(map(int, self._fixed_point([center])[0]))
-        cv2.circle(canvas, pixel, int(radius * self._scale * (1 << _BITS)), tint, thickness, line, _BITS)
+        pixel = tuple(map(int, self._to_fixed_point([center])[0]))
+        pixel_radius = int(radius * self._scale * (1 << _BITS))
+        cv2.circle(canvas, pixel, pixel_radius, tint, thickness, line, _BITS)
 
     def _draw_stripes(self, canvas: np.ndarray, region: GridMap) -> None:
         height, width = canvas.shape[:2]
         rows, columns = np.indices((height, width), sparse=True)
-        stripe_width = max(1, int(_STRIPE * self._scale))
+        stripe_width = max(1, int(_STRIPE_WIDTH * self._scale))
         is_stripe = (rows - columns) // stripe_width % 2 == 0
-        # the affine map from canvas to cells, from the cells of three neighbouring pixels
+        # the affine map from canvas to cells is given by the cells of three neighbouring pixels
         pixels = np.array([[0, 0], [1, 0], [0, 1]])
         first, right, below = region.world_to_grid(self._low + pixels / self._scale)
         canvas_to_cells = np.column_stack([right - first, below - first, first])
@@ -131,7 +134,7 @@ class FloorImage:
 
 
 def draw_calibration_image(width: int, height: int, number: int) -> np.ndarray:
-    """Draws marker `number` (0 .. 3), to be clicked next, bright and the others dim: (height, width, 3) uint8 rgb."""
+    """Draws the markers, (height, width, 3) uint8 rgb. The one to be clicked next, `number` (0 .. 3), is bright."""
     image = np.zeros((height, width, 3), np.uint8)
     arm = int(0.06 * height)
     thickness = max(2, int(0.006 * height))

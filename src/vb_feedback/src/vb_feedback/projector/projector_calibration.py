@@ -1,4 +1,4 @@
-"""A projector's calibration: the homography between the floor and its image, from clicked points."""
+"""A projector's calibration: the homography between the floor and the projector's image, from clicked points."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ import yaml
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 
-_INSET = 0.12  # the markers' distance from the image's edges, as a share of its sides; small, for the best accuracy
+_INSET = 0.12  # markers' distance from the edges, as a share of the image's sides; the smaller, the more accurate
 MARKER_COUNT = 4
-# [m] a click nearer than this to the line through its neighbours is a mistake, since markers are decimetres apart
+# [m] between a click and the line through its neighbours; if it is shorter, the click is a mistake
 _MIN_DISTANCE = 0.10
 
 
@@ -25,11 +25,11 @@ class ProjectorCalibration:
     """A projector over the floor.
 
     Attributes:
-        width, height: [px] size of its image.
-        matrix: (3, 3) homography from map coordinates [m] to (column, row) [px] of its image.
+        width, height: [px] size of the projector's image.
+        matrix: (3, 3) homography from map coordinates [m] to (column, row) [px] of this image.
 
     Raises:
-        CodedError: "bad_calibration" if size or matrix cannot be a projector's.
+        CodedError: "bad_calibration" if no projector can have this size or matrix.
     """
 
     width: int
@@ -41,10 +41,11 @@ class ProjectorCalibration:
         if not (16 <= self.width <= 16384 and 16 <= self.height <= 16384):
             size = f"{self.width} x {self.height}"
             raise CodedError("bad_calibration", f"the picture's size must be 16 to 16384 px, got {size}")
-        if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-12:
+        is_homography = matrix.shape == (3, 3) and np.isfinite(matrix).all()
+        if not is_homography or abs(np.linalg.det(matrix)) < 1e-12:
             raise CodedError("bad_calibration", "the homography must be an invertible matrix of 3 x 3 numbers")
         inverse = np.linalg.inv(matrix)
-        scales = self._corners() @ inverse[2, :2] + inverse[2, 2]
+        scales = image_corners(self.width, self.height) @ inverse[2, :2] + inverse[2, 2]
         if scales.min() * scales.max() <= 0:
             reason = "a part of the picture would lie beyond the horizon: was a point mistaken?"
             raise CodedError("bad_calibration", reason)
@@ -52,19 +53,20 @@ class ProjectorCalibration:
 
     def footprint(self) -> np.ndarray:
         """Returns the image's corners on the floor, (4, 2) [m]: upper left, upper right, lower right, lower left."""
-        return cv2.perspectiveTransform(self._corners()[:, None], np.linalg.inv(self.matrix))[:, 0]
-
-    def _corners(self) -> np.ndarray:
-        return markers(self.width, self.height, inset=0.0)
+        corners = image_corners(self.width, self.height)
+        return cv2.perspectiveTransform(corners[:, None], np.linalg.inv(self.matrix))[:, 0]
 
 
-def markers(width: int, height: int, inset: float = _INSET) -> np.ndarray:
-    """Returns the positions of a calibration's markers, (4, 2) [px], in the corners' order of `footprint`.
+def image_corners(width: int, height: int) -> np.ndarray:
+    """Returns the corners of an image, (4, 2) [px], in the order of `ProjectorCalibration.footprint`."""
+    return np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * (width - 1, height - 1)
 
-    With inset 0, these are the image's corners.
-    """
-    x, y = inset * (width - 1), inset * (height - 1)
-    return np.array([[x, y], [width - 1 - x, y], [width - 1 - x, height - 1 - y], [x, height - 1 - y]])
+
+def markers(width: int, height: int) -> np.ndarray:
+    """Returns the positions of the calibration's markers, (4, 2) [px], in the order of the corners."""
+    inset = _INSET * np.array([width - 1, height - 1])
+    towards_center = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+    return image_corners(width, height) + inset * towards_center
 
 
 def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> ProjectorCalibration:
@@ -74,25 +76,26 @@ def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> 
         floor: (4, 2) [m], finite: the clicked positions, in the markers' order.
 
     Raises:
-        CodedError: "bad_click" if these cannot be the markers' positions.
+        CodedError: "bad_click" if the markers cannot be at these positions.
     """
     points = np.asarray(floor, dtype=float).reshape(-1, 2)
-    # twice the area [m^2] of the triangle at each corner, above 0 if it turns counter-clockwise
+    # twice the area [m^2] of each three consecutive points' triangle, above 0 if they are in counter-clockwise order
     sides = np.roll(points, -1, axis=0) - points
     side_x, side_y = sides.T
     next_x, next_y = np.roll(sides, -1, axis=0).T
     double_areas = side_x * next_y - side_y * next_x
-    # each corner must stand out from the line through its neighbours: no two clicks coincide, no three are collinear
-    longest = max(float(np.linalg.norm(first - second)) for first, second in combinations(points, 2))
-    is_flat = np.abs(double_areas).min() < _MIN_DISTANCE * longest
+    # no two clicks may coincide and no three be collinear: each must be away from the line through its neighbours
+    distances = [float(np.linalg.norm(first - second)) for first, second in combinations(points, 2)]
+    is_flat = np.abs(double_areas).min() < _MIN_DISTANCE * max(distances)
     turns_both_ways = double_areas.min() < 0 < double_areas.max()
     if is_flat or turns_both_ways:
         raise CodedError("bad_click", reason_code="clicks_out_of_order")
-    # the homography is relative to the points' centroid, because large coordinates would reduce its precision
+    # the homography is computed relative to the points' centroid, because large coordinates would reduce its precision
     centroid = points.mean(axis=0)
     relative_points = (points - centroid).astype(np.float32)
     pixels = markers(width, height).astype(np.float32)
-    to_centroid = np.array([[1, 0, -centroid[0]], [0, 1, -centroid[1]], [0, 0, 1.0]])
+    to_centroid = np.eye(3)
+    to_centroid[:2, 2] = -centroid
     matrix = cv2.getPerspectiveTransform(relative_points, pixels) @ to_centroid
     return ProjectorCalibration(width, height, matrix / np.abs(matrix).max())
 
@@ -113,7 +116,7 @@ def read_calibration(path: Path) -> ProjectorCalibration:
     try:
         values = yaml.safe_load(path.read_text(encoding="utf-8"))
         if set(values) != {"width", "height", "map_to_pixels"}:
-            raise ValueError("it must have exactly the keys width, height and map_to_pixels")
+            raise ValueError(f"it must have exactly the keys width, height and map_to_pixels, not {list(values)}")
         matrix = np.array(values["map_to_pixels"], dtype=float)
         return ProjectorCalibration(int(values["width"]), int(values["height"]), matrix)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Shows an image full-screen on a projector, with Python's own Tk, because OpenCV's headless build has no windows."""
+"""Shows an image full-screen on a projector. It uses Python's Tk, because OpenCV's headless build has no windows."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _POLL_PERIOD = 0.04  # [s] between checks for a new image
 
 
 class ProjectorWindow:
-    """A window without frame, title and pointer, with its own thread, because Tk must be used from one thread.
+    """A window without frame, title and pointer. It has a thread, because all calls of Tk must come from the same one.
 
     Args:
-        x, y: [px] position on the desktop: the upper left corner of the projector's screen.
+        x, y: [px] upper left corner of the projector's screen on the desktop.
         width, height: [px].
-        start: starts a thread, and handles its exceptions.
+        start: starts a thread that runs a function, and handles the function's exceptions.
 
     Raises:
         CodedError: "no_window" if Tk is not installed or there is no screen.
@@ -40,9 +40,9 @@ class ProjectorWindow:
             raise CodedError("no_window", self._error)
 
     def show(self, image: np.ndarray) -> None:
-        """Shows an image (H, W, 3) uint8 rgb, at the window's next check."""
+        """Shows an image (H, W, 3) uint8 rgb as soon as the thread checks for a new one."""
         height, width = image.shape[:2]
-        # Tk reads PPM without another library
+        # PPM, which Tk can read without further libraries
         data = b"P6 %d %d 255\n" % (width, height) + np.ascontiguousarray(image).tobytes()
         with self._lock:
             self._next_image = data

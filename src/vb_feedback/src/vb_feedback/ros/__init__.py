@@ -1,1 +1,1 @@
-"""Connects the displays and sounds to ROS: inputs, markers, events. The other folders of this package work without ROS."""
+"""Connects displays and sounds to ROS: inputs, markers and events. This package's other folders work without ROS."""

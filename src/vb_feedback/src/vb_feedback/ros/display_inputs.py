@@ -1,4 +1,4 @@
-"""The inputs of both displays, screen and projector, as one consistent snapshot."""
+"""The inputs of both displays, the smart display and the projector, as one consistent snapshot."""
 
 from __future__ import annotations
 
@@ -17,21 +17,17 @@ from vb_core.ros.messages import NumpyBorderPreview, grid_from_message
 from vb_feedback.display.scene import TrailPoint
 from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray
 
-_MAX_SPOTS = 60  # of all cameras together: 1.5 s at 25 frames/s of one to two cameras
+_MAX_SPOTS = 60  # of all cameras together; enough for 1.5 s if one or two cameras see the spot in 25 frames/s
 
 
 @dataclass(frozen=True)
 class DisplayInputs:
-    """The newest messages, with progress and preview only if they belong to the current interaction.
-
-    Attributes:
-        region: the area that saving would restrict, from the preview, or None.
-    """
+    """The newest messages, each None as long as there is none."""
 
     state: Optional[InteractionState] = None
     progress: Optional[BorderProgress] = None
     preview: Optional[BorderPreview] = None
-    region: Optional[GridMap] = None
+    region: Optional[GridMap] = None  # the area that saving would restrict, taken from the preview
     borders: Tuple[VirtualBorder, ...] = ()
     spots: Tuple[TrailPoint, ...] = ()
 
@@ -55,14 +51,17 @@ class InputListener:
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50, tcp_nodelay=True)
 
     def current(self) -> DisplayInputs:
-        """Returns the current inputs, without those of an interaction that has ended."""
+        """Returns the newest inputs. Progress and preview are None unless they belong to the current interaction."""
         with self._lock:
             newest = replace(self._newest, spots=tuple(self._spots))
-        interaction = newest.state.interaction_id if newest.state is not None else ""
-        progress, preview = newest.progress, newest.preview
-        if progress is not None and (not interaction or progress.interaction_id != interaction):
+        interaction_id = newest.state.interaction_id if newest.state is not None else ""
+
+        def is_current(message: Any) -> bool:
+            return message is not None and interaction_id != "" and message.interaction_id == interaction_id
+
+        if not is_current(newest.progress):
             newest = replace(newest, progress=None)
-        if preview is not None and (not interaction or preview.interaction_id != interaction or not preview.available):
+        if not is_current(newest.preview) or not newest.preview.available:
             newest = replace(newest, preview=None, region=None)
         return newest
 

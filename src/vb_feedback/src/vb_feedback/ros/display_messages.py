@@ -17,8 +17,7 @@ from visualization_msgs.msg import Marker
 from vb_feedback.display import scene
 from vb_feedback.display.text_panel import PanelNotice, PanelContent
 
-# with more sentences, the letters would be too small to read across the room
-_MAX_NOTICES = 3
+_MAX_NOTICES = 3  # with more of them, the letters would be too small to be read from across the room
 _KINDS = {
     scene.LINES: Marker.LINE_LIST,
     scene.POINTS: Marker.POINTS,
@@ -29,7 +28,7 @@ _KINDS = {
 
 
 def marker_from_shape(shape: scene.Shape) -> Marker:
-    """Converts a shape to a marker. Its stamp stays zero, so that RViz uses the latest transform of the frame."""
+    """Converts a shape to a marker. The stamp stays zero, so that RViz uses the latest transform of the frame."""
     marker = Marker(ns=shape.namespace, id=shape.number, type=_KINDS[shape.kind], action=Marker.ADD, text=shape.text)
     marker.header.frame_id = shape.frame or names.MAP_FRAME
     marker.frame_locked = bool(shape.frame)
@@ -60,7 +59,7 @@ def panel_from_state(
     has_map: bool,
     language: str,
 ) -> PanelContent:
-    """Converts the state to the panel's content. Without a map, it only says whether robots are stopped."""
+    """Converts the state to the panel's content. Without a map, the content is only whether robots are stopped."""
     stopped = state is not None and state.stopped
     if not has_map:
         message = sentences.translate("display_waiting_map", {}, language)
@@ -69,7 +68,7 @@ def panel_from_state(
         return PanelContent(language=language)
     return PanelContent(
         state=state.name,
-        # whole seconds, as displayed, so that a fraction is not a change
+        # in whole seconds, as they are displayed, so that the content does not change more often
         elapsed_s=int(state.guide_s + state.border_s + state.seed_s),
         commands=tuple(state.available_commands),
         success=state.last_success,
@@ -82,12 +81,13 @@ def panel_from_state(
 
 
 def drawing_from_progress(progress: BorderProgress) -> scene.Drawing:
-    """Converts a progress message to plain values. Points of an unknown camera get the name ""."""
+    """Converts a progress message to plain values. The camera of a point is "" if it is unknown."""
     camera_names = dict(enumerate(progress.cameras))
     indices = bytes(progress.point_cameras)[: len(progress.points)]
+    point_cameras = [camera_names.get(index, "") for _, index in zip_longest(progress.points, indices)]
     return scene.Drawing(
         points=scene.as_pairs(array_from_points(progress.points)),
-        point_cameras=tuple(camera_names.get(index, "") for _, index in zip_longest(progress.points, indices)),
+        point_cameras=tuple(point_cameras),
         chain=scene.as_pairs(array_from_points(progress.chain)),
         closed=progress.closed,
         seed=(progress.seed.x, progress.seed.y) if progress.has_seed else None,
@@ -110,13 +110,13 @@ def displayed_border_from_message(border: VirtualBorder, language: str = sentenc
 
 
 def select_notices(notices: Sequence[Notice], language: str) -> List[PanelNotice]:
-    """Selects the first, most severe notices of other nodes: each sentence once, and no more than people can read."""
+    """Selects the first notices, which are the most severe ones. Each sentence is shown only once."""
     all_notices = [PanelNotice(notice.sentence(language), notice.severity >= Severity.WARNING) for notice in notices]
     return list(dict.fromkeys(all_notices))[:_MAX_NOTICES]
 
 
 def preview_notices(preview: Optional[BorderPreview], language: str) -> List[PanelNotice]:
-    """Returns notices that say why saving would fail, or how much it would restrict and the first warning."""
+    """Returns the reason why saving would fail, or else the area that it would restrict and the first warning."""
     if preview is None:
         return []
     errors = [issue for issue in preview.issues if issue.severity == BorderIssue.ERROR]
@@ -124,8 +124,9 @@ def preview_notices(preview: Optional[BorderPreview], language: str) -> List[Pan
     if not preview.success:
         why = sentence_in((errors or [preview])[0], language)
         return [PanelNotice(sentences.translate("preview_refused", {"why": why}, language), warning=True)]
-    notices = [PanelNotice(sentences.translate("preview_restricts", {"area": f"{preview.area_m2:.2f}"}, language))]
+    area = f"{preview.area_m2:.2f}"
+    notices = [PanelNotice(sentences.translate("preview_restricts", {"area": area}, language))]
     if warnings:
-        sentence = sentence_in(warnings[0], language)
-        notices.append(PanelNotice(sentences.translate("preview_note", {"what": sentence}, language), warning=True))
+        warning = sentence_in(warnings[0], language)
+        notices.append(PanelNotice(sentences.translate("preview_note", {"what": warning}, language), warning=True))
     return notices

@@ -8,14 +8,14 @@ from vb_core.interaction_tables import DEFAULT, QUESTIONS, state_by_name
 from vb_core.sounds import ERROR, QUESTION, STOPPED, SUCCESS, TICK
 from vb_msgs.msg import InteractionState
 
-TICK_PERIOD = 0.5  # [s] minimum between ticks; 25 ticks a second, one for each spot, would sound like a buzz
+TICK_PERIOD = 0.5  # [s] shortest time between two ticks; one for each spot, 25 times a second, would sound like a buzz
 
 
 class SoundEvents:
     """Converts states and spots to the names of sounds.
 
-    Each new state has a sound, and so have a successful save, an error, a question or a drawing about to be discarded,
-    and a stop; an accepted spot causes a soft tick, at most every TICK_PERIOD. Time may jump back.
+    There is a sound for each new state, a successful save, an error, a question, a stop, and when a drawing is about to
+    be discarded. An accepted spot causes a soft tick, at most one every TICK_PERIOD. Time may jump back.
     """
 
     def __init__(self) -> None:
@@ -33,12 +33,13 @@ class SoundEvents:
             return []
         sounds: List[str] = []
         answers = [(message.last_answered, message.last_command, message.last_code) for message in (previous, state)]
+        is_new_answer = answers[0] != answers[1]
         if state.stopped and not previous.stopped:
             sounds.append(STOPPED)
         elif state.name != previous.name:
             is_saved = state.name == DEFAULT.name and state.last_outcome == "saved"
             sounds.append(SUCCESS if is_saved else state.name)
-        elif answers[0] != answers[1] and not state.last_success:
+        elif is_new_answer and not state.last_success:
             sounds.append(QUESTION if state.last_code in QUESTIONS else ERROR)
         if previous.ends_at.is_zero() and not state.ends_at.is_zero():
             sounds.append(QUESTION)

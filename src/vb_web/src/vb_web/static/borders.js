@@ -1,11 +1,11 @@
-// The list of borders, and the dialog of one border.
+// The list of borders, and the dialog for one border.
 "use strict";
 import { closeButton, leave, show, whenAnswered } from "./dialog.js";
 import { draft, edit, map } from "./editor.js";
 import { hello, isOperator, row, sentence, view, words } from "./state.js";
 import { $, ask, button, element, replaceContent, nameField, toast } from "./elements.js";
 
-// Says why a border is not in force; "" if it is.
+// Says why a border is not in force. Returns "" if it is.
 function idleReason(border) {
   if (!border.enabled) return sentence("page_reason_disabled");
   if (!border.reason || border.in_force) return "";
@@ -13,12 +13,12 @@ function idleReason(border) {
   return sentence(words.has(code) ? code : border.reason);
 }
 
-// The style class of a border, on the map and in the list.
+// Returns the style class of a border on the map and in the list.
 const idleClass = (border) => (idleReason(border) ? "off" : "");
 
 const markOf = (border) => element("span", { class: `mark ${idleClass(border)}` }, border.mark);
 
-// Says which zone a border is; "" if it is the usual one, "keep out".
+// Says which zone a border is. Returns "" for the usual one, "keep out".
 function zoneText(border) {
   const speed = words.number(border.max_speed, 2);
   if (row("zones", border.zone).limits_speed)
@@ -26,7 +26,7 @@ function zoneText(border) {
   return border.zone === hello.zones[0].name ? "" : sentence(`page_zone_${border.zone}`);
 }
 
-// Describes a border in the line below its name: first what is wrong with it, then area, zone and robots.
+// Describes a border, for the line below its name: first any problem, then area, zone and robots.
 function describe(border) {
   const size = border.kind === "wall" ? sentence("page_kind_wall") : `${words.number(border.area, 2)} m²`;
   const robots = border.robots.length ? sentence("page_only_for", { who: border.robots.join(", ") }) : "";
@@ -83,7 +83,7 @@ const toggleBorder = (border) =>
     { border: border.name },
   );
 
-// Shows a border's dialog, with a name that was typed before if there is one.
+// Shows the dialog for a border, with a name that was typed before the dialog was left, if there is one.
 export function borderDialog(id, typedName = null) {
   const find = () => view.borders.list.find((border) => border.id === id);
   const border = find();
@@ -102,7 +102,7 @@ export function borderDialog(id, typedName = null) {
   const change = (promise) =>
     whenAnswered(promise, ({ ok, code }) => {
       if (ok) $("dialog").close();
-      // somebody else's change is shown first, and overwritten only by a second try
+      // a change that somebody else has made is shown first; only a second try overwrites it
       else if (code === "revision_conflict") borderDialog(id, name.value);
     });
   form.addEventListener("submit", (event) => {
@@ -122,7 +122,7 @@ export function borderDialog(id, typedName = null) {
         () =>
           leave(() => {
             $("dialog").close();
-            edit(find() || border); // as it is now: the dialog may have been open for long
+            edit(find() || border); // the newest version, because the dialog may have been open for a long time
           }),
         "primary",
       ),

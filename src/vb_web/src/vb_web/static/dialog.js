@@ -1,9 +1,9 @@
-// Dialogs, and what Escape and a phone's Back do. Dialogs are not modal, because stop must be in reach all the time.
+// Dialogs, and what Escape and a phone's Back do. Dialogs are not modal, because Stop must always be within reach.
 "use strict";
 import { page, sentence } from "./state.js";
 import { $, button, element, lock } from "./elements.js";
 
-// The part of the page below a dialog: whether it has unsaved changes, and how it is left. The editor fills this in.
+// The part of the page below a dialog: whether it has unsaved changes, and how to leave it. The editor sets this.
 export const below = { isChanged: () => false, leave: () => {} };
 
 export function show(title, ...children) {
@@ -17,7 +17,7 @@ export function show(title, ...children) {
   lock(dialog);
   closeOnBack();
   document.querySelector("main").inert = true;
-  // not the first field: a phone's keyboard would come up at once
+  // the focus is not on the first field, because a phone's keyboard would then appear at once
   $("dialog-title").focus();
 }
 
@@ -30,8 +30,8 @@ export async function whenAnswered(promise, next) {
 
 export const closeButton = (code = "page_close") => button(code, () => leave());
 
-// Leaves a dialog or a drawing for what follows, and asks first if something unsaved would be lost. A dialog's `unsaved`
-// returns null, or the function that brings the dialog back from that question.
+// Leaves a dialog or a drawing, and then calls what follows. Asks first if something unsaved would be lost. A dialog's
+// function `unsaved` returns null, or a function that shows the dialog again after that question.
 export function leave(next = () => $("dialog").close()) {
   let comeBack = null;
   if ($("dialog").open) comeBack = $("dialog").unsaved();
@@ -49,7 +49,7 @@ export function leave(next = () => $("dialog").close()) {
   $("dialog").onBack = comeBack;
 }
 
-// Closes what lies on top, by Escape or by a phone's Back, which leaves the page only if nothing does.
+// Closes the topmost dialog or drawing, on Escape or a phone's Back. Back leaves the page only if there is none.
 function goBack() {
   if ($("dialog").open) $("dialog").onBack();
   else if (page.mode !== "look")
@@ -59,7 +59,7 @@ function goBack() {
     });
 }
 
-// Adds an entry to the history for what lies on top, so that a phone's Back does not leave the page.
+// Adds an entry to the browser's history for the topmost dialog or drawing, so that Back does not leave the page.
 export function closeOnBack() {
   if (!history.state && ($("dialog").open || page.mode !== "look")) history.pushState("on top", "");
 }
@@ -76,7 +76,7 @@ document.addEventListener("keydown", (event) => {
 });
 
 $("dialog").addEventListener("close", () => {
-  // the event comes after the dialog was closed, when another one may be open
+  // the event comes later than the dialog was closed, and another one may already be open
   if ($("dialog").open) return;
   document.querySelector("main").inert = false;
   lock(document.querySelector("main"));

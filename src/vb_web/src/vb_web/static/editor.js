@@ -1,7 +1,8 @@
-// Draws and edits borders on the map, and sends robots to a place of it.
+// Draws and edits borders on the map, and sends robots to a point of the map.
 //
-// page.mode is what a touch of the map means: "look" moves the map and chooses borders; "draw" and "wall" draw a line; "side"
-// chooses the side to be restricted; "review" moves corners of the draft; "go" sends a robot there.
+// page.mode says what a touch of the map does: in "look" it moves the map or chooses a border; in "draw" and "wall" it
+// draws a line; in "side" it chooses the side to be restricted; in "review" it moves corners of the draft; in "go" it
+// sends a robot to that point.
 "use strict";
 import { below, closeOnBack } from "./dialog.js";
 import { MapView } from "./map.js";
@@ -22,12 +23,12 @@ import {
 } from "./elements.js";
 
 export let draft = null;
-let modeChanges = 0; // so far
+let modeChanges = 0; // number of changes of the mode so far
 let taps = [];
 let chosenCorner = null;
-let check = null; // the newest answer to what saving would do
-let newestQuestion = null; // what saving would do, while it has no answer
-let isAsking = false; // whether a question is under way
+let check = null; // the newest preview of what saving would do
+let newestQuestion = null; // the newest request for a preview, until it is answered
+let isAsking = false; // whether a request for a preview is under way
 // Called when a border was tapped, and after each change of mode.
 export const listeners = { pick: () => {}, mode: () => {} };
 
@@ -42,7 +43,8 @@ export const map = new MapView(words, {
       return; // the same tap again
     else if (page.mode === "wall") {
       taps.push(point);
-      taps.length === 2 ? begin([...taps], "wall") : showRough(taps, "taps");
+      if (taps.length === 2) begin([...taps], "wall");
+      else showRough(taps, "taps");
     } else if (page.mode === "draw") {
       if (taps.length > 2 && distance(taps[0], point) * map.view.scale < 24) return begin([...taps], "polygon");
       taps.push(point);
@@ -57,7 +59,8 @@ export const map = new MapView(words, {
     if (size * map.view.scale < 20) return showRough(taps, "taps");
     const closed = distance(points[0], points[points.length - 1]) < 0.35 * size;
     let line = simplify(points, Math.max(0.03, 3 / map.view.scale));
-    if (closed && line.length > 3 && distance(line[0], line[line.length - 1]) < 0.15 * size) line = line.slice(0, -1);
+    const endsAtItsStart = distance(line[0], line[line.length - 1]) < 0.15 * size;
+    if (closed && line.length > 3 && endsAtItsStart) line = line.slice(0, -1);
     begin(line, closed && line.length > 2 ? "polygon" : "curve");
   },
   choose(corner) {
@@ -80,7 +83,7 @@ export const map = new MapView(words, {
   },
 });
 
-// Replaces `count` corners from `start`, as splice does. A polygon's seed follows as long as nobody has moved it outside.
+// Replaces `count` corners from `start`, as splice does. A polygon's seed is moved too, unless somebody put it outside.
 function changeCorners(start, count, corners, chosen) {
   const seedFollows = draft.kind === "polygon" && inside(draft.seed, draft.points);
   draft.points.splice(start, count, ...corners);
@@ -93,7 +96,7 @@ export function setMode(next) {
   modeChanges += 1;
   lock($("panel"));
   closeOnBack();
-  if (next !== "look") toast(""); // which is about what was done before
+  if (next !== "look") toast(""); // the toast is about something that was done before
   map.drawing = next === "draw" || next === "wall";
   map.picking = next === "side" || next === "go";
   if (next === "look") {
@@ -115,7 +118,7 @@ export function setMode(next) {
 
 const toMillimetres = (point) => point.map((coordinate) => Number(coordinate.toFixed(3)));
 
-let chosenRobot = ""; // the robot that is sent
+let chosenRobot = ""; // the robot that is to be sent
 
 async function sendRobot(goal) {
   const modeChangesBefore = modeChanges;
@@ -157,7 +160,7 @@ function showRough(points, kind) {
   drawReview();
 }
 
-// Returns what a touch of the map means now: the end of the hint's code.
+// Returns what a touch of the map does now, as the end of the hint's code.
 function situation() {
   if (page.mode === "look") {
     if (!isOperator()) return "watch";
@@ -195,7 +198,7 @@ function begin(points, kind) {
   setMode(kind === "curve" ? "side" : "review");
 }
 
-// Makes a draft of a stored border, thinned out if it has too many corners to be moved one by one.
+// Makes a draft of a stored border. If it has too many corners to be moved one by one, some are left out.
 function draftOf(border) {
   const line = toPoints(border.points);
   return {
@@ -218,10 +221,10 @@ export function edit(border) {
   setMode("review");
 }
 
-// Whether something has been drawn or changed that nobody has saved.
+// Returns whether something was drawn or changed that is not saved yet.
 const isUnsaved = () => (draft ? JSON.stringify(draftFields()) !== draft.stored : taps.length > 0);
 
-// Whether the draft would still be a polygon, or a line, without one of its corners.
+// Returns whether the draft would still be a polygon or a line if it had one corner less.
 const hasSpareCorners = () => draft.points.length > (draft.kind === "polygon" ? 3 : 2);
 
 function removeCorner(corner) {
@@ -242,8 +245,8 @@ const draftFields = () => ({
   robots: draft.robots,
 });
 
-// Asks what saving would do: one question at a time, and after each answer only the newest question, whose answer counts.
-// The previous answer is shown until then, so that nothing jumps.
+// Asks what saving would do. Only one request is under way; after its answer, only the newest of those that were made
+// meanwhile is sent. The previous answer is shown until the next one arrives, so that nothing on the page moves.
 export async function previewDraft() {
   newestQuestion = {};
   drawReview();
@@ -273,36 +276,34 @@ async function save() {
   const answer = border
     ? await ask("update", { draft: draftFields(), border, revision }, "page_saved")
     : await ask("add", { draft: draftFields() }, "page_saved");
-  if (draft !== savedDraft) return; // a late answer is not about what is drawn now
+  if (draft !== savedDraft) return; // the answer came late, and is about another draft
   if (answer.ok) return setMode("look");
   check = answer;
   drawReview();
-  // somebody else's change is shown first, and overwritten only by a second try
+  // a change that somebody else has made is shown first; only a second try overwrites it
   if (["revision_conflict", "page_no_border"].includes(answer.code)) {
-    lock($("panel")); // a double tap on Save is no second try
+    lock($("panel")); // so that a double tap on Save does not count as a second try
     draft.revision = view.borders.revision;
     if (!view.borders.list.some(({ id }) => id === border)) {
-      draft.border = draft.stored = ""; // what is drawn may be saved as a new border
+      draft.border = draft.stored = ""; // the draft may be saved as a new border
       toast(sentence("page_removed", { border: draft.name }), true);
     }
     previewDraft();
   }
 }
 
-// Lists the zones that a draft may have: those that some robot keeps, and its own. The first, "keep out", may be drawn before
-// any robot is connected.
-const zonesFor = ({ zone }) =>
-  hello.zones
-    .map(({ name }) => name)
-    .filter(
-      (name, index) => index === 0 || name === zone || !view.capabilities || view.capabilities.zones.includes(name),
-    );
+// Lists the zones that a draft may have: the zone that it has, and those that at least one robot obeys. The first one,
+// "keep out", may be drawn even if no robot is connected.
+function zonesFor({ zone }) {
+  const names = hello.zones.map(({ name }) => name);
+  const isObeyed = (name) => !view.capabilities || view.capabilities.zones.includes(name);
+  return names.filter((name, index) => index === 0 || name === zone || isObeyed(name));
+}
 
-// Makes the choice of the robots that a border is for: all, unless some are chosen.
+// Makes the choice of the robots to which a border applies: all robots, unless some are chosen.
 function robotChoice() {
-  const allRobots = [...new Set([...((view.capabilities && view.capabilities.robots) || []), ...draft.robots])].filter(
-    Boolean,
-  );
+  const connectedRobots = (view.capabilities && view.capabilities.robots) || [];
+  const allRobots = [...new Set([...connectedRobots, ...draft.robots])].filter(Boolean);
   if (allRobots.length < 2) return null;
   const choose = (robots) => () => {
     draft.robots = robots.length === allRobots.length ? [] : robots;
@@ -340,7 +341,7 @@ export function drawReview() {
   replaceContent(box, panel(button("page_discard", () => setMode("look"))));
 }
 
-// While a line is drawn, or a side is chosen.
+// Shows the panel while a line is drawn or a side is chosen.
 function drawingPanel(cancel) {
   const end = (kind, style, minCorners) =>
     button(`page_end_${kind}`, () => begin([...taps], kind), style, { disabled: taps.length < minCorners });
@@ -367,14 +368,14 @@ function drawingPanel(cancel) {
   ];
 }
 
-// Says what saving would do: how much it would restrict, why it would be refused, or that this is being checked.
+// Says what saving would do: the area that it would restrict, why it would be refused, or that this is being checked.
 function checkLine() {
   if (check === null) return element("p", { class: "muted" }, sentence("page_checking"));
   if (!check.ok) return element("p", { class: "issue error" }, words.tell(check));
   return draft.kind === "wall" ? null : areaLine(check.area);
 }
 
-// While a draft is reviewed: what saving would do, and what can be chosen.
+// Shows the panel while a draft is reviewed: what saving would do, and the choices.
 function reviewPanel(cancel) {
   const isWall = draft.kind === "wall";
   const name = nameField(words.border(draft.name), sentence(isWall ? "page_name_wall" : "page_name_free"));
@@ -396,7 +397,7 @@ function reviewPanel(cancel) {
   return [
     element("h2", {}, sentence(draft.border ? "page_title_edit" : "page_title_review", kindWord(draft.kind))),
     element("label", { class: "beside" }, element("span", {}, sentence("page_name")), name),
-    // what saving would do stands above what can be chosen, so that people see it before they save, also on a small screen
+    // the effect of saving stands above the choices, so that people see it before they save, even on a small screen
     checkLine(),
     ...issueLines(check?.ok ? check.issues : []),
     isWall

@@ -1,12 +1,13 @@
-// Elements, requests and their answers, of which every part of the page is made.
+// Makes elements and sends requests: functions that every part of the page uses.
 "use strict";
 import { page, promptCode, sentence, view, words } from "./state.js";
 
 export const $ = (id) => document.getElementById(id);
-const CHANGES = ["add", "update", "rename", "enable", "remove"]; // actions that undo takes back
+const CHANGES = ["add", "update", "rename", "enable", "remove"]; // actions that can be undone
 const NAME_LENGTH = 60;
 
-// Makes an element. A true attribute has no value; false, null and undefined leave an attribute or a child out.
+// Makes an element. An attribute that is true has no value. If an attribute or a child is false, null or undefined, it
+// is left out.
 export function element(tag, attributes = {}, ...children) {
   const node = document.createElement(tag);
   if (tag === "button") node.type = "button";
@@ -26,8 +27,9 @@ export const clock = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.flo
 
 const contents = new WeakMap(); // the HTML that `replaceContent` has put into each parent
 
-// Replaces an element's content if it has changed, as a button that is replaced under a finger is never pressed. What has
-// the focus keeps it, by its data-key. A field that is being typed into stays, with its caret and half a number.
+// Replaces an element's content, but only if it has changed: a button that is replaced under a finger cannot be pressed.
+// The focus moves to the new element with the same data-key. A field into which somebody types is not replaced, so that
+// it keeps its caret and what was typed.
 export function replaceContent(parent, children) {
   const nodes = children.filter(Boolean);
   const html = nodes.map((node) => node.outerHTML).join("");
@@ -47,7 +49,7 @@ export function replaceContent(parent, children) {
   if (index >= 0) parent.querySelector(key).focus({ preventScroll: true });
 }
 
-// Empties the toast if the page already says the same elsewhere, for instance as a notice.
+// Empties the toast if another part of the page says the same, for instance a notice.
 export function dropRepeatedToast() {
   const codes = [...(view.notices || []).map((notice) => notice.code), promptCode(), !page.online && "page_offline"];
   if ($("laser-refused").textContent) codes.push(view.state.last.code);
@@ -56,10 +58,10 @@ export function dropRepeatedToast() {
 }
 
 const LOCKED_MS = 400;
-const unlockTimers = new Map(); // by part; an animation would stand still in a page that is not painted
+const unlockTimers = new Map(); // by part; not an animation, which would stand still while the page is not painted
 
-// Locks a part of the page for a moment: a second tap at once, as people zoom a picture, presses nothing that the first
-// one has brought up or uncovered.
+// Locks a part of the page for a moment. A second tap right after the first, such as in a double tap, then cannot press
+// a button that the first tap has brought up or uncovered.
 export function lock(part) {
   clearTimeout(unlockTimers.get(part));
   part.classList.add("locked");
@@ -82,22 +84,21 @@ export function toast(text, bad = false, code = "", action = null) {
   if (text) toastTimer = setTimeout(() => toast(""), bad || action ? 9000 : 4500);
 }
 
-// Asks for an action and shows the answer, with the sentence of `doneCode` and its values if the action succeeded.
+// Asks for an action and shows the answer. If the action succeeded, that is the sentence of `doneCode` with `values`.
 export async function ask(action, fields, doneCode = null, values = {}) {
-  // a command is void after a stop that was not shown here yet
-  const shownStop = (view.state && view.state.stop_number) || "";
-  const seen = action === "command" ? { seen_stop: fields.command === "stop" ? "" : shownStop } : {};
-  // undo and redo mean the borders as they are shown: pressed again after these have changed, they mean the next change
+  const allFields = { ...fields };
+  if (action === "command") {
+    // a command is void after a stop that this page has not shown yet
+    const shownStop = (view.state && view.state.stop_number) || "";
+    allFields.seen_stop = fields.command === "stop" ? "" : shownStop;
+  }
+  // undo and redo apply to the borders that are shown: pressed again after these have changed, they are new requests
   const subject = ["undo", "redo"].includes(fields.command) ? (view.borders || {}).revision : null;
-  const answer = await page.link.ask(action, { ...fields, ...seen }, subject);
-  if (answer.ok && doneCode)
-    toast(
-      sentence(doneCode, values),
-      false,
-      "",
-      CHANGES.includes(action) ? button("page_undo", () => ask("command", { command: "undo" })) : null,
-    );
-  else if (!answer.ok || action === "command") toast(words.tell(answer), !answer.ok, answer.code);
+  const answer = await page.link.ask(action, allFields, subject);
+  if (answer.ok && doneCode) {
+    const undoButton = button("page_undo", () => ask("command", { command: "undo" }));
+    toast(sentence(doneCode, values), false, "", CHANGES.includes(action) ? undoButton : null);
+  } else if (!answer.ok || action === "command") toast(words.tell(answer), !answer.ok, answer.code);
   return answer;
 }
 
@@ -124,7 +125,7 @@ export function nameField(value, placeholder = "") {
   return field;
 }
 
-// Makes a labelled choice. The codes of its words are `code` and, for an option, `code` with the option's name.
+// Makes a choice with a label. The label's code is `code`, and that of an option is `code` with the option's name.
 export function select(code, value, options, onchange) {
   const choice = element(
     "select",

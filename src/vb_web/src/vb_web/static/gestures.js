@@ -1,8 +1,8 @@
-// Turns what fingers, mouse and keys do on the map into its movements, and into calls of `map.on`: strokes, taps, drags.
+// Turns the gestures of fingers, mouse and keys on the map into movements of the map, and into calls of `map.on`.
 "use strict";
 import { distance, distanceToSegment, inside, meanPoint } from "./shapes.js";
 
-export const HANDLE_PX = 24; // half of a finger
+export const HANDLE_PX = 24; // half of the width of a finger
 
 export class Gestures {
   constructor(map) {
@@ -11,7 +11,7 @@ export class Gestures {
     this.listen();
   }
 
-  // Forgets a stroke: a phone was turned, and the finger is elsewhere now.
+  // Drops a stroke: the phone was turned, and the finger is now at another point of the map.
   drop() {
     if (this.gesture !== "stroke") return;
     this.gesture = null;
@@ -38,7 +38,7 @@ export class Gestures {
       },
       { passive: false },
     );
-    // one finger scrolls the page while nothing is drawn, two move the map
+    // while nothing is drawn, one finger scrolls the page, and two fingers move the map
     element.addEventListener(
       "touchmove",
       (event) => {
@@ -46,7 +46,7 @@ export class Gestures {
       },
       { passive: false },
     );
-    // a tap is over when the finger is lifted: its click would press what the tap has brought up under the finger
+    // no click may follow a tap, because it would press a button that the tap has brought up under the finger
     element.addEventListener(
       "touchend",
       (event) => {
@@ -64,7 +64,7 @@ export class Gestures {
     try {
       this.map.element.setPointerCapture(event.pointerId);
     } catch (_) {
-      /* a pointer that is gone already */
+      /* the pointer is already gone */
     }
     this.pointers.set(event.pointerId, position);
     if (this.pointers.size > 1) {
@@ -100,7 +100,7 @@ export class Gestures {
     this.pointers.set(event.pointerId, position);
   }
 
-  // Moves and zooms the map with two fingers, of which this one has moved.
+  // Moves and zooms the map after one of two fingers has moved.
   pinch(finger, previous, position) {
     const [, other] = [...this.pointers.entries()].find(([id]) => id !== finger) || [];
     if (!other) return;
@@ -110,7 +110,7 @@ export class Gestures {
     this.map.zoom(previousSpan > 10 ? span / previousSpan : 1, meanPoint([position, other]));
   }
 
-  // Goes on with the gesture that one finger or the mouse has begun. One finger scrolls the page, and not the map.
+  // Continues the gesture that one finger or the mouse has begun. One finger scrolls the page, and does not move the map.
   drag(event, previous, position) {
     if (this.gesture === "pan" && event.pointerType !== "touch")
       this.map.pan(position[0] - previous[0], position[1] - previous[1]);
@@ -125,7 +125,7 @@ export class Gestures {
     } else if (this.gesture === "corner") this.map.on.drag(this.corner, this.placeAt(position), false);
   }
 
-  // Returns the place [m] on the map at a position [px].
+  // Returns the point of the map [m] at a position [px].
   placeAt(position) {
     return this.map.onMap(this.map.toWorld(position));
   }
@@ -139,9 +139,11 @@ export class Gestures {
     const gesture = this.gesture;
     if (!this.pointers.delete(event.pointerId) || this.pointers.size) return;
     this.gesture = null;
-    // a corner stays where the finger was last, also when the browser takes the gesture away
-    if (gesture === "corner" && this.moved)
-      this.map.on.drag(this.corner, this.placeAt(regular ? this.positionOf(event) : last), true);
+    // a corner stays where the finger was last, even if the browser has cancelled the gesture
+    if (gesture === "corner" && this.moved) {
+      const position = regular ? this.positionOf(event) : last;
+      this.map.on.drag(this.corner, this.placeAt(position), true);
+    }
     if (gesture === "stroke" && !regular) this.map.on.stroke([], false);
     if (gesture === "pinch" || !regular) return;
     const point = this.map.toWorld(this.positionOf(event));
@@ -159,8 +161,8 @@ export class Gestures {
     }
   }
 
-  // Returns the id of the border at a point: that of the nearest line within a finger's reach, else that of the smallest
-  // polygon around it, else null.
+  // Returns the id of the border at a point: the one with the nearest line within a finger's reach, or else the smallest
+  // polygon that contains the point. Returns null if there is none.
   pick(point) {
     let nearest = null;
     let reach = HANDLE_PX / this.map.view.scale;

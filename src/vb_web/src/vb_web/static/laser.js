@@ -18,7 +18,7 @@ import {
 } from "./state.js";
 import { $, areaLine, ask, button, clock, dropRepeatedToast, element, replaceContent, issueLines } from "./elements.js";
 
-// Whether a command is what most people do next: save, or else draw what is missing.
+// Returns whether a command is what most people do next: save, or draw the parts that are missing.
 const isNextStep = (command, available) =>
   command === "save" ||
   (command === "define_seed" && !available.has("save")) ||
@@ -30,7 +30,7 @@ async function giveCommand(name) {
   return ask("command", { command: name });
 }
 
-// Returns a command button's content: what it does now, and below it the spoken command if that is another word.
+// Returns the content of a command's button: what it does now, and below, the spoken command if that is different.
 function commandLabel(name) {
   if (name === "save" && view.state?.confirm) return [sentence("page_save_again")];
   const label = commandName(name);
@@ -54,16 +54,17 @@ function confirmSave() {
   );
 }
 
-// Returns the name of the state that the page shows: the interaction's, or that of what is missing.
+// Returns the name of the state that the page shows: that of the interaction, or one that says what is missing.
 function stateName(hasManager) {
   if (!page.online) return "offline";
-  // where no manager belongs to the lab, nothing waits for one: the state is that of the robots
+  // a lab without an interaction manager does not wait for one: the state is that of the robots
   if (view.capabilities && !view.capabilities.interaction && !hasManager)
     return view.capabilities.state === "ready" ? "default" : view.capabilities.state;
   return view.state && hasManager ? view.state.name : "absent";
 }
 
-// Returns the commands that have a button, in their order. If some share a place, the available one is shown, or the first.
+// Returns the commands that have a button, in the buttons' order. If several commands share a button, the button shows
+// the available one, or else the first.
 function commandsWithButton(available) {
   const places = new Map();
   for (const { name, button_place } of hello.commands.filter((command) => command.button_place))
@@ -71,7 +72,7 @@ function commandsWithButton(available) {
   return [...places.keys()].sort((a, b) => a - b).map((place) => places.get(place));
 }
 
-// Returns the code of the sentence that says what the laser is for now.
+// Returns the code of the sentence that says what people can do with the laser now.
 function laserCode(hasManager) {
   if (!hasManager) return "page_manager_gone";
   if (!view.state) return "page_laser_absent";
@@ -94,7 +95,7 @@ export function drawState() {
   $("go").hidden = !view.capabilities || !isAvailable("go");
   const available = new Set(hasManager && state ? state.available_commands.filter(isAvailable) : []);
   $("laser-text").textContent = sentence(laserCode(hasManager));
-  // why nothing happened, also after a command by voice or from another phone
+  // shows why nothing happened, even if the command was spoken or came from another phone
   const refused = isInteracting && state.last.command && !state.last.ok ? words.tell(state.last) : "";
   if ($("laser-refused").textContent !== refused) $("laser-refused").textContent = refused;
   replaceContent(
@@ -134,10 +135,10 @@ export function drawBanners() {
     list.push(element("p", { class: kind }, element("span", {}, text), ...(isOperator() ? buttons : [])));
   if (!page.online) add("bad", sentence("page_offline"));
   else {
-    // while somebody draws, only the state says it
+    // while somebody draws, only the state says this
     if (state && state.stopped && page.mode === "look")
       add("bad", sentence("page_stopped", { who: sourceName(state.stopped_by) }));
-    // a manager that hangs is connected but silent: the state shown is as old as its last message
+    // an interaction manager that hangs is connected but silent: the state that is shown is as old as its last message
     if (view.health && view.health.manager && view.health.silent)
       add("bad", sentence("page_state_old", { time: clock(view.health.silent) }));
     if (view.health && !view.health.integrator) add("bad", sentence("page_integrator_gone"));
@@ -156,5 +157,5 @@ export function drawBanners() {
     if (state && state.ends_in_s && state.name !== "default")
       add("", sentence("page_ends", { time: clock(state.ends_in_s) }));
   }
-  replaceContent($("banners"), list); // only a change, as a screen reader reads out what is replaced
+  replaceContent($("banners"), list); // nothing is replaced without a change, because a screen reader would read it out
 }

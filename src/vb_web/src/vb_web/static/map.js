@@ -1,5 +1,5 @@
-// The map: pictures below, lines above. Both follow one view {x, y: centre [m], scale: pixels per metre}.
-// Lines are drawn in metres of the map frame and scale with the view; symbols (robots, names, handles) keep their size.
+// The map: pictures below, and lines above them. Both follow the same view {x, y: centre [m], scale: pixels per metre}.
+// Lines are drawn in metres of the map frame and scale with the view. Symbols (robots, names, handles) keep their size.
 "use strict";
 import { Gestures, HANDLE_PX } from "./gestures.js";
 import { MARK_PX, layOutTexts } from "./map_labels.js";
@@ -22,8 +22,8 @@ const dotsData = (points) => points.map(([x, y]) => `M${x} ${y}h.001`).join("");
 const shortened = (text) => (text.length > 26 ? `${text.slice(0, 25)}…` : text);
 
 export class MapView {
-  // `on` has what gestures call: tap(point, picked border's id), stroke(points, ended), drag(index, point, ended),
-  // between(index, point), choose(index), removeCorner(index), outside()
+  // `on` has the functions that gestures call: tap(point, id of the border there), stroke(points, ended),
+  // drag(index, point, ended), between(index, point), choose(index), removeCorner(index), outside()
   constructor(words, on) {
     Object.assign(this, {
       words,
@@ -62,7 +62,7 @@ export class MapView {
     return [this.view.x + (u - w / 2) / this.view.scale, this.view.y - (v - h / 2) / this.view.scale];
   }
 
-  // Converts metres right of and above the map's lower left corner to the map frame, and back.
+  // These two convert between the map frame and metres to the right of and above the map's lower left corner.
   fromCorner([right, up]) {
     const { x, y, cos, sin } = this.info;
     return [x + cos * right - sin * up, y + sin * right + cos * up];
@@ -74,7 +74,7 @@ export class MapView {
 
   fit() {
     const [w, h] = this.size();
-    if (!this.info || w < 24 || h < 24) return; // not laid out yet: the observer calls again
+    if (!this.info || w < 24 || h < 24) return; // the page is not laid out yet; then the observer calls this again
     const { width, height } = this.info;
     const corners = [
       [0, 0],
@@ -97,7 +97,7 @@ export class MapView {
     this.update();
   }
 
-  // Moves the view by pixels; the map cannot leave its frame.
+  // Moves the view by pixels, but not so far that the map leaves its frame.
   pan(right, down) {
     this.view.x -= right / this.view.scale;
     this.view.y += down / this.view.scale;
@@ -119,14 +119,14 @@ export class MapView {
     this.update();
   }
 
-  // Returns the point of the map that is nearest to a point: every corner of a drawing can be seen and gripped.
+  // Returns the point of the map that is nearest to a point, so that every corner of a drawing is on the map.
   onMap(point) {
     const { width, height } = this.info;
     const [right, up] = this.toCorner(point);
     return this.fromCorner([Math.max(0, Math.min(width, right)), Math.max(0, Math.min(height, up))]);
   }
 
-  // Zooms about a point of the screen, by default its centre: what is there stays there.
+  // Zooms about a point of the screen, which stays in place. By default, this is the screen's centre.
   zoom(factor, position = null) {
     if (!this.info) return;
     const [w, h] = this.size();
@@ -140,7 +140,7 @@ export class MapView {
     this.keepInFrame();
   }
 
-  // Lays the map out before the next frame, however often it was changed until then.
+  // Lays out the map once before the next frame, even if it was changed several times until then.
   update() {
     if (this.frameRequest) return;
     this.frameRequest = requestAnimationFrame(() => {
@@ -158,9 +158,9 @@ export class MapView {
     const [left, bottom] = this.toScreen(this.fromCorner([0, 0]));
     for (const image of $("pictures").children) {
       if (!image.naturalWidth) continue;
-      // every picture begins at the map's lower left corner; they differ in how many cells a pixel has
-      const cellsPerPixel =
-        { floor: this.info.floor, region: Math.max(1, Math.ceil(Math.max(rows, columns) / 700)) }[image.id] || cells;
+      // every picture begins at the map's lower left corner, but the pictures differ in the number of cells per pixel
+      const regionCells = Math.max(1, Math.ceil(Math.max(rows, columns) / 700));
+      const cellsPerPixel = { floor: this.info.floor, region: regionCells }[image.id] || cells;
       const magnification = cellsPerPixel * resolution * scale;
       const [c, s] = [cos * magnification, sin * magnification];
       const height = image.naturalHeight;
@@ -212,9 +212,9 @@ export class MapView {
     this.fetchPicture(image, url, 1000);
   }
 
-  // Fetches a picture, and tries again as long as it is wanted: cameras may start later than the page.
+  // Fetches a picture. Tries again as long as it is to be shown, because cameras may start later than the page.
   fetchPicture(image, url, pause) {
-    const next = new Image(); // the previous picture stays until the new one is there
+    const next = new Image(); // replaces the previous picture only when it is complete
     next.onload = () => {
       if (image.dataset.url === url) {
         image.src = url;
@@ -241,7 +241,7 @@ export class MapView {
   addLine(layer, kind, data) {
     this.layers[layer].lines.push(svgElement("path", { class: kind, d: data }, this.world));
   }
-  // Adds a symbol at a position [m], made of [element's name, attributes, text].
+  // Adds a symbol at a position [m]. Its parts are [element's name, attributes, text].
   addSymbol(layer, kind, position, parts) {
     const group = svgElement("g", { class: kind }, this.symbolGroup);
     group.position = position;
@@ -251,7 +251,7 @@ export class MapView {
     return group;
   }
 
-  // Adds lines of text, one below the other, whose place layOutTexts finds.
+  // Adds lines of text, one below the other. layOutTexts finds a position for them.
   addText(layer, kind, texts) {
     const lines = texts.filter(Boolean);
     const group = svgElement("g", { class: kind }, this.symbolGroup);
@@ -266,19 +266,19 @@ export class MapView {
     return group;
   }
 
-  // Adds the length of a draft's side, which stands on the side away from the draft's centre.
+  // Adds a text with the length of a draft's side, which stands outside of the draft.
   addLength(side, centre) {
     const text = `${this.words.number(distance(...side), 2)} m`;
     this.addText("draft", "length", [text]).side = [...side, centre];
   }
 
-  // Draws the borders without the one that is being edited. A border's `note` stands under its name.
+  // Draws the borders, except the one that is being edited. The `note` of a border stands below its name.
   setBorders(borders, editedId) {
     this.borders = borders.map((border) => ({ ...border, line: toPoints(border.points) }));
     this.clear("borders");
     for (const border of this.borders) {
       if (border.id === editedId) continue;
-      // the floor that a border closed off before, and what it will close off, while that waits for a person
+      // the floor that the border restricted before, and that it will restrict, until a person has confirmed the change
       for (const time of ["before", "after"]) {
         if (border[time]?.length) this.addLine("borders", `border ${time}`, chainData(toPoints(border[time]), true));
       }
@@ -337,7 +337,7 @@ export class MapView {
     this.update();
   }
 
-  // Draws where robots are going: by name, the goal and the path that their navigation has planned.
+  // Draws where robots are going. `goals` has the goal and the planned path of each robot, by its name.
   setGoals(goals) {
     this.clear("goals");
     for (const { goal, path } of Object.values(goals)) {
@@ -358,7 +358,7 @@ export class MapView {
       this.spots[camera] = group;
       group.stamp = stamp;
       group.position = [x / 100, y / 100];
-      // a spot from before this page was opened, or before the link was lost, is not seen now
+      // a spot that arrived before this page was opened, or before the link was lost, may no longer be there
       group.style.opacity = !shown && !this.live ? 0 : 1;
       clearTimeout(group.timer);
       group.timer = setTimeout(() => {
@@ -369,8 +369,8 @@ export class MapView {
     this.layOut();
   }
 
-  // Draws a draft's line, corners and seed. `chosen` is the corner that buttons and arrow keys act on. A rough draft is not
-  // complete yet: "line" while a finger draws it, "taps" if its corners are tapped.
+  // Draws a draft's line, corners and seed. Buttons and arrow keys act on the corner `chosen`. `rough` is set while the
+  // draft is not complete: "line" while a finger draws it, "taps" while its corners are tapped.
   setDraft(draft, chosen, rough) {
     this.clear("draft");
     const focused = document.activeElement && document.activeElement.dataset && document.activeElement.dataset.corner;
@@ -414,7 +414,7 @@ export class MapView {
     }
   }
 
-  // Adds a handle of a corner, or of the place between two corners, where another one can be pulled out.
+  // Adds the handle of a corner, or a handle between two corners, from which a new corner can be pulled out.
   addHandle(kind, position, radius, { corner, between, label }) {
     const group = svgElement("g", { class: kind, tabindex: 0, role: "button", "aria-label": label }, this.handleGroup);
     if (corner !== undefined) group.dataset.corner = corner;
@@ -424,7 +424,7 @@ export class MapView {
     svgElement("circle", { class: "knob", r: radius }, group);
   }
 
-  // Shows the crosshair that arrow keys move, or none.
+  // Shows the crosshair that arrow keys move at a position, or removes it if that is null.
   setCursor(position) {
     if (this.cursor) this.cursor.remove();
     this.cursor = position && this.addSymbol(null, "crosshair", position, [["path", { d: "M-16 0H16M0-16V16" }]]);

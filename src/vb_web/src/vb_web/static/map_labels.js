@@ -1,13 +1,14 @@
-// Lays out what is written on the map: lengths and names of borders, and the scale's bar.
+// Lays out the texts on the map, which are lengths and names of borders, and the scale's bar.
 "use strict";
 import { distance, innermostPoint, innermostPointInBox } from "./shapes.js";
 import { $ } from "./elements.js";
 
-const MIN_SIDE_PX = 24; // of a side whose length is written
+const MIN_SIDE_PX = 24; // length of a side from which its length is written beside it
 export const MARK_PX = 10;
 
-// Lays out lengths first, then a mark for each border that is partly in view, then its name instead of the mark if there is
-// room for it. No text covers another one. A box is {u, v: its centre, half: half its width, high: half its height} [px].
+// Lays out the lengths first, then a mark for each border that is at least partly in view. Then each mark is replaced by
+// the border's name if there is room for it. No text covers another one. A box is {u, v: its centre, half: half of its
+// width, high: half of its height} [px].
 export function layOutTexts(map) {
   const [w, h] = map.size();
   const boxes = [];
@@ -27,7 +28,7 @@ export function layOutTexts(map) {
   for (const group of map.symbolGroup.querySelectorAll(".length")) {
     const [a, b, centre] = group.side.map((point) => map.toScreen(point));
     const length = distance(a, b);
-    // the side's normal, away from the shape's centre, or upwards if the draft is only this side
+    // the side's normal points away from the shape's centre, or upwards if the draft has only this side
     let [nu, nv] = [(b[1] - a[1]) / length, (a[0] - b[0]) / length];
     const outwards = nu * (a[0] - centre[0]) + nv * (a[1] - centre[1]);
     if (Math.abs(outwards) > 1 ? outwards < 0 : nv > 0) [nu, nv] = [-nu, -nv];
@@ -56,7 +57,7 @@ export function layOutTexts(map) {
     boxes.splice(boxes.indexOf(markBox), 1);
     const name = namePositions(map, group, markBox.wanted)
       .map((position) => ({ position, box: inFrame({ ...position, ...group.extent }) }))
-      // it may be shifted into the frame as long as it is still where it belongs
+      // a text may be shifted into the frame, but not so far that it no longer covers its desired position
       .find(
         ({ position, box }) =>
           Math.abs(box.u - position.u) < box.half && Math.abs(box.v - position.v) < box.high && isFree(box),
@@ -70,7 +71,7 @@ export function layOutTexts(map) {
   document.body.classList.toggle("marks", hasMarks);
 }
 
-// Lists where a border's name may stand, the best first: on an area, or beside a line.
+// Lists the positions where a border's name may stand, the best first: on an area, or beside a line.
 function namePositions(map, { border, extent: { half, high } }, { u, v }) {
   if (border.kind === "polygon") return [{ u, v }];
   const [a, b] = [border.line[0], border.line[border.line.length - 1]].map((point) => map.toScreen(point));
@@ -80,24 +81,30 @@ function namePositions(map, { border, extent: { half, high } }, { u, v }) {
   return isSteep ? [...beside, ...above] : [...above, ...beside];
 }
 
-// Returns the middle of what can be seen of a border, or null if that is nothing.
+// Returns the middle of the visible part of a border, or null if no part of it is visible.
 function middleInView(map, border) {
   const [w, h] = map.size();
   const [left, high] = map.toWorld([0, 0]);
   const [right, low] = map.toWorld([w, h]);
   const isInView = ([x, y]) => x >= left && x <= right && y >= low && y <= high;
   const closed = border.kind === "polygon";
-  if (closed && border.line.every(isInView)) return (border.middle = border.middle || innermostPoint(border.line));
+  if (closed && border.line.every(isInView)) {
+    border.middle = border.middle || innermostPoint(border.line);
+    return border.middle;
+  }
   const innermostInView = closed && innermostPointInBox(border.line, [left, right, low, high]);
   if (innermostInView) return innermostInView;
-  // only the line crosses the view: the middle one of its samples there, 8 px apart
+  // only the line crosses the view: of its samples there, which are 8 px apart, the middle one is returned
   const corners = closed ? [...border.line, border.line[0]] : border.line;
   const samples = [];
   for (let i = 1; i < corners.length; i++) {
     const [a, b] = [corners[i - 1], corners[i]];
     const steps = Math.ceil((distance(a, b) * map.view.scale) / 8) + 1;
-    for (let k = 0; k < steps; k++)
-      samples.push([a[0] + ((b[0] - a[0]) * (k + 0.5)) / steps, a[1] + ((b[1] - a[1]) * (k + 0.5)) / steps]);
+    for (let k = 0; k < steps; k++) {
+      const x = a[0] + ((b[0] - a[0]) * (k + 0.5)) / steps;
+      const y = a[1] + ((b[1] - a[1]) * (k + 0.5)) / steps;
+      samples.push([x, y]);
+    }
   }
   const visible = samples.filter(isInView);
   return visible.length ? visible[Math.floor(visible.length / 2)] : null;

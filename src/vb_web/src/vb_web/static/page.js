@@ -31,9 +31,9 @@ function drawAll() {
   drawGoals();
 }
 
-let wasFloorShown = false; // it is switched on once by itself, and stays off after somebody has switched it off
+let wasFloorShown = false; // the floor is switched on automatically only once, in case somebody switches it off
 
-// Draws what depends on a section of the view that has changed, in this order.
+// The functions that draw the parts of the page after a section of the view has changed, in this order.
 const DRAW = {
   map(section) {
     map.setMap(section);
@@ -81,7 +81,7 @@ const DRAW = {
   events: drawEvents,
 };
 
-// Loads the language that was chosen here, or the first of the browser's languages that the page has.
+// Loads the language that was chosen in this browser, or else the first of the browser's languages that the page has.
 async function loadLanguage() {
   const tags = [localStorage.getItem("language"), ...navigator.languages, "en"].filter(Boolean);
   for (const language of tags.map((tag) => tag.slice(0, 2)))
@@ -101,7 +101,7 @@ function settingsDialog() {
           onclick: async () => {
             localStorage.setItem("language", language);
             await words.load(language);
-            toast(""); // which is in the previous language
+            toast(""); // the toast is in the previous language
             drawAll();
             settingsDialog();
           },
@@ -166,10 +166,10 @@ page.link = new Link({
   },
   onHello(message) {
     Object.assign(hello, message);
-    for (const section of Object.keys(view)) delete view[section]; // a server that was started again may know less
+    for (const section of Object.keys(view)) delete view[section]; // a restarted server may have fewer sections
     document.body.dataset.role = hello.role;
     page.online = true;
-    if (!words.language) loadLanguage().then(drawAll); // the server was away when the page was opened
+    if (!words.language) loadLanguage().then(drawAll); // there was no server when the page was opened
     $("login").hidden = true;
     drawAll();
     if (page.mode === "review") previewDraft();
@@ -215,7 +215,7 @@ $("health").addEventListener("toggle", () => {
   if (!$("health").open) [...watchedCameras.keys()].forEach(toggleWatching);
 });
 
-// Keeps the place and size of Stop and of the state with Resume on the screen while two fingers have enlarged the page.
+// Keeps position and size of Stop, Resume and the state on the screen while the page is enlarged by two fingers.
 function keepOnScreen() {
   const { scale, offsetLeft, offsetTop } = window.visualViewport;
   for (const part of [$("stop"), $("standing")]) {
@@ -228,7 +228,7 @@ function keepOnScreen() {
 
 for (const event of ["resize", "scroll"]) window.visualViewport.addEventListener(event, keepOnScreen);
 
-// an on-screen keyboard, which shrinks the page, does not cover the field that is typed into
+// an on-screen keyboard shrinks the page, so the field into which somebody types is scrolled into view
 window.addEventListener("resize", () => {
   if (document.activeElement.matches("input")) document.activeElement.scrollIntoView({ block: "center" });
 });

@@ -7,7 +7,7 @@ export class Words {
     this.language = "";
   }
 
-  // Loads a language. Returns whether it is known; if not, the words stay as they are.
+  // Loads a language. Returns whether the server has it; if not, the texts stay in the previous language.
   async load(language) {
     const response = await fetch(`words/${language}.json`).catch(() => null);
     if (!response || !response.ok) return false;
@@ -30,7 +30,7 @@ export class Words {
     return code in this.table;
   }
 
-  // Returns a code's sentence with its values, or `fallback` for an unknown code.
+  // Returns the sentence with a code and its values, or `fallback` if the code is unknown.
   say(code, values = {}, fallback = "") {
     const sentence = this.table[code] || fallback || String(code).replaceAll("_", " ");
     return sentence.replace(/\{(\w+)\}/g, (_, name, offset) =>
@@ -38,16 +38,17 @@ export class Words {
     );
   }
 
-  // Returns a sentence's value. One whose name ends in _code is itself a code, with the sentence's other values, and begins
-  // with a capital where it begins the sentence. Any other value is a text, perhaps a person's, and never read as a code.
+  // Returns the text of a sentence's value. If its name ends with _code, it is itself a code, whose text may contain the
+  // sentence's other values, and begins with a capital at the sentence's beginning. Any other value is a text, which may
+  // come from a person and is never read as a code.
   value(name, { [name]: text, [`${name}_code`]: code, ...others }, beginsSentence) {
     if (code === undefined) return name === "border" || name === "borders" ? this.border(text) : text;
     const phrase = this.say(code, others);
     return beginsSentence ? phrase.charAt(0).toUpperCase() + phrase.slice(1) : phrase;
   }
 
-  // Returns a border's name, or several. A border or wall that nobody named is numbered in the reader's language: alone, in
-  // quotes or in a list, as in vb_core/sentences.py. "my wall 3" is a person's own name.
+  // Returns the name of a border, or of several. If nobody has named a border or wall, its number and kind are translated,
+  // whether alone, in quotes or in a list, as in vb_core/sentences.py. "my wall 3" is a name that a person has given.
   border(name) {
     return name.replace(
       /(^'?|, )(border|wall) (\d+)(?=$|'$|, )/g,

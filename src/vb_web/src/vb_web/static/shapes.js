@@ -14,7 +14,7 @@ export function distanceToSegment(p, a, b) {
   return distance(p, [a[0] + t * dx, a[1] + t * dy]);
 }
 
-// Leaves out points of a line, none of them further than `tolerance` [m] from the line that remains (Douglas-Peucker).
+// Leaves out points of a line that are no further than `tolerance` [m] from the line that remains (Douglas-Peucker).
 export function simplify(points, tolerance) {
   if (points.length < 3) return points;
   let largest = 0;
@@ -33,13 +33,15 @@ export function inside(p, polygon) {
   let odd = false;
   for (let i = 0, j = polygon.length - 1; i < polygon.length; j = i++) {
     const [a, b] = [polygon[i], polygon[j]];
-    if (a[1] > p[1] !== b[1] > p[1] && p[0] < ((b[0] - a[0]) * (p[1] - a[1])) / (b[1] - a[1]) + a[0]) odd = !odd;
+    const isAtSameHeight = a[1] > p[1] !== b[1] > p[1];
+    const crossingX = ((b[0] - a[0]) * (p[1] - a[1])) / (b[1] - a[1]) + a[0];
+    if (isAtSameHeight && p[0] < crossingX) odd = !odd;
   }
   return odd;
 }
 
-// Returns the point of a 24 x 24 grid that is inside a polygon and a box [left, right, low, high] and furthest from their
-// edges, or null if there is none.
+// Returns a point inside both a polygon and a box [left, right, low, high]: of a grid of 24 x 24 points, the one that is
+// furthest from their edges. Returns null if no point of the grid is inside both.
 export function innermostPointInBox(polygon, [left, right, low, high]) {
   const xs = polygon.map(([x]) => x);
   const ys = polygon.map(([, y]) => y);
@@ -55,7 +57,7 @@ export function innermostPointInBox(polygon, [left, right, low, high]) {
       let d = Math.min(p[0] - left, right - p[0], p[1] - low, high - p[1]);
       for (let k = 0; k < polygon.length; k++)
         d = Math.min(d, distanceToSegment(p, polygon[k], polygon[(k + 1) % polygon.length]));
-      d -= 0.02 * distance(p, [(x0 + x1) / 2, (y0 + y1) / 2]); // of several that are as deep, the most central one
+      d -= 0.02 * distance(p, [(x0 + x1) / 2, (y0 + y1) / 2]); // of equally distant points, the most central one counts
       if (d > depth) [best, depth] = [p, d];
     }
   return best;
@@ -63,6 +65,6 @@ export function innermostPointInBox(polygon, [left, right, low, high]) {
 
 export const meanPoint = (points) => [0, 1].map((axis) => points.reduce((sum, p) => sum + p[axis], 0) / points.length);
 
-// Returns the point inside a polygon that is furthest from its edges, or its corners' mean if it has no inside.
+// Returns the point inside a polygon that is furthest from its edges, or the corners' mean if there is no such point.
 export const innermostPoint = (polygon) =>
   innermostPointInBox(polygon, [-Infinity, Infinity, -Infinity, Infinity]) || meanPoint(polygon);

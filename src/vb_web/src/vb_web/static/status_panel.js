@@ -1,11 +1,11 @@
-// The rest of the panel: goals, notices, cameras, robots and events; and the picture of the floor.
+// The lower part of the panel: goals, notices, cameras, robots and events. It also fetches the picture of the floor.
 "use strict";
 import { drawHint, map } from "./editor.js";
 import { commandName, isOperator, robotValues, sentence, shownNotices, sourceName, view, words } from "./state.js";
 import { $, ask, button, dropRepeatedToast, element, replaceContent, toast } from "./elements.js";
 
 export let floorOn = false;
-let floorCameras = ""; // names of those in the floor's picture
+let floorCameras = ""; // names of the cameras in the floor's picture
 export const watchedCameras = new Map(); // the open pictures, by camera
 
 // Lists where robots are going, each with a button that ends its drive.
@@ -46,18 +46,17 @@ export function drawNotices() {
   dropRepeatedToast();
 }
 
-// Returns the camera or robot that a notice is about, or "". If there is only one robot, its name is in a value.
+// Returns the camera or robot that a notice is about, or "". If there is only one robot, only a value has its name.
 function subjectOf({ camera, robot, values }) {
   if (camera) return `camera ${camera}`;
   const robotOfNotice = robot || values.who || values.who_code;
   return robotOfNotice ? `robot ${robotOfNotice}` : "";
 }
 
-// Counts the cameras and robots that have a problem, each once, no matter how many nodes report it.
+// Counts the cameras and robots that have a problem. Each counts once, no matter how many nodes report the problem.
 function countProblems(cameras, drivers) {
-  const warnings = [...(view.capabilities ? view.capabilities.lines : []), ...(view.notices || [])].filter(
-    ({ severity }) => severity,
-  );
+  const robotNotices = view.capabilities ? view.capabilities.lines : [];
+  const warnings = [...robotNotices, ...(view.notices || [])].filter(({ severity }) => severity);
   return new Set([
     ...cameras.filter((camera) => !camera.present).map((camera) => `camera ${camera.name}`),
     ...Object.keys(drivers)
@@ -67,7 +66,7 @@ function countProblems(cameras, drivers) {
   ]).size;
 }
 
-// Says how many problems there are. Without any, nothing is said before something is connected.
+// Says how many problems there are. If there are none, says so only if something is connected.
 function healthSum(problems, cameras, drivers) {
   if (problems) return sentence(problems === 1 ? "page_problem" : "page_problems", { count: problems });
   const isConnected = cameras.length || Object.keys(drivers).length || view.capabilities?.state === "ready";
@@ -81,12 +80,13 @@ export function drawHealth() {
   $("health-sum").textContent = healthSum(problems, cameras, drivers);
   $("health-sum").className = problems ? "ill" : "good";
   replaceContent($("cameras"), cameras.map(cameraLine));
-  // the same image elements again, as a picture that is replaced flickers
+  // uses the same image elements again, because a picture flickers when its element is replaced
   [...$("cameras").children].forEach((line, i) => {
     const image = watchedCameras.get(cameras[i].name);
     if (image && image.parentNode !== line) line.append(image);
   });
-  const robots = new Set([...((view.capabilities && view.capabilities.robots) || []), ...Object.keys(drivers)]);
+  const connectedRobots = (view.capabilities && view.capabilities.robots) || [];
+  const robots = new Set([...connectedRobots, ...Object.keys(drivers)]);
   replaceContent(
     $("drivers"),
     [...robots].sort().map((name) => robotLine(name, drivers[name])),
@@ -116,7 +116,7 @@ function cameraLine({ name, present, hz, ms }) {
   );
 }
 
-// `driver` is the newest entry of the robot's driver, if there was one.
+// Makes the entry of a robot. `driver` is the newest entry of its driver, or undefined.
 function robotLine(name, driver) {
   const source = driver && driver.present ? `page_motion_source_${driver.source}` : "";
   const lines = view.capabilities ? view.capabilities.lines.filter((line) => line.robot === name) : [];
@@ -187,7 +187,7 @@ export function drawEvents() {
   );
 }
 
-// Fetches the floor's picture again if a camera has come or gone, which changes what can be seen of the floor.
+// Fetches the floor's picture again after a camera has come or gone, because then another part of the floor is visible.
 export function refreshFloor() {
   const cameras = view.cameras
     .filter(({ present, hz }) => present && hz)

@@ -1,5 +1,5 @@
-// The link to the server: sections of the view come in, requests go out. A request that is sent again after the link was lost
-// keeps its id, so that it is carried out once.
+// The link to the server, which receives sections of the view and sends requests. After the link was lost, unanswered
+// requests are sent again with the same id, so that each is carried out only once.
 "use strict";
 
 const RESEND_MS = 8000;
@@ -9,7 +9,8 @@ const SILENT_MS = 8000; // the server says something every two seconds
 const noAnswer = (code) => ({ ok: false, code, values: {}, message: "" });
 
 export class Link {
-  // The callbacks get: the changed sections; the first message of each connection; nothing, when it is lost; {role, login}.
+  // The callbacks get the changed sections; the first message of each connection; nothing, when the connection is lost;
+  // and {role, login}.
   constructor({ onView, onHello, onDown, onSession }) {
     Object.assign(this, {
       onView,
@@ -17,7 +18,7 @@ export class Link {
       onDown,
       onSession,
       waiting: new Map(), // requests without an answer, by id
-      underWay: new Map(), // promises of their answers, by what is asked for
+      underWay: new Map(), // promises of answers, by the content of the request
       socket: null,
       reconnectMs: 300,
       heardAt: 0,
@@ -38,7 +39,7 @@ export class Link {
     try {
       session = await (await fetch("session", { cache: "no-store", signal: limit.signal })).json();
     } catch (_) {
-      // no server, none of ours, or none that answers
+      // there is no server, or another program's, or it does not answer
     } finally {
       clearTimeout(timer);
       this.connecting = false;
@@ -72,7 +73,7 @@ export class Link {
     socket.onclose = () => this.lost(socket);
   }
 
-  // Gives a connection up. A phone that slept or changed its network may hear of the end minutes later, or never.
+  // Gives up a connection. Without this, a phone that slept or changed its network may notice the loss after minutes.
   lost(socket) {
     if (this.socket !== socket) return;
     this.socket = null;
@@ -101,8 +102,9 @@ export class Link {
     request.resolve(answer);
   }
 
-  // Asks for an action, and resolves with the answer, never rejects. The same request is sent only once while it is under
-  // way, as after a double tap; only stop always goes out. `subject` tells requests apart whose fields do not.
+  // Asks for an action. The promise resolves with the answer, and is never rejected. If the same request is made again
+  // before the answer, as by a double tap, it is not sent again, unless it is a stop. `subject` distinguishes requests
+  // that have the same fields.
   ask(action, fields = {}, subject = null) {
     const key = JSON.stringify([action, fields, subject]);
     if (fields.command === "stop") return this.send(action, fields);
@@ -123,12 +125,15 @@ export class Link {
       const timer = setTimeout(() => this.settle(id, noAnswer("page_no_answer")), ANSWER_MS);
       const request = { action, fields, askedAt, resolve, timer };
       this.waiting.set(id, request);
-      if (this.socket && this.socket.readyState === WebSocket.OPEN) this.socket.send(this.text(id, request));
-      // a stop that waits in a queue would deceive people: a request that is not on its way after a moment has failed
-      else
-        setTimeout(() => {
-          if (!this.socket || this.socket.readyState !== WebSocket.OPEN) this.settle(id, noAnswer("page_offline"));
-        }, 1500);
+      const isOpen = () => Boolean(this.socket) && this.socket.readyState === WebSocket.OPEN;
+      if (isOpen()) {
+        this.socket.send(this.text(id, request));
+        return;
+      }
+      // a request that cannot be sent soon has failed: people would be deceived by a stop that waits in a queue
+      setTimeout(() => {
+        if (!isOpen()) this.settle(id, noAnswer("page_offline"));
+      }, 1500);
     });
   }
 }
