@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from plain_rooms import room, with_border
 from refusals import refused
 from vb_testing import assert_fields, wait_until
+from vb_core.grid_map import GridMap
 from vb_core.node_graph import NodeGraph
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 from vb_robot.monitoring.goal_checker import GoalChecker, KnownBorder, find_border_name, is_inside_border
@@ -135,6 +136,12 @@ START, FAR = (0.5, 0.5), (7.0, 2.0)
 )
 def test_a_goal_is_refused_with_the_reason_and_the_borders_name(areas, start, goal, why):
     assert make_checker(areas).check(start, np.array(goal)) == why
+
+
+def test_a_start_beside_a_map_without_walls_counts_as_on_it():
+    open_floor = GridMap(np.zeros((80, 160), np.int8), 0.05)
+    checker = make_checker(HALL, physical=open_floor)
+    assert checker.check((-0.2, 2.0), np.array(FAR)) == ("goal_behind_border", "hall")
 
 
 def test_no_border_is_blamed_for_what_a_wall_cuts_off():

@@ -141,7 +141,9 @@ class GoalChecker:
         step = int(np.ceil(max(self.borders.shape) / SEARCH_CELLS))
         allowed = _any_of(self._components["borders"] > 0, step)
         passable = allowed | _any_of(self._components["physical"] > 0, step)
-        ends = self.borders.world_to_cell(np.array([start, goal])) // step
+        # a start that is just off the map counts as on it
+        last_cell = np.array(self.borders.shape) - 1
+        ends = np.clip(self.borders.world_to_cell(np.array([start, goal])), 0, last_cell) // step
         passable[tuple(ends.T)] = True  # the ends may be outside the blocks that have room
         passable_cost = np.where(allowed, 1.0, 1e3)
         cost = np.where(passable, passable_cost, np.inf)
