@@ -66,7 +66,6 @@ def rug(**changes):
 
 
 RUG, OFF, BED = rug(), rug(enabled=False), VirtualBorder(id="b2", name="Bed", enabled=True)
-# with a reason, which the map integrator fills in
 IDLE = VirtualBorder(id="b2", name="Bed", enabled=True, reason="inactive_on_this_map")
 
 
@@ -85,7 +84,7 @@ IDLE = VirtualBorder(id="b2", name="Bed", enabled=True, reason="inactive_on_this
         # displaced slightly on a map that has grown, which is no change
         ("undo", [RUG, BED], [rug(seed=Point(1e-3, 0.0, 0.0)), BED], "borders_changed", None),
         ("undo", [RUG], [OFF, BED], "borders_changed", None),
-        ("undo", [RUG, IDLE], [RUG, BED], "borders_changed", None),
+        ("undo", [RUG, IDLE], [RUG, BED], "borders_changed", None),  # only the map integrator's reason differs
     ],
 )
 def test_what_was_undone_is_named(command, before, after, code, name):

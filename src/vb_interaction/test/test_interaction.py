@@ -1,7 +1,5 @@
 """The interaction between person and system: what each command does in each situation, and saving, time, pause and silence."""
 
-import itertools
-
 import pytest
 from hypothesis import given, settings, strategies as st
 
@@ -29,8 +27,8 @@ OTHER_COMMANDS = [
 REFUSALS = {"nothing_to_save", "missing_seed", "missing_border", "missing_border_and_seed", "nothing_to_pause"}
 REFUSALS |= {"not_paused", "not_while_drawing"}
 
-EVERY_CASE = list(itertools.product(ALL_SITUATIONS, COMMANDS))
-for_all_commands_in_all_situations = pytest.mark.parametrize("before, command", EVERY_CASE)
+CASES = [(before, command) for before in ALL_SITUATIONS for command in COMMANDS]
+for_all_commands_in_all_situations = pytest.mark.parametrize("before, command", CASES)
 
 
 def answer_and_state(before: str, command: str):

@@ -15,9 +15,8 @@ FIVE = {"define_border": 0, "define_seed": 1, "guide_robot": 2, "save": 3, "canc
 def test_each_rising_edge_is_one_command(readings):
     buttons = ButtonMap(FIVE, {})
     command_count = sum(len(buttons.update(reading, "border")) for reading in readings)
-    is_press = np.diff([[0] * 8, *readings], axis=0) > 0
-    is_press[:, [5, 7]] = False  # these buttons give no command
-    assert command_count == is_press.sum()
+    changes = np.diff([[0] * 8, *readings], axis=0)[:, [0, 1, 2, 3, 4, 6]]  # of the buttons that give commands
+    assert command_count == (changes > 0).sum()
 
 
 def test_three_buttons_mean_what_the_state_says():

@@ -60,8 +60,7 @@ def test_the_cache_keeps_two_images_named_by_content():
 
 def looking_down(x, y, height):
     """Returns T_camera_map of a camera above (x, y) whose image has +y at the top."""
-    pose = np.eye(4)
-    pose[:3, :3] = np.diag([1.0, -1.0, -1.0])
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
     pose[:3, 3] = (-x, y, height)
     return pose
 

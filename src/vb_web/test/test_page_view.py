@@ -64,8 +64,7 @@ def test_page_has_exactly_the_words_that_it_uses():
     known = {code for code in sentences.catalog() if code.startswith("page_")}  # the same in all languages
     # a code that ends with _ is completed at run time; page_zone and page_title are also beginnings of other codes
     stems = ("page_title_", "page_zone_", *(code for code in used if code.endswith("_")))
-    unknown = [code for code in in_page - known if not code.endswith("_")]
-    assert not unknown
+    assert not [code for code in in_page - known if not code.endswith("_")]
     assert all(any(code.startswith(stem) for code in known) for stem in stems if stem in in_page)
     assert not [code for code in known - used if not code.startswith(stems)]
 

@@ -329,10 +329,7 @@ def test_one_newcomer_is_let_in_at_each_turn_of_the_loop(local):
 
     def count_connections():
         counts.append(len(slots._holders))
-        if counts[-1] < 6:
-            loop.call_soon(count_connections)
-        else:
-            finished.set()
+        loop.call_soon(finished.set if counts[-1] == 6 else count_connections)
 
     def block_loop():
         entered.set()

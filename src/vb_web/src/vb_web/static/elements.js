@@ -27,9 +27,9 @@ export const clock = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.flo
 
 const contents = new WeakMap(); // the HTML that `replaceContent` has put into each parent
 
-// Replaces an element's content, but only if it has changed: a button that is replaced under a finger cannot be pressed.
-// The focus moves to the new element with the same data-key. A field into which somebody types is not replaced, so that
-// it keeps its caret and what was typed.
+// Replaces an element's content, but only if it has changed: a button that is replaced under a finger cannot be
+// pressed. The focus moves to the new element with the same data-key. A field into which somebody types is not
+// replaced, so that it keeps its caret and what was typed.
 export function replaceContent(parent, children) {
   const nodes = children.filter(Boolean);
   const html = nodes.map((node) => node.outerHTML).join("");

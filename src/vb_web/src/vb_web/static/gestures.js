@@ -110,7 +110,8 @@ export class Gestures {
     this.map.zoom(previousSpan > 10 ? span / previousSpan : 1, meanPoint([position, other]));
   }
 
-  // Continues the gesture that one finger or the mouse has begun. One finger scrolls the page, and does not move the map.
+  // Continues the gesture that one finger or the mouse has begun. One finger scrolls the page, and does not move the
+  // map.
   drag(event, previous, position) {
     if (this.gesture === "pan" && event.pointerType !== "touch")
       this.map.pan(position[0] - previous[0], position[1] - previous[1]);
@@ -161,8 +162,8 @@ export class Gestures {
     }
   }
 
-  // Returns the id of the border at a point: the one with the nearest line within a finger's reach, or else the smallest
-  // polygon that contains the point. Returns null if there is none.
+  // Returns the id of the border at a point: the one with the nearest line within a finger's reach, or else the
+  // smallest polygon that contains the point. Returns null if there is none.
   pick(point) {
     let nearest = null;
     let reach = HANDLE_PX / this.map.view.scale;

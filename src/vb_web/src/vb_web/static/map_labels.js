@@ -6,9 +6,9 @@ import { $ } from "./elements.js";
 const MIN_SIDE_PX = 24; // length of a side from which its length is written beside it
 export const MARK_PX = 10;
 
-// Lays out the lengths first, then a mark for each border that is at least partly in view. Then each mark is replaced by
-// the border's name if there is room for it. No text covers another one. A box is {u, v: its centre, half: half of its
-// width, high: half of its height} [px].
+// Lays out the lengths first, then a mark for each border that is at least partly in view. Then each mark is replaced
+// by the border's name if there is room for it. No text covers another one. A box is {u, v: its centre, half: half of
+// its width, high: half of its height} [px].
 export function layOutTexts(map) {
   const [w, h] = map.size();
   const boxes = [];

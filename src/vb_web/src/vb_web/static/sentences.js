@@ -38,17 +38,18 @@ export class Words {
     );
   }
 
-  // Returns the text of a sentence's value. If its name ends with _code, it is itself a code, whose text may contain the
-  // sentence's other values, and begins with a capital at the sentence's beginning. Any other value is a text, which may
-  // come from a person and is never read as a code.
+  // Returns the text of a sentence's value. If its name ends with _code, it is itself a code, whose text may contain
+  // the sentence's other values, and begins with a capital at the sentence's beginning. Any other value is a text,
+  // which may come from a person and is never read as a code.
   value(name, { [name]: text, [`${name}_code`]: code, ...others }, beginsSentence) {
     if (code === undefined) return name === "border" || name === "borders" ? this.border(text) : text;
     const phrase = this.say(code, others);
     return beginsSentence ? phrase.charAt(0).toUpperCase() + phrase.slice(1) : phrase;
   }
 
-  // Returns the name of a border, or of several. If nobody has named a border or wall, its number and kind are translated,
-  // whether alone, in quotes or in a list, as in vb_core/sentences.py. "my wall 3" is a name that a person has given.
+  // Returns the name of a border, or of several. If nobody has named a border or wall, its number and kind are
+  // translated, whether alone, in quotes or in a list, as in vb_core/sentences.py. "my wall 3" is a name that a person
+  // has given.
   border(name) {
     return name.replace(
       /(^'?|, )(border|wall) (\d+)(?=$|'$|, )/g,

@@ -40,8 +40,8 @@ export function inside(p, polygon) {
   return odd;
 }
 
-// Returns a point inside both a polygon and a box [left, right, low, high]: of a grid of 24 x 24 points, the one that is
-// furthest from their edges. Returns null if no point of the grid is inside both.
+// Returns a point inside both a polygon and a box [left, right, low, high]: of a grid of 24 x 24 points, the one that
+// is furthest from their edges. Returns null if no point of the grid is inside both.
 export function innermostPointInBox(polygon, [left, right, low, high]) {
   const xs = polygon.map(([x]) => x);
   const ys = polygon.map(([, y]) => y);
