@@ -68,15 +68,10 @@ def find_encoding(name: str) -> Encoding:
 
 
 class Picture(NamedTuple):
-    """An 8-bit image of a visible scene, unlike a depth image for instance.
+    """An 8-bit image of a visible scene, unlike a depth image for instance."""
 
-    Attributes:
-        pixels: (H, W) or (H, W, 3) uint8, contiguous.
-        color_format: the pixels' meaning: "mono", "bgr", "rgb", or a Bayer pattern, "bayer_rggb" ...
-    """
-
-    pixels: np.ndarray
-    color_format: str
+    pixels: np.ndarray  # (H, W) or (H, W, 3) uint8, contiguous
+    color_format: str  # the pixels' meaning: "mono", "bgr", "rgb", or a Bayer pattern, "bayer_rggb"
     scale = 1  # see `HalvedPicture`
     is_fully_decoded = True
 

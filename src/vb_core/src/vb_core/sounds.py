@@ -28,17 +28,11 @@ PITCHES = {
 
 @dataclass(frozen=True)
 class Note:
-    """A tone, or silence.
+    """A tone, or silence."""
 
-    Attributes:
-        pitch: one of PITCHES; "": silence.
-        seconds: [s] duration.
-        loudness: relative to the loudest note, 0 .. 1.
-    """
-
-    pitch: str
-    seconds: float
-    loudness: float = 1.0
+    pitch: str  # one of PITCHES; "": silence
+    seconds: float  # [s] duration
+    loudness: float = 1.0  # relative to the loudest note, 0 .. 1.
 
 
 @dataclass(frozen=True)

@@ -127,17 +127,11 @@ def estimate_tremor(stroke: Observations) -> float:
 
 @dataclass(frozen=True)
 class ResampledStroke:
-    """Samples along a stroke, in the order in which they were drawn.
+    """Samples along a stroke, in the order in which they were drawn."""
 
-    Attributes:
-        points: (K, 2) [m].
-        observation_weights: (K,) the total weight of the observations in each sample.
-        tremor: [m] smaller details are noise.
-    """
-
-    points: np.ndarray
-    observation_weights: np.ndarray
-    tremor: float
+    points: np.ndarray  # (K, 2) [m]
+    observation_weights: np.ndarray  # (K,) the total weight of the observations in each sample
+    tremor: float  # [m] smaller details are noise
 
     @property
     def sample_lengths(self) -> np.ndarray:

@@ -29,19 +29,13 @@ KNOWN_PLACE_GAIN = 0.2  # gain of any other place. One camera that sees new ligh
 
 @dataclass(frozen=True)
 class Dwell:
-    """A place (2,) [m] where the pointer dwelt, and for how long [s].
-
-    Attributes:
-        was_lit_before: whether light was seen there before.
-        followed: whether the pointer was seen on its way there.
-        witnesses: number of stationary cameras that saw it.
-    """
+    """A place (2,) [m] where the pointer dwelt, and for how long [s]."""
 
     point: np.ndarray
     seconds: float
-    was_lit_before: bool
-    followed: bool
-    witnesses: int
+    was_lit_before: bool  # whether light was seen there before
+    followed: bool  # whether the pointer was seen on its way there
+    witnesses: int  # number of stationary cameras that saw it
 
 
 def choose_seed(dwells: Sequence[Dwell]) -> Dwell:

@@ -83,6 +83,9 @@ class InteractionManagerNode:
         /virtual_borders/undo_redo (vb_msgs/UndoRedo): on `undo` and `redo`.
         /virtual_borders/list_borders (vb_msgs/ListBorders): before and after undo and redo.
         /virtual_borders/preview_border (vb_msgs/PreviewBorder): for the preview, from a separate thread.
+
+    Parameters:
+        config/interaction_manager.yaml
     """
 
     def __init__(self, params: ManagerParams) -> None:

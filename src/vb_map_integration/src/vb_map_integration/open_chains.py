@@ -117,19 +117,12 @@ def enumerate_runs(lengths: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
 
 
 class ChainCells(NamedTuple):
-    """The cells that a chain runs through; neighbours share an edge, except where the chain was outside the map.
+    """The cells that a chain runs through; neighbours share an edge, except where the chain was outside the map."""
 
-    Attributes:
-        cells: (K, 2) int64 (row, column); they reach one cell beyond the map's rim.
-        points: (K, 2) (column, row), a point of the chain in the cell.
-        segment: (K,) int64, the chain's segment that the point is on.
-        arc: (K,) [cells] arc length along the chain to the point.
-    """
-
-    cells: np.ndarray
-    points: np.ndarray
-    segment: np.ndarray
-    arc: np.ndarray
+    cells: np.ndarray  # (K, 2) int64 (row, column); they reach one cell beyond the map's rim
+    points: np.ndarray  # (K, 2) (column, row), a point of the chain in the cell
+    segment: np.ndarray  # (K,) int64, the chain's segment that the point is on
+    arc: np.ndarray  # (K,) [cells] arc length along the chain to the point
 
 
 def rasterize_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> ChainCells:

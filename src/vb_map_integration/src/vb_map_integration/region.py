@@ -72,17 +72,11 @@ class Region:
 
 @dataclass(frozen=True)
 class BorderRegion(Region):
-    """The region that one border restricts on a map.
+    """The region that one border restricts on a map."""
 
-    Attributes:
-        prior: the map without the border; it is not changed.
-        line: (M, 2) [m] map frame, the line in effect: for a curve, with its extensions.
-        issues: warnings.
-    """
-
-    prior: GridMap = field(repr=False)
-    line: np.ndarray
-    issues: Tuple[Notice, ...]
+    prior: GridMap = field(repr=False)  # the map without the border; it is not changed
+    line: np.ndarray  # (M, 2) [m] map frame, the line in effect: for a curve, with its extensions
+    issues: Tuple[Notice, ...]  # warnings
 
     @cached_property
     def posterior(self) -> GridMap:
@@ -113,17 +107,11 @@ class BorderRegion(Region):
 
 @dataclass(frozen=True)
 class BorderCheck:
-    """Effect of adding or changing a border.
+    """Effect of adding or changing a border."""
 
-    Attributes:
-        region: the region of the physical map that the border restricts.
-        issues: warnings, the region's first.
-        free_parts: number of parts of the free space with the border, see `count_free_parts`.
-    """
-
-    region: BorderRegion
-    issues: Tuple[Notice, ...]
-    free_parts: int
+    region: BorderRegion  # the region of the physical map that the border restricts
+    issues: Tuple[Notice, ...]  # warnings, the region's first
+    free_parts: int  # number of parts of the free space with the border, see `count_free_parts`
 
 
 def apply_regions(grid: GridMap, regions: Sequence[Region]) -> GridMap:

@@ -44,25 +44,15 @@ class Refusal(CodedError):
 
 @dataclass(frozen=True)
 class MqttRequest:
-    """A valid request.
+    """A valid request."""
 
-    Attributes:
-        id: several requests with the same id are carried out once.
-        sender_id: the id that the sender gave to the request; the answer repeats it.
-        command: the command's name, or "" if a border is to be switched on or off.
-        seen_stop: number of the newest stop that the sender knew of, see vb_msgs/Command.
-        border: key of the border to switch, see `entities.entity_key`.
-        enabled: whether to switch the border on.
-        age: [s] time since the request was sent.
-    """
-
-    id: str
-    sender_id: str = ""
-    command: str = ""
-    seen_stop: str = ""
-    border: str = ""
-    enabled: bool = False
-    age: float = 0.0
+    id: str  # several requests with the same id are carried out once
+    sender_id: str = ""  # the id that the sender gave to the request; the answer repeats it
+    command: str = ""  # the command's name, or "" if a border is to be switched on or off
+    seen_stop: str = ""  # number of the newest stop that the sender knew of, see vb_msgs/Command
+    border: str = ""  # key of the border to switch, see `entities.entity_key`
+    enabled: bool = False  # whether to switch the border on
+    age: float = 0.0  # [s] time since the request was sent
 
 
 class Inbox:

@@ -70,6 +70,8 @@ class MqttNode:
         /virtual_borders/notices (vb_msgs/NoticeArray): mqtt_not_connected.
     Services called:
         /virtual_borders/command (vb_msgs/Command), /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled)
+    Parameters:
+        config/mqtt.yaml
     """
 
     def __init__(self, params: MqttParams) -> None:

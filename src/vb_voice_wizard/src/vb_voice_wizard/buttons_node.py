@@ -38,6 +38,9 @@ class ButtonsNode:
 
     Services called:
         /virtual_borders/command (vb_msgs/Command)
+
+    Parameters:
+        config/buttons.yaml
     """
 
     def __init__(self, params: ButtonsParams) -> None:

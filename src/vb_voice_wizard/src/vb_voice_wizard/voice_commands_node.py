@@ -58,6 +58,9 @@ class VoiceCommandsNode:
 
     Services called:
         /virtual_borders/command (vb_msgs/Command): with source "voice".
+
+    Parameters:
+        config/voice_commands.yaml
     """
 
     def __init__(self, params: VoiceParams) -> None:

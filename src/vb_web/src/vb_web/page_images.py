@@ -134,16 +134,11 @@ def draw_region(region: np.ndarray, resolution: float, tint: Tuple[int, int, int
 
 @dataclass(frozen=True)
 class CeilingImage:
-    """The newest image of one ceiling camera.
+    """The newest image of one ceiling camera."""
 
-    Attributes:
-        pixels: (H, W, 3) bgr uint8.
-        T_camera_map: (4, 4) from the map frame to the camera's optical frame.
-    """
-
-    pixels: np.ndarray
+    pixels: np.ndarray  # (H, W, 3) bgr uint8
     camera: CameraModel
-    T_camera_map: np.ndarray
+    T_camera_map: np.ndarray  # (4, 4) from the map frame to the camera's optical frame
 
 
 def floor_cells_per_pixel(grid: GridMap) -> float:

@@ -75,6 +75,8 @@ class PageNode:
         /virtual_borders/update_border (vb_msgs/UpdateBorder), /virtual_borders/remove_border (vb_msgs/RemoveBorder)
         /virtual_borders/rename_border (vb_msgs/RenameBorder), /virtual_borders/send_robot (vb_msgs/SendRobot)
         /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled), /virtual_borders/undo_redo (vb_msgs/UndoRedo)
+    Parameters:
+        config/page.yaml
     """
 
     def __init__(self, params: PageParams) -> None:

@@ -17,22 +17,15 @@ COLUMNS = ("participant", "order", "method", "scenario", "recording", "completed
 
 @dataclass(frozen=True)
 class Entry:
-    """One run of the protocol.
+    """One run of the protocol."""
 
-    Attributes:
-        participant: a number or a pseudonym.
-        recording: folder of the recording, as the file has it; no other run has the same.
-        completed: what the experimenter noted; None leaves it to the seed point.
-        order: the run's position among its participant's, from 1; 0 if the file does not say.
-    """
-
-    participant: str
+    participant: str  # a number or a pseudonym
     method: str
     scenario: str
-    recording: str
-    completed: Optional[bool] = None
+    recording: str  # folder of the recording, as the file has it; no other run has the same
+    completed: Optional[bool] = None  # what the experimenter noted; None leaves it to the seed point
     note: str = ""
-    order: int = 0
+    order: int = 0  # the run's position among its participant's, from 1; 0 if the file does not say
 
     def folder(self, protocol: Path) -> Path:
         """Returns the recording's folder, beside the protocol's file; absolute, since nodes have another working folder."""

@@ -39,19 +39,12 @@ PoseFile = Union[CameraPose, CodedError]  # a calibration, or the reason why it 
 
 @dataclass(frozen=True)
 class DetectorReport:
-    """The part of a detector's status that is compared.
+    """The part of a detector's status that is compared."""
 
-    Attributes:
-        arrival: [s] time at which it arrived.
-        frame: frame of the images; "" if not known.
-        focal: [px] focal length of the lens; 0 if not known.
-        age: [s] time from the status's stamp until its arrival.
-    """
-
-    arrival: float
-    frame: str = ""
-    focal: float = 0.0
-    age: float = 0.0
+    arrival: float  # [s] time at which it arrived
+    frame: str = ""  # frame of the images; "" if not known
+    focal: float = 0.0  # [px] focal length of the lens; 0 if not known
+    age: float = 0.0  # [s] time from the status's stamp until its arrival
 
 
 class CameraFaultFinder:

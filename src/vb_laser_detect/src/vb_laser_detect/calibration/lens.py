@@ -165,18 +165,12 @@ def write_board(paper: str, path: str) -> List[str]:
 
 
 class LensEstimate(NamedTuple):
-    """A lens, and how well it is known.
-
-    Attributes:
-        rms: [px] error of the corners.
-        focal_sigma: relative standard deviation of the focal length.
-        tilted: number of views in which the board is tilted.
-    """
+    """A lens, and how well it is known."""
 
     camera: CameraModel
-    rms: float
-    focal_sigma: float
-    tilted: int
+    rms: float  # [px] error of the corners
+    focal_sigma: float  # relative standard deviation of the focal length
+    tilted: int  # number of views in which the board is tilted
 
 
 class LensCalibration:

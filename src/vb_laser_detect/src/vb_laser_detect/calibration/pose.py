@@ -50,15 +50,10 @@ _CLICK_DRAWS = 16  # random draws of inexact clicks
 
 @dataclass(frozen=True)
 class Correspondences:
-    """Points on the floor as one camera sees them.
+    """Points on the floor as one camera sees them."""
 
-    Attributes:
-        pixels: (N, 2) [px] where the camera sees them.
-        points: (N, 2) [m] the same points in the map frame.
-    """
-
-    pixels: np.ndarray
-    points: np.ndarray
+    pixels: np.ndarray  # (N, 2) [px] where the camera sees them
+    points: np.ndarray  # (N, 2) [m] the same points in the map frame
 
     def __post_init__(self) -> None:
         for name in ("pixels", "points"):

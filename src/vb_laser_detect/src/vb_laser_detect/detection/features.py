@@ -366,15 +366,10 @@ def _gradient(image: np.ndarray, channel: int) -> np.ndarray:
 # ------------------------------------------------------------------ judgement
 @dataclass(frozen=True, eq=False)
 class SpotClassifier:
-    """An additive logistic model with a curve for each feature.
+    """An additive logistic model with a curve for each feature."""
 
-    Attributes:
-        curves: knots and values [logits], both (K,), by feature.
-        intercept: [logits] log-odds of a typical spot.
-    """
-
-    curves: Dict[str, Tuple[np.ndarray, np.ndarray]]
-    intercept: float
+    curves: Dict[str, Tuple[np.ndarray, np.ndarray]]  # knots and values [logits], both (K,), by feature
+    intercept: float  # [logits] log-odds of a typical spot
 
     def classify(self, blob: Blob, expected: bool) -> Tuple[float, str]:
         """Returns the probability that a blob is a spot, 0 ... 1, and the feature that speaks most against it.

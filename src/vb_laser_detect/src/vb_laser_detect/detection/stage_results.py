@@ -21,17 +21,11 @@ Motion = Optional[np.ndarray]  # (3, 3) maps an image's pixels to a later one's;
 
 
 class ExpectedSpot(NamedTuple):
-    """Where a confirmed spot should be in the next image if it keeps moving as before.
+    """Where a confirmed spot should be in the next image if it keeps moving as before."""
 
-    Attributes:
-        position: (u, v) [px]
-        reach: [px] radius round `position` in which to look for it.
-        max_width: [px] width above which light cannot be the spot.
-    """
-
-    position: Tuple[float, float]
-    reach: float
-    max_width: float
+    position: Tuple[float, float]  # (u, v) [px]
+    reach: float  # [px] radius round `position` in which to look for it
+    max_width: float  # [px] width above which light cannot be the spot
 
 
 class Comparison(NamedTuple):
@@ -91,17 +85,11 @@ class SearchedImage(NamedTuple):
 
 @dataclass(frozen=True)
 class FloorPoint:
-    """A point on the floor.
+    """A point on the floor."""
 
-    Attributes:
-        position: (3,) [m], map frame; z is the height that was measured.
-        meters_per_pixel: [m/px] floor length of a pixel there.
-        source: `projection.GROUND_PLANE`, `DEPTH` or `GROUND_PLANE_FALLBACK`.
-    """
-
-    position: np.ndarray
-    meters_per_pixel: float
-    source: str
+    position: np.ndarray  # (3,) [m], map frame; z is the height that was measured
+    meters_per_pixel: float  # [m/px] floor length of a pixel there
+    source: str  # `projection.GROUND_PLANE`, `DEPTH` or `GROUND_PLANE_FALLBACK`
 
 
 @dataclass(frozen=True)
