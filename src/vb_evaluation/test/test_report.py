@@ -17,15 +17,8 @@ from vb_evaluation import statistics
 from vb_evaluation.report import comparisons, cross_checks, questionnaire
 from vb_evaluation.report.document import compute_tables, format_document, write_page, write_report
 from vb_evaluation.report.map_figures import nearest_to_median
-from vb_evaluation.report.study_files import (
-    ERRORS,
-    TIMES,
-    StudyResults,
-    read_flags,
-    read_sheet,
-    read_study,
-    write_table,
-)
+from vb_evaluation.report.study_files import ERRORS, TIMES, StudyResults, read_flags, read_sheet, read_study
+from vb_evaluation.report.study_files import write_table
 from vb_evaluation.statistics import Interval
 from vb_evaluation.user_study import __main__ as command
 

@@ -139,8 +139,7 @@ def test_a_goal_is_refused_with_the_reason_and_the_borders_name(areas, start, go
 
 
 def test_a_start_beside_a_map_without_walls_counts_as_on_it():
-    open_floor = GridMap(np.zeros((80, 160), np.int8), 0.05)
-    checker = make_checker(HALL, physical=open_floor)
+    checker = make_checker(HALL, physical=GridMap(np.zeros((80, 160), np.int8), 0.05))
     assert checker.check((-0.2, 2.0), np.array(FAR)) == ("goal_behind_border", "hall")
 
 

@@ -16,16 +16,8 @@ import numpy as np
 from vb_core.image_format import AnyPicture
 from vb_laser_detect.detection.blocks import block_maxima, blocks_around, mask_of_blocks, max_channel, pixels_of
 from vb_laser_detect.detection.blocks import sample_blocks
-from vb_laser_detect.detection.stage_results import (
-    BLOCK,
-    Box,
-    ChangedRegion,
-    Comparison,
-    ExpectedSpot,
-    Motion,
-    Part,
-    Spot,
-)
+from vb_laser_detect.detection.stage_results import BLOCK, Box, ChangedRegion, Comparison, ExpectedSpot, Motion, Part
+from vb_laser_detect.detection.stage_results import Spot
 
 # [grey levels] limits of `Background.bright_level`, in very dark and very bright rooms
 _DARKEST, _BRIGHTEST = 64.0, 191.0
