@@ -61,8 +61,8 @@ def miss(targets: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return targets + rng.normal(0.0, 1.0, targets.shape) * (0.005 + 0.0075 * np.hypot(*np.ptp(targets, axis=0)))
 
 
-def draw_polygon(corners: np.ndarray, closed: bool, rng: np.random.Generator, speed=(0.2, 0.5)) -> DrawnScene:
-    """Draws one side after another, with a short rest at each corner."""
+def trace_polygon(corners: np.ndarray, closed: bool, rng: np.random.Generator, speed=(0.2, 0.5)) -> DrawnScene:
+    """Traces one side after another, with a short rest at each corner."""
     corners_hit = miss(np.vstack([corners, corners[:1]]) if closed else corners, rng)
     pace, parts = rng.uniform(*speed), []
     for start, end in zip(corners_hit, corners_hit[1:]):
@@ -71,8 +71,8 @@ def draw_polygon(corners: np.ndarray, closed: bool, rng: np.random.Generator, sp
     return DrawnScene(path, closed, path, np.ones(len(path), bool))
 
 
-def draw_ring(size: float, rng: np.random.Generator, sweep: float = 2.0 * np.pi, flat=(0.85, 1.0)) -> DrawnScene:
-    """Draws an ellipse or a part of it; the end of a whole ellipse misses its start."""
+def trace_ring(size: float, rng: np.random.Generator, sweep: float = 2.0 * np.pi, flat=(0.85, 1.0)) -> DrawnScene:
+    """Traces an ellipse or a part of it; the end of a whole ellipse misses its start."""
     angle = rng.uniform(0.0, 2.0 * np.pi) + np.linspace(0.0, sweep, 800)
     flatness = rng.uniform(*flat)
     line = 0.5 * size * np.column_stack([np.cos(angle), flatness * np.sin(angle)])
@@ -82,17 +82,17 @@ def draw_ring(size: float, rng: np.random.Generator, sweep: float = 2.0 * np.pi,
     return DrawnScene(path, sweep > 6.0, path, np.ones(len(path), bool))
 
 
-def draw_with_hidden_piece(width: float, rng: np.random.Generator) -> DrawnScene:
-    """Draws a box with a piece that no camera sees."""
-    scene = draw_polygon(np.roll(BOX, rng.integers(4), axis=0), True, rng)
+def trace_with_hidden_piece(width: float, rng: np.random.Generator) -> DrawnScene:
+    """Traces a box with a piece that no camera sees."""
+    scene = trace_polygon(np.roll(BOX, rng.integers(4), axis=0), True, rng)
     arc = geometry.arc_lengths(scene.path)
     scene.shown = np.abs(arc - rng.uniform(0.6, arc[-1] - 0.6)) > 0.5 * width
     return scene
 
 
-def draw_with_lifted_pointer(rng: np.random.Generator) -> DrawnScene:
-    """Draws a box and switches the pointer off once; the line goes on some centimetres before or after that point."""
-    scene = draw_polygon(BOX, True, rng)
+def trace_with_lifted_pointer(rng: np.random.Generator) -> DrawnScene:
+    """Traces a box and switches the pointer off once; the line goes on some centimetres before or after that point."""
+    scene = trace_polygon(BOX, True, rng)
     off = int(rng.uniform(0.2, 0.8) * len(scene.path))
     pause = int(rng.uniform(0.5, 3.0) / STEP)
     on = max(0, off + int(rng.uniform(-0.4, 0.4) / STEP))
@@ -103,8 +103,8 @@ def draw_with_lifted_pointer(rng: np.random.Generator) -> DrawnScene:
     return scene
 
 
-def draw_sides_apart(rng: np.random.Generator) -> DrawnScene:
-    """Draws the sides of a box in the order 1-3-2-4, with the pointer off between them."""
+def trace_sides_apart(rng: np.random.Generator) -> DrawnScene:
+    """Traces the sides of a box in the order 1-3-2-4, with the pointer off between them."""
     speed = rng.uniform(0.2, 0.5)
     parts, shown, drawn = [], [], {}
     for number in (0, 2, 1, 3):
@@ -119,25 +119,25 @@ def draw_sides_apart(rng: np.random.Generator) -> DrawnScene:
     return DrawnScene(truth, True, np.vstack(parts), np.concatenate(shown))
 
 
-def draw_random_figure(rng: np.random.Generator) -> DrawnScene:
-    """Draws a figure or line as people do; the ends of a line are at least half of the figure apart."""
+def trace_random_figure(rng: np.random.Generator) -> DrawnScene:
+    """Traces a figure or line as people do; the ends of a line are at least half of the figure apart."""
     figures = [BOX, BOX[:3] * [0.6, 1.2], 0.7 * BOX @ [[0.8, 0.6], [-0.6, 0.8]]]
     kind = rng.integers(6)
     if kind < 3:
-        return draw_polygon(figures[kind], True, rng)
+        return trace_polygon(figures[kind], True, rng)
     if kind == 3:
-        return draw_polygon(BOX[:3], False, rng)
+        return trace_polygon(BOX[:3], False, rng)
     radius = rng.uniform(0.6, 2.0)
     if kind == 4:
-        return draw_ring(radius, rng, 2.0 * np.pi, (0.5, 1.0))
-    return draw_ring(radius, rng, rng.uniform(1.5, 3.5))
+        return trace_ring(radius, rng, 2.0 * np.pi, (0.5, 1.0))
+    return trace_ring(radius, rng, rng.uniform(1.5, 3.5))
 
 
-def draw_slowly(rng: np.random.Generator) -> DrawnScene:
-    """Draws a line or a small box at 5 cm/s."""
+def trace_slowly(rng: np.random.Generator) -> DrawnScene:
+    """Traces a line or a small box at 5 cm/s."""
     is_box = rng.random() < 0.5
     corners = 0.6 * BOX if is_box else np.array([[0.0, 0.0], [0.9, 0.0]])
-    return draw_polygon(corners, is_box, rng, (0.05, 0.05))
+    return trace_polygon(corners, is_box, rng, (0.05, 0.05))
 
 
 def hold_twice(rng: np.random.Generator) -> DrawnScene:

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from bench.extraction import hand_movements
-from bench.extraction.hand_movements import BOX, STEP, DrawnScene, draw_polygon, draw_ring, draw_with_hidden_piece
+from bench.extraction.hand_movements import BOX, STEP, DrawnScene, trace_polygon, trace_ring, trace_with_hidden_piece
 from bench.harness import TOP, ResultTable, arguments, import_from, share, versions
 
 sys.path.insert(0, str(TOP / "src" / "vb_fusion" / "test"))
@@ -112,13 +112,13 @@ def judge_border(make: Callable, modules: List[Any], rng: np.random.Generator) -
 
 
 ROWS: Dict[str, Tuple[Callable, int]] = {
-    "figures and lines": (hand_movements.draw_random_figure, 120),
-    "hidden piece of 0.5, 0.6, 0.8 m": (lambda rng: draw_with_hidden_piece(rng.choice([0.5, 0.6, 0.8]), rng), 120),
-    "sides in the order 1-3-2-4": (hand_movements.draw_sides_apart, 30),
-    "pointer lifted once": (hand_movements.draw_with_lifted_pointer, 60),
-    "5 cm/s": (hand_movements.draw_slowly, 80),
-    **{f"ring of {size:g} m": (lambda rng, size=size: draw_ring(size, rng), 40) for size in (0.2, 0.3)},
-    "clocks set back by 5 s": (lambda rng: replace(draw_polygon(BOX, True, rng), setback=5.0), 12),
+    "figures and lines": (hand_movements.trace_random_figure, 120),
+    "hidden piece of 0.5, 0.6, 0.8 m": (lambda rng: trace_with_hidden_piece(rng.choice([0.5, 0.6, 0.8]), rng), 120),
+    "sides in the order 1-3-2-4": (hand_movements.trace_sides_apart, 30),
+    "pointer lifted once": (hand_movements.trace_with_lifted_pointer, 60),
+    "5 cm/s": (hand_movements.trace_slowly, 80),
+    **{f"ring of {size:g} m": (lambda rng, size=size: trace_ring(size, rng), 40) for size in (0.2, 0.3)},
+    "clocks set back by 5 s": (lambda rng: replace(trace_polygon(BOX, True, rng), setback=5.0), 12),
     "seed, held longer at a wrong place before": (hand_movements.hold_twice, 60),
 }
 

@@ -6,9 +6,9 @@
 FOLDER contains map_server's files, NAME.yaml and an image each. Its pairs.json lists pairs of maps of one place, every
 second one for development: {"old": NAME, "new": NAME, "transform": [x, y, yaw]}. The transform, judged by eye, leads
 from the old map's frame to the new one's. The borders are a square where the old map has the largest clearance, and
-lines across its doorways. A line is *the same* if the area that it restricted and the area that it restricts after the
-right transform overlap by half of their union; a square, if the new map knows three quarters of its floor. *Without a
-word* means without a question about the border itself. The last rows list such errors.
+lines across its doorways. A line counts as *the same* if the area that it restricted, and the area that it restricts
+on the new map after the right transform, have an IoU of at least 0.5; a square, if at least 75 % of its floor is known
+in the new map. *Silently* means without a question about the border itself. The last rows list such errors.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import tempfile
 from collections import defaultdict
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -32,8 +32,25 @@ from vb_map_integration.border_region import compute_region
 from vb_map_integration.map_integrator import MapIntegrator
 from vb_map_integration.region import apply_regions
 
-SILENT = "lines that closed off something else without a word"
-CaseOutcome = Tuple[str, bool, str]  # the figure, whether the case counts for it, and the case to inspect if it does
+SILENT = "lines that silently closed off something else"
+SQUARE_SIDE = 0.8  # [m]
+MIN_DOORWAY, MAX_DOORWAY = 0.65, 1.5  # [m] widths
+MAX_LINES = 8  # on one map
+MAX_TRIED = 1500  # places in doorways
+MIN_APART = 1.0  # [m] between two lines
+MIN_AREA = 2.0  # [m^2] that a line closes off
+SEED_DISTANCE = 0.25  # [m] from the line
+HALF_TURN = 24  # rays
+_ANGLES = np.arange(2 * HALF_TURN) * np.pi / HALF_TURN
+RAYS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+
+
+class Outcome(NamedTuple):
+    """Whether a case counts for a figure; `error` describes the case if it is an error to inspect."""
+
+    figure: str
+    counts: bool
+    error: str = ""
 
 
 def replace_map(old: GridMap, new: GridMap, borders: Sequence[VirtualBorder]) -> Tuple[bool, List[BorderStatus]]:
@@ -48,55 +65,69 @@ def replace_map(old: GridMap, new: GridMap, borders: Sequence[VirtualBorder]) ->
     return asks, [keeper.borders_in_force.statuses[id] for id in ids]
 
 
-def draw_borders(grid: GridMap, random: np.random.Generator) -> List[VirtualBorder]:
-    """Draws a square, and up to 8 lines, 1 m apart. Each restricts its smaller side, over 2 m^2, without a warning."""
+def place_borders(grid: GridMap, random: np.random.Generator) -> List[VirtualBorder]:
+    """Returns a square in the roomiest place, and up to MAX_LINES lines across random doorways, MIN_APART apart."""
     clearance = clearance_grid(~free_cells(grid), grid.resolution)
     roomiest = grid.cell_to_world(np.argwhere(clearance == clearance.max())[:1])[0]
-    corners = roomiest + 0.4 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    corners = roomiest + 0.5 * SQUARE_SIDE * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
     borders = [VirtualBorder(corners, roomiest, closed=True)]
-    min_width, max_width = 0.65, 1.5  # [m] width of a doorway
-    centers = random.permutation(np.argwhere((clearance > 0.4 * min_width) & (clearance < 0.5 * max_width)))
-    angles, steps = np.arange(48) * np.pi / 24.0, np.arange(0.0, max_width, 0.5 * grid.resolution)
-    rays = np.column_stack([np.cos(angles), np.sin(angles)])
-    for center in grid.cell_to_world(centers[:1500]):
+    centers = random.permutation(np.argwhere((clearance > 0.4 * MIN_DOORWAY) & (clearance < 0.5 * MAX_DOORWAY)))
+    for center in grid.cell_to_world(centers[:MAX_TRIED]):
         to_lines = [np.linalg.norm(line.points.mean(axis=0) - center) for line in borders[1:]]
-        if len(to_lines) == 8 or min(to_lines, default=np.inf) < 1.0:
+        if len(to_lines) == MAX_LINES or min(to_lines, default=np.inf) < MIN_APART:
             continue
-        along_rays = center + steps[:, None, None] * rays
-        cells = sample(grid, grid.data, along_rays.reshape(-1, 2), -1.0).reshape(-1, 48)
-        ends = np.argmax((cells < 0) | (cells >= OCCUPIED_THRESHOLD), axis=0)
-        distances = np.where(cells[ends, range(48)] >= OCCUPIED_THRESHOLD, steps[ends], np.inf)
-        best = int(np.argmin(distances[:24] + distances[24:]))
-        if not min_width < distances[best] + distances[best + 24] < max_width:
-            continue
-        points = [center + rays[ray] * (distances[ray] - 0.05) for ray in (best, best + 24)]
-        sides = {}
-        for side in (rays[best + 12], -rays[best + 12]):
-            line = VirtualBorder(points, center + 0.25 * side, closed=False)
-            with suppress(IntegrationError):  # it does not separate anything, or this side has no floor
-                integrated = compute_region(grid, line)
-                if integrated.area_m2 > 2.0 and not integrated.issues:
-                    sides[integrated.area_m2] = line
-        if sides:
-            borders.append(sides[min(sides)])
+        passage = _narrowest_passage(grid, center)
+        line = None if passage is None else _smaller_side(grid, center, *passage)
+        if line is not None:
+            borders.append(line)
     return borders
 
 
-def judge_pair(name: str, pair: Dict[str, Any], folder: Path, random: np.random.Generator) -> Iterator[CaseOutcome]:
-    """Draws borders on a map, replaces it by the newer map, and yields the outcomes."""
+def _narrowest_passage(grid: GridMap, center: np.ndarray) -> Optional[Tuple[np.ndarray, np.ndarray]]:
+    """Returns ends (2, 2) and normal of the shortest line through a point to obstacles; None if it is no doorway's."""
+    steps = np.arange(0.0, MAX_DOORWAY, 0.5 * grid.resolution)
+    along_rays = center + steps[:, None, None] * RAYS
+    cells = sample(grid, grid.data, along_rays.reshape(-1, 2), -1.0).reshape(len(steps), len(RAYS))
+    ends = np.argmax((cells < 0) | (cells >= OCCUPIED_THRESHOLD), axis=0)
+    distances = np.where(cells[ends, range(len(RAYS))] >= OCCUPIED_THRESHOLD, steps[ends], np.inf)
+    widths = distances[:HALF_TURN] + distances[HALF_TURN:]
+    ray = int(np.argmin(widths))
+    if not MIN_DOORWAY < widths[ray] < MAX_DOORWAY:
+        return None
+    both_ways = [ray, ray + HALF_TURN]
+    points = center + RAYS[both_ways] * (distances[both_ways, None] - 0.05)  # ends a little before the walls
+    return points, RAYS[ray + HALF_TURN // 2]
+
+
+def _smaller_side(grid: GridMap, center: np.ndarray, ends: np.ndarray, normal: np.ndarray) -> Optional[VirtualBorder]:
+    """Returns the line that restricts its smaller side over MIN_AREA without a warning; None if neither side is so."""
+    lines = {}
+    for side in (normal, -normal):
+        line = VirtualBorder(ends, center + SEED_DISTANCE * side, closed=False)
+        with suppress(IntegrationError):  # it does not separate anything, or this side has no floor
+            integrated = compute_region(grid, line)
+            if integrated.area_m2 > MIN_AREA and not integrated.issues:
+                lines[integrated.area_m2] = line
+    return lines[min(lines)] if lines else None
+
+
+def judge_pair(name: str, pair: Dict[str, Any], folder: Path, random: np.random.Generator) -> Iterator[Outcome]:
+    """Places borders on a map, replaces it by the newer map, and yields the outcomes."""
     old, new = (read_map(folder / f"{pair[key]}.yaml") for key in ("old", "new"))
-    truth, borders = Transform(*pair["transform"]), draw_borders(old, random)
+    truth = Transform(*pair["transform"])
+    borders = place_borders(old, random)
     asks, statuses = replace_map(old, new, borders)
-    yield "pairs about which it asked which place it is", asks, ""
+    yield Outcome("pairs about which it asked which place it is", asks)
     free = free_cells(new)
     floor = truth.inverse.apply(new.cell_to_world(np.argwhere(free)))  # of the newer map, in the older map's frame
     for border, status in zip(borders, statuses):
         restricted = compute_region(old, border).restricted_cells
         silent, same = not status.code, False
         if border.closed:
-            error = float(np.linalg.norm(status.map_border.seed - truth.apply(border.seed)[0]))
-            case = f"{name}: the square is {error:.2f} m off" if silent else ""
-            yield "squares in the wrong place, by over 0.25 m, certain or while it asked", error > 0.25, case
+            distance = float(np.linalg.norm(status.map_border.seed - truth.apply(border.seed)[0]))
+            is_off = distance > 0.25
+            error = f"{name}: the square is {distance:.2f} m off" if is_off and silent else ""
+            yield Outcome("squares in the wrong place, by over 0.25 m, certain or while it asked", is_off, error)
             moved_floor = truth.apply(old.cell_to_world(np.argwhere(restricted)))
             same = sample(new, new.data >= 0, moved_floor).mean() >= 0.75
         else:
@@ -104,14 +135,16 @@ def judge_pair(name: str, pair: Dict[str, Any], folder: Path, random: np.random.
             regions_in_force = [status.region] if silent else []
             new_cells = apply_regions(new.with_data(0 * new.data), regions_in_force).data[free] > 0
             overlap = jaccard(old_cells, new_cells)
-            yield SILENT, silent and overlap < 0.5, f"{name}: line at {border.seed.round(1)}, {overlap:.2f} in common"
+            is_wrong = silent and overlap < 0.5
+            error = f"{name}: line at {border.seed.round(1)}, {overlap:.2f} in common" if is_wrong else ""
+            yield Outcome(SILENT, is_wrong, error)
             with suppress(IntegrationError):
                 expected = compute_region(new, border.transform(truth)).restricted_cells[free]
                 same = old_cells.any() and jaccard(old_cells, expected) >= 0.5
-        yield "borders that are the same on the newer map", same, ""
+        yield Outcome("borders that are the same on the newer map", same)
         if same:
-            yield "the same borders, in force without a question about anything", silent and not asks, ""
-            yield "the same borders, in force without a question about the border itself", silent, ""
+            yield Outcome("the same borders, in force without a question about anything", silent and not asks)
+            yield Outcome("the same borders, in force without a question about the border itself", silent)
 
 
 def main() -> None:
@@ -122,18 +155,18 @@ def main() -> None:
     table = ResultTable(options.csv, options.seed)
     pairs = json.loads((options.folder / "pairs.json").read_text(encoding="utf-8"))
     selected = list(enumerate(pairs, 1))[HALVES.index(options.half) :: 2]
-    outcomes: List[CaseOutcome] = []
+    outcomes: List[Outcome] = []
     for number, pair in selected:
         outcomes += judge_pair(f"pair {number}", pair, options.folder, np.random.default_rng([options.seed, number]))
     trials: Dict[str, List[bool]] = defaultdict(list)
-    for figure, holds, _ in outcomes:
-        trials[figure].append(bool(holds))
+    for outcome in outcomes:
+        trials[outcome.figure].append(bool(outcome.counts))
     rows: Dict[str, Any] = {"pairs of maps": len(selected), "lines across doorways": len(trials[SILENT])}
-    rows.update({figure: share(sum(holds_list), len(holds_list)) for figure, holds_list in trials.items()})
+    rows.update({figure: share(sum(counted), len(counted)) for figure, counted in trials.items()})
     for figure, value in rows.items():
         table.add(half=options.half, what=figure, share=value)
-    for case in (case for _, holds, case in outcomes if holds and case):
-        table.add(half=options.half, what="went wrong without a word", share=1, case=case)
+    for error in (outcome.error for outcome in outcomes if outcome.error):
+        table.add(half=options.half, what="went wrong silently", share=1, case=error)
 
 
 if __name__ == "__main__":
