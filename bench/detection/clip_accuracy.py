@@ -12,9 +12,10 @@ All versions see the same pictures in turns, and spots need no confirmation by a
 (examples stored by training.py), a detector whose classifier was fitted without clips of the same camera or room is
 measured too.
 
-A spot within 10 px (of 640 x 480) of a label of its frame is right. False spots are counted in all, and *off fringe*:
-without frames with unlabelled pulses, and without spots near a label of up to 2 frames earlier or later, where a
-pulse's first or last light is seen. Frames are not independent, so Wilson's intervals are too narrow.
+A spot within 10 px (of 640 x 480) of a label of its frame is right; others are false. The *fringe* is where unlabelled
+light may be seen: the first or last light of a pulse, near a label of up to 2 frames earlier or later, and all of a
+frame with an unlabelled pulse. False spots are counted in all, and *off fringe*, that is, without those on the fringe.
+Frames are not independent, so Wilson's intervals are too narrow.
 """
 
 from __future__ import annotations
@@ -44,14 +45,14 @@ def main() -> None:
         preset = "stationary" if role == "stationary" else "mobile"
         scores = {}
         for name, video in sorted(videos.items()):
-            runners = {"as it comes": DetectorRunner(preset, confirm_frames=1)}
+            runners = {"packaged": DetectorRunner(preset, confirm_frames=1)}
             if classifiers:
                 runners["left out"] = DetectorRunner(preset, None, classifiers[name], confirm_frames=1)
             if options.other:
                 runners["other"] = DetectorRunner(preset, options.other, confirm_frames=1)
-            clip_scores = {
-                version: DetectionScore(f, reach_in(video), counts_late_spots=False) for version, f in runners.items()
-            }
+            clip_scores = {}
+            for version, runner in runners.items():
+                clip_scores[version] = DetectionScore(runner, reach_in(video), counts_late_spots=False)
             for frame in frames_of(options.folder / "clips" / name, video, role):
                 for score in clip_scores.values():
                     score.add_frame(frame)

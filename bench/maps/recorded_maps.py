@@ -33,13 +33,10 @@ from vb_map_integration.map_integrator import MapIntegrator
 from vb_map_integration.region import apply_regions
 
 SILENT = "lines that silently closed off something else"
-SQUARE_SIDE = 0.8  # [m]
 MIN_DOORWAY, MAX_DOORWAY = 0.65, 1.5  # [m] widths
 MAX_LINES = 8  # on one map
 MAX_TRIED = 1500  # places in doorways
 MIN_APART = 1.0  # [m] between two lines
-MIN_AREA = 2.0  # [m^2] that a line closes off
-SEED_DISTANCE = 0.25  # [m] from the line
 HALF_TURN = 24  # rays
 _ANGLES = np.arange(2 * HALF_TURN) * np.pi / HALF_TURN
 RAYS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
@@ -66,10 +63,10 @@ def replace_map(old: GridMap, new: GridMap, borders: Sequence[VirtualBorder]) ->
 
 
 def place_borders(grid: GridMap, random: np.random.Generator) -> List[VirtualBorder]:
-    """Returns a square in the roomiest place, and up to MAX_LINES lines across random doorways, MIN_APART apart."""
+    """Returns a square of 0.8 m in the roomiest place, and up to MAX_LINES lines across random doorways, MIN_APART apart."""
     clearance = clearance_grid(~free_cells(grid), grid.resolution)
     roomiest = grid.cell_to_world(np.argwhere(clearance == clearance.max())[:1])[0]
-    corners = roomiest + 0.5 * SQUARE_SIDE * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    corners = roomiest + 0.4 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
     borders = [VirtualBorder(corners, roomiest, closed=True)]
     centers = random.permutation(np.argwhere((clearance > 0.4 * MIN_DOORWAY) & (clearance < 0.5 * MAX_DOORWAY)))
     for center in grid.cell_to_world(centers[:MAX_TRIED]):
@@ -100,13 +97,13 @@ def _narrowest_passage(grid: GridMap, center: np.ndarray) -> Optional[Tuple[np.n
 
 
 def _smaller_side(grid: GridMap, center: np.ndarray, ends: np.ndarray, normal: np.ndarray) -> Optional[VirtualBorder]:
-    """Returns the line that restricts its smaller side over MIN_AREA without a warning; None if neither side is so."""
+    """Returns the line that restricts its smaller side over 2 m^2, without a warning; None if neither side is so."""
     lines = {}
     for side in (normal, -normal):
-        line = VirtualBorder(ends, center + SEED_DISTANCE * side, closed=False)
+        line = VirtualBorder(ends, center + 0.25 * side, closed=False)
         with suppress(IntegrationError):  # it does not separate anything, or this side has no floor
             integrated = compute_region(grid, line)
-            if integrated.area_m2 > MIN_AREA and not integrated.issues:
+            if integrated.area_m2 > 2.0 and not integrated.issues:
                 lines[integrated.area_m2] = line
     return lines[min(lines)] if lines else None
 

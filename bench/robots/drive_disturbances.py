@@ -2,26 +2,29 @@
 
 import math
 import threading
+from typing import Any, Callable, Dict, Tuple
 
 import numpy as np
 import rospy
 
+from bench.robots.drive_lab import Lab, PoseInDegrees, Row
 from vb_core.errors import CodedError
 from vb_core.grid_map import distance_transform
 from vb_core.geometry import look_ahead
 from vb_core.ros.node import wait_until
+from vb_evaluation.navigation_check.move_base_goals import GoalOutcome
 
-ENDS = [(7.0, 0.9, 180), (1.6, 1.6, 0)]  # (x, y [m], yaw [deg]) between which it drives
+ENDS: Tuple[PoseInDegrees, ...] = ((7.0, 0.9, 180), (1.6, 1.6, 0))  # between which it drives
 BOX_STANDS = 30.0  # [s]; longer than planner_patience and controller_patience, so that navigation starts its recoveries
 BOX_AHEAD = np.arange(0.7, 2.0, 0.1)  # [m] along the path; in the scanner's range, but not on the robot
 
 
-def surprise(lab, rng, act, slowly):
+def _disturb_drive(lab: Lab, random: np.random.Generator, act: Callable, slowly: bool) -> Tuple[GoalOutcome, Row]:
     """Drives to the farther of two ends, and calls `act` once the robot is under way; returns outcome and row."""
     goal = max(ENDS, key=lambda end: math.dist(end[:2], lab.pose()[:2]))
-    start, driven_before = lab.pose(), float(rng.uniform(1.0, 3.0))
+    start, driven_before = lab.pose(), float(random.uniform(1.0, 3.0))
 
-    def watch():
+    def watch() -> None:
         try:
             if wait_until(lambda: math.dist(lab.pose()[:2], start[:2]) > driven_before, 120.0, 0.02):
                 act()
@@ -36,13 +39,13 @@ def surprise(lab, rng, act, slowly):
     return result
 
 
-def drive_nose(lab, number, seed) -> dict:
+def measure_drive_with_border_ahead(lab: Lab, number: int, seed: int) -> Row:
     """Measures a drive in which a border is added across the path, 0.25 to 0.6 m in front of the robot."""
     rng = np.random.default_rng([seed, 1000 + number])
     gap = float(rng.uniform(0.25, 0.6))
-    result = {}
+    result: Dict[str, Any] = {}
 
-    def act():
+    def act() -> None:
         x, y, yaw = lab.pose()
         half = 0.3
         along = half * np.array([math.cos(yaw), math.sin(yaw)])
@@ -59,7 +62,7 @@ def drive_nose(lab, number, seed) -> dict:
         end = rospy.get_time() + 3.0
         wait_until(lambda: rospy.get_time() > end, 60.0)
 
-    driven, row = surprise(lab, rng, act, slowly=True)
+    driven, row = _disturb_drive(lab, rng, act, slowly=True)
     path = driven.path
     if "at" in result and len(path):
         path = path[int(np.argmin(np.linalg.norm(path - result["at"], axis=1))) :]
@@ -71,7 +74,7 @@ def drive_nose(lab, number, seed) -> dict:
     return row
 
 
-def drive_box(lab, number, seed) -> dict:
+def measure_drive_past_box(lab: Lab, number: int, seed: int) -> Row:
     """Measures a drive with a box at the path's narrowest point beside the carpet's border, which is later removed."""
     scenario = lab.world.scenarios["carpet"]
     if min(math.dist(end[:2], lab.pose()[:2]) for end in ENDS) > 0.5:
@@ -80,7 +83,7 @@ def drive_box(lab, number, seed) -> dict:
     blocked = lab.observer.posterior
     clearance = distance_transform((blocked.data >= 65) | (blocked.data < 0)) * blocked.resolution
 
-    def act():
+    def act() -> None:
         ahead = np.array([look_ahead(lab.plan, lab.pose()[:2], distance)[0] for distance in BOX_AHEAD])
         rows, columns = blocked.world_to_cell(ahead).T
         lab.put_box(ahead[int(np.argmin(clearance[rows, columns]))])
@@ -89,7 +92,7 @@ def drive_box(lab, number, seed) -> dict:
         lab.put_box(None)
 
     try:
-        return surprise(lab, np.random.default_rng([seed, 2000 + number]), act, slowly=False)[1]
+        return _disturb_drive(lab, np.random.default_rng([seed, 2000 + number]), act, slowly=False)[1]
     finally:
         lab.put_box(None)
         lab.remove(border)

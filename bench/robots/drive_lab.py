@@ -6,6 +6,7 @@ import tempfile
 import time
 from collections import Counter, deque
 from pathlib import Path
+from typing import Any, Dict, Tuple
 
 import numpy as np
 import rosgraph
@@ -23,13 +24,15 @@ from vb_core.errors import CodedError
 from vb_core.geometry import chain_length
 from vb_core.grid_map import distance_transform
 from vb_core.ros import messages, node, services
-from vb_evaluation.navigation_check.move_base_goals import GoalRunner
+from vb_evaluation.navigation_check.move_base_goals import GoalOutcome, GoalRunner
 from vb_evaluation.system_observer import SystemObserver
 from vb_msgs.msg import DriverState, LabState, ParticipantState, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
 from vb_sim.world import load_world
 from vb_testing import wait_until
 
+PoseInDegrees = Tuple[float, float, float]  # (x, y, yaw) [m, m, deg]
+Row = Dict[str, Any]  # of the table of drives
 WORLDS = TOP / "src" / "vb_sim" / "worlds"
 LIMIT_S = 120.0  # [s] of simulated time for a goal, twice the time for 10 m at the slower robot's 0.2 m/s
 FASTEST = 4.0  # simulated seconds per real second; more than two slow cores achieve
@@ -40,7 +43,7 @@ STILL = 0.1  # [m] of motion below which a robot counts as standing
 class Lab:
     """The running lab: borders, goals, and the robot's true motion."""
 
-    def __init__(self, robot: str, start, seed: int) -> None:
+    def __init__(self, robot: str, start: PoseInDegrees, seed: int) -> None:
         state = Path(tempfile.mkdtemp(prefix="drives_"))
         base = WORLDS / {"turtlebot3_burger": "burger.yaml"}.get(robot, "lab.yaml")
         robots = yaml.safe_load(base.read_text())["robots"]
@@ -110,7 +113,7 @@ class Lab:
         """Lets simulated time run slowly, or as fast as possible."""
         self._pace.publish(SLOW if slow else FASTEST)
 
-    def drive(self, goal):
+    def drive(self, goal: PoseInDegrees) -> Tuple[GoalOutcome, Row]:
         """Sends the robot to a goal; returns the outcome, and the values that every drive's row has."""
         start = time.monotonic()
         self._begin_measuring()
@@ -130,7 +133,7 @@ class Lab:
             "entered_m": round(self.entered(driven.path), 3),
         }
 
-    def pose(self):
+    def pose(self) -> Tuple[float, float, float]:
         pose = self.observer.lab.robot_poses[0]
         return pose.x, pose.y, pose.theta
 

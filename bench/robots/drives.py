@@ -15,17 +15,16 @@ simulator's ~lockstep): on a busy computer a drive takes longer, but does not ch
 robot while time runs slowly, because the services take real time; the row gives the simulated time that passed.
 """
 
-import functools
 import itertools
 import math
 from collections import Counter
-from typing import NamedTuple, Optional
+from typing import Callable, Iterator, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
 from bench.harness import ResultTable, arguments, share
-from bench.robots.drive_disturbances import drive_box, drive_nose
-from bench.robots.drive_lab import WORLDS, Lab
+from bench.robots.drive_disturbances import measure_drive_past_box, measure_drive_with_border_ahead
+from bench.robots.drive_lab import WORLDS, Lab, PoseInDegrees, Row
 from vb_core.grid_map import distance_transform, sample
 from vb_core.navigation_parameters import PATH_MARGIN
 from vb_map_integration.border import VirtualBorder as Border
@@ -40,29 +39,28 @@ WANTED = {
     "nose": ("reached", "refused", "time_is_up"),
     "box": ("reached", "refused"),
 }
-SURPRISES = {"nose": drive_nose, "box": drive_box}
+DISTURBED = {"nose": measure_drive_with_border_ahead, "box": measure_drive_past_box}
 STUCK = 60.0  # [s] without moving, with a goal
 SCENARIOS = ("carpet", "corner", "room")
 RADIUS = 0.18  # [m] of the larger robot, as both drive to the same goals
 ROUNDS = 40  # goals round each border
-NOSES = 20  # borders added in front of the robot; as many boxes are put on its path
+NOSES = 20  # borders added in front of the robot's nose; as many boxes are put on its path
 INSIDE = 2  # goals inside each border
 MIN_LEG = 0.6  # [m] minimum between two poses
 
 
 class Drive(NamedTuple):
-    """A drive of a kind in WANTED; poses are (x, y, yaw) [m, m, deg]. A surprise has neither scenario nor goal."""
+    """A drive of a kind in WANTED. A disturbed one has neither scenario nor goal."""
 
     kind: str
     scenario: str
     number: int
-    start: tuple
-    goal: Optional[tuple] = None
+    start: PoseInDegrees
+    goal: Optional[PoseInDegrees] = None
 
 
-@functools.lru_cache(maxsize=None)
-def places(scenario: str, seed: int):
-    """Returns poses (x, y, yaw) [m, m, deg]: a chain round a scenario's border, and poses inside the restricted area.
+def choose_poses(scenario: str, seed: int) -> Tuple[List[PoseInDegrees], List[PoseInDegrees]]:
+    """Chooses a chain of poses round a scenario's border, and INSIDE poses in the restricted area.
 
     At each pose of the chain, a robot of RADIUS has the clearance that the dispatcher requires, and a path to the next.
     """
@@ -89,28 +87,30 @@ def places(scenario: str, seed: int):
         crosses = sample(posterior, restricted, lines.reshape(-1, 2)).reshape(len(ends), -1).any(axis=1)
         chain.append((*ends[int(np.argmax(crosses))], int(yaws[len(chain)])))
     is_deep = distance_transform(~restricted) * posterior.resolution > RADIUS
-    inside = posterior.cell_to_world(np.argwhere(restricted & is_deep))
-    inside = [(*inside[rng.integers(len(inside))], 0) for _ in range(INSIDE)]
-    return [tuple(float(round(value, 3)) for value in pose) for pose in (*chain, *inside)]
+    deep_cells = posterior.cell_to_world(np.argwhere(restricted & is_deep))
+    inside = [(*deep_cells[rng.integers(len(deep_cells))], 0) for _ in range(INSIDE)]
+    chain, inside = ([tuple(float(round(value, 3)) for value in pose) for pose in poses] for poses in (chain, inside))
+    return chain, inside
 
 
-def tasks(seed: int):
+def plan_drives(seed: int) -> Iterator[Drive]:
     """Yields the drives, with kinds and scenarios alternating."""
+    poses = {scenario: choose_poses(scenario, seed) for scenario in SCENARIOS}
     for first in range(0, ROUNDS, 10):
-        for scenario in SCENARIOS:
-            poses = places(scenario, seed)
-            chain, inside = poses[:-INSIDE], poses[-INSIDE:]
-            tour = chain + chain[-2::-1]
-            yield from (Drive("round", scenario, i, tour[i], tour[i + 1]) for i in range(first, first + 10))
+        for scenario, (chain, inside) in poses.items():
+            there_and_back = chain + chain[-2::-1]
+            legs = list(zip(there_and_back, there_and_back[1:]))
+            for number in range(first, first + 10):
+                yield Drive("round", scenario, number, *legs[number])
             if first == 0:
-                yield from (Drive("inside", scenario, i, tour[10], goal) for i, goal in enumerate(inside))
-        share = NOSES * 10 // ROUNDS
+                yield from (Drive("inside", scenario, i, there_and_back[10], goal) for i, goal in enumerate(inside))
+        batch = NOSES * 10 // ROUNDS
         for kind in ("nose", "box"):
-            numbers = range(first // 10 * share, (first // 10 + 1) * share)
+            numbers = range(first // 10 * batch, (first // 10 + 1) * batch)
             yield from (Drive(kind, "", i, (7.0, 0.9, 180)) for i in numbers)
 
 
-def drive_scenario(lab, scenario, drives, record) -> None:
+def drive_scenario(lab: Lab, scenario: str, drives: List[Drive], record: Callable[[Drive, Row], None]) -> None:
     """Drives to the start of the first drive, adds the border, and does the drives."""
     task_scenario, start = lab.world.scenarios[scenario], drives[0].start
     if math.dist(lab.pose()[:2], start[:2]) > 0.2:
@@ -131,13 +131,13 @@ def main() -> None:
     parser.add_argument("--drives", type=int, default=1000, help="maximum number")
     options = parser.parse_args()
     table, counts = ResultTable(options.csv, options.seed), Counter()
-    drives = [drive for drive in tasks(options.seed) if drive.kind in options.kinds]
+    drives = [drive for drive in plan_drives(options.seed) if drive.kind in options.kinds]
     drives = drives[options.first :][: options.drives]
     if not drives:
         parser.error("no drives are left")
     lab = Lab(options.robot, drives[0].start, options.seed)
 
-    def record(drive, row) -> None:
+    def record(drive: Drive, row: Row) -> None:
         entered = (row["entered_m"] or -1.0) > 0.0
         added = row.get("border", "added") == "added"
         good = row["outcome"] in WANTED[drive.kind] and not entered and row["still_s"] <= STUCK
@@ -152,7 +152,7 @@ def main() -> None:
                 drive_scenario(lab, scenario, list(group), record)
                 continue
             for drive in group:
-                record(drive, SURPRISES[drive.kind](lab, drive.number, options.seed))
+                record(drive, DISTURBED[drive.kind](lab, drive.number, options.seed))
     finally:
         lab.child.stop()
     for kind in options.kinds:
