@@ -22,11 +22,11 @@ SAMPLES = {
     "extraction/accuracy.py": "--only usual --draws 1 --strokes 1 --methods robust",
     "extraction/model_hand.py": "--times 0.01",
     "lab/camera_load.py": "--cameras 1 --seconds 1",
-    "lab/page_under_attack.py": "--seconds 1 --only nothing slow_headers",
+    "lab/stop_under_attack.py": "--seconds 1 --only nothing slow_headers",
     "maps/crashes.py": "--crashes 3",
     "maps/integration_time.py": "--sizes 320x200 --borders 2 --rounds 1",
     "maps/recorded_maps.py": "{recorded}",
-    "mutants.py": "--modules vb_evaluation.user_study.recording_measures --each 1",
+    "mutation_testing.py": "--modules vb_evaluation.user_study.recording_measures --each 1",
     "voice/command_recognition.py": "{recorded}",
     "detection/training.py": "--clips {recorded} --scenes grey --examples {folder}/examples --out {folder}/made.json",
 }

@@ -29,7 +29,7 @@ import yaml
 
 from bench.harness import TOP, ResultTable, arguments
 from bench.lab.camera_clip import FRAMES, carpet_view, clip, start_server, write_files
-from bench.lab.page_lab import node_process, start_page
+from bench.lab.page_nodes import node_process, start_page
 from vb_core import names
 from vb_core.child_processes import ChildProcess
 from vb_core.ros.messages import message_from_transform

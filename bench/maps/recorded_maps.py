@@ -63,7 +63,7 @@ def replace_map(old: GridMap, new: GridMap, borders: Sequence[VirtualBorder]) ->
 
 
 def place_borders(grid: GridMap, random: np.random.Generator) -> List[VirtualBorder]:
-    """Returns a square of 0.8 m in the roomiest place, and up to MAX_LINES lines across random doorways, MIN_APART apart."""
+    """Returns a square of 0.8 m in the roomiest place, and up to MAX_LINES lines across doorways, MIN_APART apart."""
     clearance = clearance_grid(~free_cells(grid), grid.resolution)
     roomiest = grid.cell_to_world(np.argwhere(clearance == clearance.max())[:1])[0]
     corners = roomiest + 0.4 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])

@@ -1,4 +1,4 @@
-"""The small faults that mutants.py inserts into a module.
+"""The small faults that mutation_testing.py inserts into a module.
 
 A mutant swaps a comparison, or `and` with `or`, changes a number, negates a condition, returns None, or omits a
 statement. Three kinds of changes that no test should detect are not made: changes of texts for people (a raised error, a
@@ -19,8 +19,8 @@ BOUNDS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 REVERSED = {ast.Lt: ast.Gt, ast.LtE: ast.GtE, ast.Gt: ast.Lt, ast.GtE: ast.LtE}
 
 
-def mutations(node: ast.AST) -> Iterator[Tuple[str, Callable[[Any], None]]]:
-    """Yields the mutations of a node: a description, and a function that applies one to the node or its copy."""
+def possible_faults(node: ast.AST) -> Iterator[Tuple[str, Callable[[Any], None]]]:
+    """Yields a node's possible faults: a description, and a function that inserts one into the node or its copy."""
     if isinstance(node, ast.Compare):
         for table in (SWAPS, REVERSED):
             new = table.get(type(node.ops[0]))
@@ -70,19 +70,19 @@ def parse_file(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
-def mutants(path: Path) -> List[Tuple[int, str, Callable[[], ast.Module]]]:
+def list_mutants(path: Path) -> List[Tuple[int, str, Callable[[], ast.Module]]]:
     """Lists all mutants of a file: line, description, and a function that returns the file's tree with the fault."""
     result = []
 
-    def make(index: int, mutation: int) -> ast.Module:
+    def make(index: int, number: int) -> ast.Module:
         mutant = parse_file(path)
         node = list(walk(mutant))[index]
-        list(mutations(node))[mutation][1](node)
+        list(possible_faults(node))[number][1](node)
         return ast.fix_missing_locations(_Remove().visit(mutant))
 
     for index, node in enumerate(walk(parse_file(path))):
-        for mutation, (change, _) in enumerate(mutations(node)):
-            result.append((getattr(node, "lineno", 0), change, partial(make, index, mutation)))
+        for number, (change, _) in enumerate(possible_faults(node)):
+            result.append((getattr(node, "lineno", 0), change, partial(make, index, number)))
     return result
 
 

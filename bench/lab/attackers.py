@@ -1,4 +1,4 @@
-"""The attacks of page_under_attack.py, and the requests that people and attackers send.
+"""The attacks of stop_under_attack.py, and the requests that people and attackers send.
 
 Each attack runs until it is killed. Attackers' addresses (127.0.x.y) differ from the operator's.
 """

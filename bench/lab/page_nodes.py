@@ -1,4 +1,4 @@
-"""Runs the nodes that the page needs with their own ROS master; for page_under_attack.py and camera_load.py."""
+"""Runs the nodes that the page needs with their own ROS master; for stop_under_attack.py and camera_load.py."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """Measures how soon an operator's *stop* is answered while the page is attacked, over an open link and a new one.
 
-Each attack (page_attacks.py) runs in a separate process, against the page's real nodes with codes and https. A request
+Each attack (attackers.py) runs in a separate process, against the page's real nodes with codes and https. A request
 without an answer within 5 s counts as lost.
 
-python3 bench/lab/page_under_attack.py [--seconds 10] [--only NAME ...]
+python3 bench/lab/stop_under_attack.py [--seconds 10] [--only NAME ...]
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ import numpy as np
 import yaml
 
 from bench.harness import ResultTable, arguments
-from bench.lab.page_attacks import ATTACKS, Page, answer, run_attack
-from bench.lab.page_lab import start_page
+from bench.lab.attackers import ATTACKS, Page, answer, run_attack
+from bench.lab.page_nodes import start_page
 
 LIMIT = 5.0  # [s] after which a stop counts as lost
 

@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
 """Mutation testing: inserts small faults into modules without ROS. Their unit tests must detect the faults.
 
-    python3 bench/mutants.py                                         8 mutants of each module in MODULES
-    python3 bench/mutants.py --modules vb_robot.driving.command_gate --each 100
-    python3 bench/mutants.py --seed 2 --csv survivors.csv            other mutants, with which no test was developed
+    python3 bench/mutation_testing.py                                8 mutants of each module in MODULES
+    python3 bench/mutation_testing.py --modules vb_robot.driving.command_gate --each 100
+    python3 bench/mutation_testing.py --seed 2 --csv survivors.csv   other mutants, with which no test was developed
 
-A mutant is a module with one of the faults of mutations.py. If a mutant passes all tests, its line is printed, and a
-person must judge whether it is equivalent to the original. A module's tests are all unit tests that import it, and the
-tests of its package that import it through another module. Tests that import most of the module run first, and the
-first failure ends the run. Tests that take five times the original's processor time count as failed. Each mutant runs
+A mutant is a module with one of the faults of fault_insertion.py. If a mutant passes all tests, its line is printed,
+and a person must judge whether it is equivalent to the original. A module's tests are all unit tests that import it,
+and the tests of its package that import it through another module. Tests that import most of the module run first, and
+the first failure ends the run. Tests that take five times the original's processor time count as failed. Each mutant runs
 in a fork of its own, and no file is changed. Hypothesis does not try one mutant's failing examples on another.
 """
 
@@ -27,7 +27,7 @@ import numpy as np
 import pytest
 
 from bench.harness import TOP, ResultTable, arguments, share
-from bench.mutations import mutants, parse_file
+from bench.fault_insertion import list_mutants, parse_file
 
 # modules that tests import; they are loaded once, before the forks
 USED_BY_TESTS = "hypothesis.strategies pandas scipy.ndimage scipy.optimize scipy.spatial scipy.stats shapely"
@@ -154,7 +154,7 @@ def main() -> None:
         limits[options.modules[fork]] = PATIENCE * used_s
     selection = []
     for name in options.modules:
-        pool = mutants(file_of(name))
+        pool = list_mutants(file_of(name))
         random = np.random.default_rng([options.seed, *name.encode()])
         chosen = sorted(random.permutation(len(pool))[: options.each])
         for index in chosen:
