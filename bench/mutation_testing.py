@@ -8,8 +8,8 @@
 A mutant is a module with one of the faults of fault_insertion.py. If a mutant passes all tests, its line is printed,
 and a person must judge whether it is equivalent to the original. A module's tests are all unit tests that import it,
 and the tests of its package that import it through another module. Tests that import most of the module run first, and
-the first failure ends the run. Tests that take five times the original's processor time count as failed. Each mutant runs
-in a fork of its own, and no file is changed. Hypothesis does not try one mutant's failing examples on another.
+the first failure ends the run. Tests that take five times the original's processor time count as failed. Each mutant
+runs in a fork of its own, and no file is changed. Hypothesis does not try one mutant's failing examples on another.
 """
 
 import ast
