@@ -12,8 +12,7 @@ from __future__ import annotations
 import cv2
 
 from bench.detection.detector_under_test import DetectionScore, DetectorRunner, figures
-from bench.detection.scene_rendering import NEAR_MM, floor_place, frames
-from bench.detection.scene_rooms import Rooms, lab
+from bench.detection.scene_rendering import NEAR_MM, Rooms, floor_place, frames, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes
 from bench.harness import ResultTable, arguments, versions
 from bench.lab.camera_clip import webcam_jpeg

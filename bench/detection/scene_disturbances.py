@@ -52,17 +52,11 @@ class Bystander:
 
 @dataclass(frozen=True)
 class Glint:
-    """The small white reflection of a lamp on a shiny object, which may saturate the sensor.
+    """The small white reflection of a lamp on a shiny object, which may saturate the sensor."""
 
-    Attributes:
-        position: (x, y, z) [m], map frame.
-        diameter: [m] at which the brightness falls to 1/e^2.
-        brightness: [grey levels] of the centre at the reference exposure; may exceed 255.
-    """
-
-    position: Tuple[float, float, float]
-    diameter: float = 0.012
-    brightness: float = 400.0
+    position: Tuple[float, float, float]  # (x, y, z) [m], map frame
+    diameter: float = 0.012  # [m] at which the brightness falls to 1/e^2
+    brightness: float = 400.0  # [grey levels] of the centre at the reference exposure; may exceed 255
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,9 @@ from typing import Any, Callable, List, Tuple
 import numpy as np
 
 from bench.detection.scene_disturbances import Glint, SceneConditions
-from bench.detection.scene_rendering import Scene
 from bench.detection.scene_motions import DARK, MAROON, WHITE, ScenePoint, Walk
 from bench.detection.scene_motions import alternate, conditions_with_people, motion_along, motion_at
-from bench.detection.scene_rooms import lab, tiles, with_camera, with_dots
+from bench.detection.scene_rendering import Scene, lab, tiles, with_camera, with_dots
 from vb_sim.world import Light, World
 
 RED, GREEN, PAPER = (235, 30, 40), (40, 230, 60), (250, 250, 250)  # paint

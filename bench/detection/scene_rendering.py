@@ -1,29 +1,87 @@
-"""Renders scenes for the spot detector (scene_list.py): `frames` renders a `Scene`."""
+"""Renders scenes for the spot detector (scene_list.py): `frames` renders a `Scene` in rooms that vary the simulated lab."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import Any, Callable, Iterator, Tuple
+from typing import Any, Callable, Iterator, List, Sequence, Tuple
 
 import numpy as np
 import yaml
 
-from bench.detection.scene_disturbances import DisturbedSnapshot, SceneConditions
+from bench.detection.scene_disturbances import DisturbedSnapshot, SceneConditions, with_disturbances
 from bench.detection.detector_under_test import LabeledFrame
 from bench.detection.scene_motions import ScenePoint, place_and_velocity
-from bench.detection.scene_rooms import Rooms
 from bench.harness import TOP
-from vb_sim.model_params import make_generator
+from vb_sim.model_params import Models, make_generator
 from vb_sim.floor_plan import physical_map
-from vb_sim.world import World
+from vb_sim.rendering.ceiling_view import CeilingView
+from vb_sim.rendering.floor_texture import FloorTexture, render_floor
+from vb_sim.rendering.mesh import world_mesh
+from vb_sim.rendering.robot_view import RobotView
+from vb_sim.world import FloorPatch, World, load_world
 
 RATE = 25.0
 # [s] with the empty room, then with the disturbance, then with the laser too
 LEARN_S, QUIET_S, DRAW_S = 1.0, 8.0, 10.0
 NEAR_MM = 100.0  # [mm] from the laser, beyond which a spot is false
 SEEN = 0.5  # share of its light at which a spot counts as seen by a camera
+
+
+def lab(**changes: Any) -> World:
+    """Returns the lab with these changes."""
+    return replace(load_world(str(TOP / "src/vb_sim/worlds/lab.yaml")), **changes)
+
+
+def tiles(room: World, color: Sequence[int], contrast: float = 0.06) -> World:
+    """Returns the lab with another, empty floor."""
+    return lab(floor=replace(room.floor, kind="tiles", color=color, contrast=contrast), patches=(), lights=())
+
+
+def with_camera(world: World, **changes: Any) -> World:
+    """Returns the world with changes to the ceiling camera that the scenes use."""
+    cameras = [replace(camera, **changes) if camera.name == "green" else camera for camera in world.cameras]
+    return replace(world, cameras=tuple(cameras))
+
+
+def with_dots(
+    world: World, places: Sequence[ScenePoint], colors: Sequence[Sequence[int]], size: float = 0.018
+) -> World:
+    """Returns a world with printed dots of a size [m] on the floor."""
+    dots = (
+        {"name": "dot", "x": x, "y": y, "size": [size, size], "color": list(color), "contrast": 0.0}
+        for (x, y), color in zip(places, colors)
+    )
+    return replace(world, patches=world.patches + tuple(map(FloorPatch.from_mapping, dots)))
+
+
+class Rooms:
+    """Draws each room once, since most scenes share a room."""
+
+    def __init__(self, seed: int) -> None:
+        self.seed = seed
+        self._views: List[Tuple[World, str, Any]] = []
+        self._floors: List[Tuple[World, FloorTexture]] = []
+
+    def view(self, world: World, camera: str) -> Any:
+        """Returns a ceiling camera's view, or the robot camera's if the name is empty."""
+        for cached, name, view in self._views:
+            if cached is world and name == camera:
+                return view
+        floor = next((floor for cached, floor in self._floors if _same_floor(cached, world)), None)
+        if floor is None:
+            floor = render_floor(world, self.seed)
+            self._floors.append((world, floor))
+        mesh, radii = world_mesh(world), world.robot_radii()
+        kind, device = (CeilingView, world.camera(camera)) if camera else (RobotView, world.robots[0])
+        view = with_disturbances(kind)(device, radii, floor, mesh, Models(), self.seed)
+        self._views.append((world, camera, view))
+        return view
+
+
+def _same_floor(a: World, b: World) -> bool:
+    return all(getattr(a, part) == getattr(b, part) for part in "room floor walls furniture patches lights".split())
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,11 @@
 #!/usr/bin/env python3
 """Trains the spot classifier on rendered scenes and labelled clips.
 
-    python3 bench/detection/training.py --clips DIR --out FILE     trains the packaged classifier; DIR is as for
-                                                        clip_accuracy.py, and its clips are not part of the project
-    python3 bench/detection/training.py --out FILE                  trains on rendered scenes only, as the file then
-                                                        says; this classifier is worse on real pictures
-    ... --examples FOLDER                               stores the examples, one file for each scene and clip
-                                                        (default: out/spot_examples); existing files are used, so
-                                                        delete the folder when the detector has changed
+    python3 bench/detection/training.py --clips DIR --out FILE    trains the packaged classifier
+    python3 bench/detection/training.py --out FILE                trains on rendered scenes only: worse on real pictures
+
+DIR is as for clip_accuracy.py. The examples are stored in the folder --examples (default: out/spot_examples), one file for
+each scene and clip. Existing files are used, so delete the folder when the detector has changed.
 
 Each clip is also augmented as other cameras would record it (augmentation.py). The classifier is validated on held-out
 examples: with a clip, all clips of its camera and room are held out; with a scene, a fifth of all scenes. The same
@@ -32,8 +30,7 @@ import pandas
 from bench.detection import clip_frames, classifier_examples
 from bench.detection.augmentation import CameraSettings, draw_augmentations
 from bench.detection.detector_under_test import DetectorRunner, LabeledFrame
-from bench.detection.scene_rendering import Scene, frames
-from bench.detection.scene_rooms import Rooms, lab
+from bench.detection.scene_rendering import Rooms, Scene, frames, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes, training_scenes
 from bench.harness import TOP, ResultTable, arguments, share
 from vb_laser_detect.detection.classifier_fitting import write_classifier

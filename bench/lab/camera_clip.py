@@ -23,7 +23,7 @@ import simplejpeg
 
 from bench.detection.scene_disturbances import DisturbedSnapshot
 from bench.detection.scene_motions import motion_along, place_and_velocity
-from bench.detection.scene_rooms import Rooms, lab, tiles
+from bench.detection.scene_rendering import Rooms, lab, tiles
 from bench.detection.scene_list import CARPET
 from bench.harness import TOP
 from vb_core.child_processes import free_port
