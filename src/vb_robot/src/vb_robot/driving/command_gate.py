@@ -218,7 +218,8 @@ class CommandGate:
                 ages[f"{name}_lost"] = self._age(now, name)
         if source == FOLLOW:
             ages["spot_lost"] = self._age(now, "spot")
-        ages["driving"] = self._age(now, source) if source in self.stamps else 0.0
+        # a source that has fallen silent drives no more; the arbiter drops it when its command is INPUT_TIMEOUT old
+        ages["idle"] = self._age(now, source) if source in self.stamps else 0.0
         ages["clock_stopped"] = self.clock_age
         oldest = max(ages, key=lambda name: ages[name])
         # this step's command is in force until the next step, and the base responds with a delay
