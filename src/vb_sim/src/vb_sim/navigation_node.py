@@ -191,13 +191,13 @@ class NavigationNode:
         Raises:
             CodedError: why it cannot be reached.
         """
-        self._navigator.begin(goal)
+        drive = self._navigator.begin(goal)
         while not rospy.is_shutdown():
             if self._server.is_preempt_requested():
                 self._server.set_preempted(MoveBaseResult(), "the goal was cancelled or replaced")
                 return
             now = rospy.Time.now().to_sec()
-            motion = self._navigator.step(now, self._pose(), self._obstacles, _PERIOD)
+            motion = drive.step(now, self._pose(), self._obstacles, _PERIOD)
             if motion.path is not None:
                 self._plan.publish(path_message(motion.path, goal[2]))
             if motion.arrived:

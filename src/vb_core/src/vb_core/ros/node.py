@@ -268,8 +268,8 @@ class WakeTimer:
         self._wake = threading.Event()
         self._closed = False
 
-    def set(self) -> None:
-        """Notifies the worker, which stops waiting."""
+    def notify(self) -> None:
+        """Makes the worker stop waiting."""
         self._wake.set()
 
     def get(self) -> Optional[bool]:
