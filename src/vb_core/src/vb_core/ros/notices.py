@@ -112,10 +112,7 @@ class NoticePublisher:
             log("%s: %s [%s]", self._source, notice.sentence(), notice.code)
 
     def _take_new(self) -> List[Notice]:
-        """Records which notices hold. Returns the warnings and errors that did not hold within LOG_PERIOD before.
-
-        So an intermittent one is logged once.
-        """
+        """Records which notices hold. Returns the warnings and errors among them that did not within LOG_PERIOD."""
         now = time.monotonic()
         new_notices = []
         for notice in self._notices:

@@ -64,9 +64,7 @@ CLEARANCES = {
 
 
 class CommandGate:
-    """Limits one robot's commands by the space ahead and the age of its inputs. Its methods are thread safe.
-
-    Attributes are set, as a whole or entry by entry, without its lock: it only ever reads the newest.
+    """Limits one robot's commands by the space ahead and the age of its inputs. All methods are thread safe.
 
     Attributes:
         workspace: the maps; None while they are not known.

@@ -158,10 +158,7 @@ class Navigator:
         return self._planner
 
     def add_obstacles(self, map_planner: Planner, pose: Pose, points: np.ndarray) -> Planner:
-        """Creates a planner on the map and the scan's points (N, 2) [m], robot's frame.
-
-        If the scan shows no new obstacle, returns that on the map alone.
-        """
+        """Creates a planner on the map and a scan's points (N, 2) [m], robot's frame; returns the map's if none is new."""
         grid, distance = map_planner.costmap.grid, map_planner.costmap.distance
         points = points[np.hypot(points[:, 0], points[:, 1]) < _OBSTACLE_RANGE]
         cells = grid.world_to_cell(base_to_map(points, pose))
@@ -230,8 +227,7 @@ class Drive:
         start = np.array(pose[:2])
         try:
             try:
-                planner = self._navigator.add_obstacles(map_planner, pose, obstacles)
-                path = planner.plan(start, self._goal)
+                path = self._navigator.add_obstacles(map_planner, pose, obstacles).plan(start, self._goal)
             except CodedError:
                 # a person may be at the goal or beside the robot; plans without them, as the follower stops before them
                 path = map_planner.plan(start, self._goal)
