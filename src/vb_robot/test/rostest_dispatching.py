@@ -57,8 +57,7 @@ class UnreachingMoveBase:
         """Cancels the active goal and forgets all goals."""
         with self._lock:
             self._cancel()
-            self.asked.clear()
-            self.goals.clear()
+            self.asked, self.goals = [], []
             self.cancelled = 0
 
     def _on_goal(self, handle):

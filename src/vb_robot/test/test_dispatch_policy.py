@@ -115,9 +115,7 @@ AFTERWARDS = {
         phase(steps=20, **THERE, offers=[place(1.1)], sees=is_at()),
         phase(steps=20, sent=[1.3], offers=[place(1.3)]),
     ],
-    "a goal in a new border is replaced": [
-        phase(steps=12, sent=[3], room=is_at(3), offers=[place(3)], sees=is_at(1, 3))
-    ],
+    "a goal in a border is replaced": [phase(steps=12, sent=[3], room=is_at(3), offers=[place(3)], sees=is_at(1, 3))],
     "flicker at the edge does not change the goal": [phase(steps=60, offers=[place(5)], sees=flicker())],
     "a spot that is lost is no matter of patience": [
         phase(steps=4),
@@ -126,10 +124,10 @@ AFTERWARDS = {
         phase(steps=1, sent=[5]),
     ],
     "the robot goes on into the interaction's next state": [phase(steps=20, bench=dict(key=("a", 2)))],
-    "the next interaction begins from scratch": [phase(steps=1, sent=[1], goal=NONE, bench=dict(key=("b", 1)))],
+    "the next interaction begins from scratch at once": [phase(steps=1, sent=[1], goal=NONE, bench=dict(key=("b", 1)))],
     "one that was carried away comes back": [phase(steps=10, **THERE), phase(steps=10, sent=[1], pose=(5.0, 0.0, 0.0))],
-    "a failed place is tried later": [phase(steps=int(4 * FAILED_MEMORY), goal=FAILED), phase(steps=8, sent=[1])],
-    "the robot is left to who preempted its goal": [phase(steps=60, goal=PREEMPTED), phase(steps=2, sent=[1])],
+    "a place that failed is tried later": [phase(steps=int(4 * FAILED_MEMORY), goal=FAILED), phase(steps=8, sent=[1])],
+    "a goal's preemptor has the robot for a while": [phase(steps=4 * 15, goal=PREEMPTED), phase(steps=2, sent=[1])],
     "time that jumps back does not silence the policy": [
         phase(steps=1, goal=PREEMPTED),
         phase(steps=1, sent=[1], goal=NONE, bench=dict(now=5.0)),
