@@ -62,7 +62,7 @@ def test_a_queue_keeps_the_order_and_says_when_it_is_full():
 def test_a_timer_wakes_after_its_period_or_an_announcement():
     assert WakeTimer(0.001).get() is False
     timer = WakeTimer(3600.0)
-    timer.set()
+    timer.notify()
     assert timer.get() is True
     timer.close()
     assert timer.get() is None

@@ -25,7 +25,7 @@ from vb_msgs.msg import NoticeArray
 SPOT = (2.0, 2.5)
 
 
-class FaultyMoveBase:
+class UnreachingMoveBase:
     """A move_base action server that accepts a robot's goals, none of which is ever reached."""
 
     def __init__(self, name):
@@ -33,7 +33,7 @@ class FaultyMoveBase:
         self.asked, self.goals = [], []  # time [s] of each goal, and its pose
         self.cancelled = 0  # how often a goal was cancelled or replaced
         self._lock = threading.RLock()
-        self._handle = self._server = None
+        self.active_goal = self._server = None
         self.revive()
 
     def revive(self):
@@ -50,21 +50,15 @@ class FaultyMoveBase:
         """Leaves the graph without a word, as a killed process does."""
         with self._lock:
             server = self._server
-            self._server = self._handle = None
+            self._server = self.active_goal = None
         server.stop()
 
     def rest(self):
         """Cancels the active goal and forgets all goals."""
         with self._lock:
             self._cancel()
-            self.asked.clear()
-            self.goals.clear()
+            self.asked, self.goals = [], []
             self.cancelled = 0
-
-    @property
-    def active(self):
-        """Whether a goal is active."""
-        return self._handle is not None
 
     def _on_goal(self, handle):
         with self._lock:
@@ -72,17 +66,17 @@ class FaultyMoveBase:
             self.goals.append(pose2d_from_message(handle.get_goal().target_pose.pose))
             self._cancel()
             handle.set_accepted()
-            self._handle = handle
+            self.active_goal = handle
 
     def _on_cancel(self, handle):
         with self._lock:
-            if self._handle is not None and handle.get_goal_id().id == self._handle.get_goal_id().id:
+            if self.active_goal is not None and handle.get_goal_id().id == self.active_goal.get_goal_id().id:
                 self._cancel()
 
     def _cancel(self):
-        if self._handle is not None:
-            self._handle.set_canceled()
-            self._handle = None
+        if self.active_goal is not None:
+            self.active_goal.set_canceled()
+            self.active_goal = None
             self.cancelled += 1
 
 
@@ -93,9 +87,9 @@ class DispatcherTest(unittest.TestCase):
         cls.ada, cls.bob = Body((5.0, 2.5, 0.0), "ada"), Body((5.4, 0.6, 0.0), "bob")
         cls.stimulus = Stimulus(pose=(0.5, 0.5, 0.0), others=(cls.ada, cls.bob))
         cls.stimulus.set_state(DEFAULT)
-        cls.bases = {name: FaultyMoveBase(name) for name in ("ada", "bob")}
-        cls.words = []
-        rospy.Subscriber(names.NOTICES, NoticeArray, lambda message: cls.words.extend(n.code for n in message.notices))
+        cls.bases = {name: UnreachingMoveBase(name) for name in ("ada", "bob")}
+        cls.codes = []
+        rospy.Subscriber(names.NOTICES, NoticeArray, lambda message: cls.codes.extend(n.code for n in message.notices))
         cls.maps = {
             name: rospy.Publisher(f"/{name}/virtual_borders/map", NumpyOccupancyGrid, queue_size=1, latch=True)
             for name in cls.bases
@@ -109,7 +103,7 @@ class DispatcherTest(unittest.TestCase):
         self.publish_maps(room(6.0))
         self.ada.pose, self.bob.pose = (5.0, 2.5, 0.0), (5.4, 0.6, 0.0)
         self.stimulus.spot_frame = "map"
-        self.words.clear()
+        self.codes.clear()
 
     def publish_maps(self, grid, *robots):
         """Publishes the maps of some robots; without names those of all, the common one and the one without borders."""
@@ -142,11 +136,11 @@ class DispatcherTest(unittest.TestCase):
     def stop_drawing(self):
         self.stimulus.spot = None
         self.stimulus.set_state(DEFAULT)
-        wait_until(lambda: not any(base.active for base in self.bases.values()), "no goal")
+        wait_until(lambda: not any(base.active_goal for base in self.bases.values()), "no goal")
         for base in self.bases.values():
             base.rest()
 
-    def is_sent(self, name):
+    def wait_for_goal(self, name):
         return wait_until(lambda: self.bases[name].goals, f"a goal of {name}")[-1]
 
     def test_waits_for_a_stationary_camera_then_sends_one_once_and_cancels(self):
@@ -158,7 +152,7 @@ class DispatcherTest(unittest.TestCase):
         goals = [base.goals for base in self.bases.values()]
         self.assertEqual(goals, [[], []], "neither for a robot's own camera alone, nor for a place in another frame")
         self.stimulus.spot_frame = "map"
-        pose = self.is_sent("ada")
+        pose = self.wait_for_goal("ada")
         self.assertTrue(VIEW.sees(map_to_base(np.array([SPOT]), pose), 0.1)[0], f"{pose} and {SPOT}")
         self.hear_spots(30)
         self.assertEqual([len(base.goals) for base in self.bases.values()], [1, 0], "a spot that stays needs one goal")
@@ -166,7 +160,7 @@ class DispatcherTest(unittest.TestCase):
         wait_until(lambda: self.bases["ada"].cancelled, "the goal to be cancelled with the state")
         self.stop_drawing()
         self.draw_once((3.0, 3.5))
-        self.is_sent("ada")  # the next interaction is like any other
+        self.wait_for_goal("ada")  # the next interaction is like any other
 
     def hear_spots(self, count):
         spots = Newest(names.SPOTS, rospy.AnyMsg)
@@ -182,8 +176,8 @@ class DispatcherTest(unittest.TestCase):
 
     def test_two_never_take_the_same_place(self):
         self.draw()
-        best = self.is_sent("ada")
-        self.setUp()
+        best = self.wait_for_goal("ada")
+        self.stop_drawing()
         # somebody else has sent bob to exactly that pose
         self.bob.pose = (best[0], best[1], 0.0)
         goal = MoveBaseActionGoal()
@@ -194,16 +188,16 @@ class DispatcherTest(unittest.TestCase):
         somebody = rospy.Publisher("/bob/move_base/goal", MoveBaseActionGoal, queue_size=1)
         wait_until(lambda: somebody.get_num_connections() > 1, "bob to hear of goals, and the monitor")
         somebody.publish(goal)
-        wait_until(lambda: self.bases["bob"].active, "bob to set out")
+        wait_until(lambda: self.bases["bob"].active_goal, "bob to set out")
         self.draw_once()
-        self.assertGreaterEqual(math.dist(self.is_sent("ada")[:2], best[:2]), 2 * 0.18 + 0.10)
+        self.assertGreaterEqual(math.dist(self.wait_for_goal("ada")[:2], best[:2]), 2 * 0.18 + 0.10)
         self.assertEqual(len(self.bases["bob"].goals), 1, "a free robot comes first")
 
     def test_borders_for_one_robot_do_not_hold_the_other(self):
         self.publish_maps(with_border(room(6.0), 0.5, 0.0, 3.75, 5.0), "bob")  # bob has to keep out of the spot's area
         self.ada.pose, self.bob.pose = (5.0, 4.4, 0.0), (4.2, 2.5, math.pi)
         self.draw("ada", (2.0, 1.2))
-        self.is_sent("ada")
+        self.wait_for_goal("ada")
         self.assertEqual(self.bases["bob"].goals, [])
 
     def test_navigation_that_never_comes_and_then_does(self):
@@ -213,10 +207,10 @@ class DispatcherTest(unittest.TestCase):
         # the interaction goes on; when the spot is lost, people are told that no robot comes
         self.hear_spots(25)
         self.stimulus.spot = None
-        wait_until(lambda: "spot_not_seen_no_robot" in self.words, lambda: f"people to be told; {self.words}")
+        wait_until(lambda: "spot_not_seen_no_robot" in self.codes, lambda: f"people to be told; {self.codes}")
         self.stimulus.spot = (*SPOT, "red", False)
         self.bases["bob"].revive()
-        self.is_sent("bob")
+        self.wait_for_goal("bob")
 
 
 if __name__ == "__main__":

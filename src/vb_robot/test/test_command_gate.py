@@ -222,3 +222,11 @@ LAZY = PROFILE.replace(limits=PROFILE.limits.replace(max_speed=0.1))
 def test_the_gate_limits_a_command_and_names_the_reason(source, gate, wish, limited):
     gate.stamps["spot"] = 10.0
     assert gate.limit(10.0, source, VelocityRequest(*wish)) == (*map(pytest.approx, limited[:2]), limited[2])
+
+
+@pytest.mark.parametrize("source", [NAVIGATION, TELEOP])
+def test_a_robot_that_stands_because_its_source_fell_silent_does_not_say_that_it_drives(source):
+    gate = knowing_gate()
+    for age, limited in ((0.25, WISH), (0.431, (0.0, 0.0, "idle")), (0.499, (0.0, 0.0, "idle"))):
+        gate.stamps[source] = 10.0 - age
+        assert gate.limit(10.0, source, WISH) == limited

@@ -2,7 +2,6 @@
 
 import itertools
 import math
-from collections import namedtuple
 
 import numpy as np
 import pytest
@@ -92,8 +91,9 @@ def test_a_robot_that_is_not_ready_is_not_sent(state):
     assert not Bench(ada=Robot(place(1), **state)).run(10)
 
 
-# the steps of a phase, each x to which the robot is sent in it, and the changes of robot and bench before it
-Phase = namedtuple("Phase", "steps sent robot bench", defaults=[{}, {}])
+def phase(steps, sent=(), bench=(), **robot):
+    """Makes a phase: changes of robot and bench, then so many steps, and each x to which the robot is sent in them."""
+    return steps, list(sent), robot, dict(bench)
 
 
 def flicker():
@@ -106,31 +106,31 @@ THERE = dict(goal=REACHED, pose=(1.0, 0.0, 0.0))
 # What becomes of a robot on its way to x = 1 m, from where it would see the spot.
 AFTERWARDS = {
     "another goal is another place, and it comes after some patience": [
-        Phase(20, [], dict(offers=[place(1.1), place(1)], sees=is_at())),
-        Phase(1, [3], dict(offers=[place(3)])),
-        Phase(5, [], dict(offers=[place(5)])),
-        Phase(1, [5]),
+        phase(steps=20, offers=[place(1.1), place(1)], sees=is_at()),
+        phase(steps=1, sent=[3], offers=[place(3)]),
+        phase(steps=5, offers=[place(5)]),
+        phase(steps=1, sent=[5]),
     ],
     "one that has arrived is not sent to about the same place again": [
-        Phase(20, [], dict(**THERE, offers=[place(1.1)], sees=is_at())),
-        Phase(20, [1.3], dict(offers=[place(1.3)])),
+        phase(steps=20, **THERE, offers=[place(1.1)], sees=is_at()),
+        phase(steps=20, sent=[1.3], offers=[place(1.3)]),
     ],
-    "a goal in a new border is replaced": [Phase(12, [3], dict(room=is_at(3), offers=[place(3)], sees=is_at(1, 3)))],
-    "flicker at the edge does not change it": [Phase(60, [], dict(offers=[place(5)], sees=flicker()))],
+    "a goal in a border is replaced": [phase(steps=12, sent=[3], room=is_at(3), offers=[place(3)], sees=is_at(1, 3))],
+    "flicker at the edge does not change the goal": [phase(steps=60, offers=[place(5)], sees=flicker())],
     "a spot that is lost is no matter of patience": [
-        Phase(4, []),
-        Phase(1, [3], dict(offers=[place(3)], sees=is_at(3)), dict(unseen_s=1.0)),
-        Phase(1, [], dict(offers=[place(5)], sees=is_at(5))),
-        Phase(1, [5]),
+        phase(steps=4),
+        phase(steps=1, sent=[3], offers=[place(3)], sees=is_at(3), bench=dict(unseen_s=1.0)),
+        phase(steps=1, offers=[place(5)], sees=is_at(5)),
+        phase(steps=1, sent=[5]),
     ],
-    "into the interaction's next state it goes on": [Phase(20, [], bench=dict(key=("a", 2)))],
-    "the next interaction begins from scratch at once": [Phase(1, [1], dict(goal=NONE), dict(key=("b", 1)))],
-    "one that was carried away comes back": [Phase(10, [], THERE), Phase(10, [1], dict(pose=(5.0, 0.0, 0.0)))],
-    "a place that failed is tried again later": [Phase(int(4 * FAILED_MEMORY), [], dict(goal=FAILED)), Phase(8, [1])],
-    "it is left to who preempted the goal for a while": [Phase(4 * 15, [], dict(goal=PREEMPTED)), Phase(2, [1])],
-    "time that jumps back does not silence it": [
-        Phase(1, [], dict(goal=PREEMPTED)),
-        Phase(1, [1], dict(goal=NONE), dict(now=5.0)),
+    "the robot goes on into the interaction's next state": [phase(steps=20, bench=dict(key=("a", 2)))],
+    "the next interaction begins from scratch at once": [phase(steps=1, sent=[1], goal=NONE, bench=dict(key=("b", 1)))],
+    "one that was carried away comes back": [phase(steps=10, **THERE), phase(steps=10, sent=[1], pose=(5.0, 0.0, 0.0))],
+    "a place that failed is tried later": [phase(steps=int(4 * FAILED_MEMORY), goal=FAILED), phase(steps=8, sent=[1])],
+    "a goal's preemptor has the robot for a while": [phase(steps=4 * 15, goal=PREEMPTED), phase(steps=2, sent=[1])],
+    "time that jumps back does not silence the policy": [
+        phase(steps=1, goal=PREEMPTED),
+        phase(steps=1, sent=[1], goal=NONE, bench=dict(now=5.0)),
     ],
 }
 
@@ -140,10 +140,10 @@ def test_a_robot_is_sent_again_once_what_kept_it_is_over(phases):
     ada = Robot(place(1), sees=is_at(1))
     bench = Bench(ada=ada)
     assert bench.step() == 1
-    for phase in phases:
-        vars(ada).update(phase.robot)
-        vars(bench).update(phase.bench)
-        assert bench.run(phase.steps) == phase.sent
+    for steps, sent, robot_changes, bench_changes in phases:
+        vars(ada).update(robot_changes)
+        vars(bench).update(bench_changes)
+        assert bench.run(steps) == sent
 
 
 def test_each_failure_tries_the_next_place_after_a_longer_pause():

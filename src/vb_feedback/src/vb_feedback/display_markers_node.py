@@ -78,9 +78,9 @@ class DisplayMarkersNode:
         self._cached_parts: Dict[str, Tuple[Any, List[scene.Shape]]] = {}  # by name: inputs and shapes
         self._overlay_inputs: Tuple[Any, ...] = (None, None, None)
         self._layout: Layout = fit_view(Rectangle(0.0, 0.0, 8.0, 5.0), params.screen_aspect)
-        self._inputs = InputListener(self._wake.set)
-        self._notices = NoticeListener(self._wake.set)
-        self._robots = CapabilitiesListener(self._wake.set)
+        self._inputs = InputListener(self._wake.notify)
+        self._notices = NoticeListener(self._wake.notify)
+        self._robots = CapabilitiesListener(self._wake.notify)
 
         self._restricted = rospy.Publisher(RESTRICTED_TOPIC, NumpyOccupancyGrid, queue_size=1, latch=True)
         listener = rospy.SubscribeListener()
@@ -96,7 +96,7 @@ class DisplayMarkersNode:
         """Records a new subscriber, to which the worker then sends all markers."""
         with self._lock:
             self._newcomers.append(publish_to_peer)
-        self._wake.set()
+        self._wake.notify()
 
     def _on_grid(self, message: OccupancyGrid, topic: str) -> None:
         try:
@@ -104,7 +104,7 @@ class DisplayMarkersNode:
         except CodedError as error:
             rospy.logwarn_throttle(5.0, f"display_markers: {error}")
             return
-        self._wake.set()
+        self._wake.notify()
 
     # ------------------------------------------------------------------ work
     def _redraw(self) -> None:
@@ -117,7 +117,7 @@ class DisplayMarkersNode:
         fades = self._draw()
         rospy.rostime.wallsleep(max(0.0, started + _PERIOD - time.monotonic()))
         if fades:
-            self._wake.set()
+            self._wake.notify()
 
     def close(self) -> None:
         """Ends the worker."""

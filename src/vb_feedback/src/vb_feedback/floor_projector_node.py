@@ -83,7 +83,7 @@ class FloorProjectorNode:
         self._window = window
         # a period, because no message reports that the spot is gone
         self._wake = node.WakeTimer(1.0)
-        self._inputs = InputListener(self._wake.set)
+        self._inputs = InputListener(self._wake.notify)
         self._spot_shown: Optional[Tuple[float, float]] = None
         self._shown: Optional[FloorContent] = None
         self._publisher = rospy.Publisher(names.PROJECTOR, Image, queue_size=1, latch=True)
@@ -91,7 +91,7 @@ class FloorProjectorNode:
             self._ask_for_click()
             rospy.Subscriber("/clicked_point", PointStamped, self._on_click, queue_size=5)
         node.Worker(self._wake, lambda _woken: self._redraw())
-        self._wake.set()
+        self._wake.notify()
 
     def close(self) -> None:
         """Ends the worker, and closes the window."""
@@ -130,7 +130,7 @@ class FloorProjectorNode:
         projector_calibration.write_calibration(calibration, path)
         rospy.loginfo("floor_projector: wrote %s; draw a border to see whether it fits", path)
         self._floor_image = FloorImage(calibration, self._params.brightness)
-        self._wake.set()
+        self._wake.notify()
 
     # ------------------------------------------------------------- projection
     def _redraw(self) -> None:

@@ -91,7 +91,7 @@ class BorderFusionNode:
                 self._failure = None
                 self._doubts = []
         if is_new or state != state_before:
-            self._timer.set()
+            self._timer.notify()
 
     def _on_spot(self, message: LaserSpot) -> None:
         camera = message.camera

@@ -13,7 +13,7 @@ from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
 from vb_core.ros import node, services
-from vb_core.ros.preview_service import PreviewBorderArrayResponse
+from vb_core.ros.preview_service import NumpyPreviewBorderResponse
 from vb_core.ros.messages import NumpyBorderPreview, array_from_points, mapping_from_values, values_from_mapping
 from vb_msgs.msg import BorderIssue, BorderProgress, VirtualBorder, VirtualBorderArray
 
@@ -242,7 +242,7 @@ class PreviewPublisher:
 
 
 def _make_preview(
-    inputs: PreviewInputs, reason: Notice, checked: Optional[Tuple[VirtualBorder, PreviewBorderArrayResponse]]
+    inputs: PreviewInputs, reason: Notice, checked: Optional[Tuple[VirtualBorder, NumpyPreviewBorderResponse]]
 ) -> NumpyBorderPreview:
     """Makes a preview's message from a border and the map integrator's answer, or else an empty one with the reason."""
     preview = NumpyBorderPreview(interaction_id=inputs.interaction_id)

@@ -9,7 +9,7 @@ from vb_core.errors import CodedError
 from vb_core.interaction_tables import REDO
 from vb_core.ros import services
 from vb_core.ros.messages import mapping_from_values
-from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayResponse
+from vb_core.ros.preview_service import NumpyPreviewBorder, NumpyPreviewBorderResponse
 from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import AddBorder, GetDrawnBorder, ListBorders, UndoRedo
 
@@ -54,10 +54,10 @@ class BorderServices:
         response = self._call(names.LIST_BORDERS, ListBorders)
         return {border.id: border for border in response.borders.borders}
 
-    def preview(self, interaction_id: str) -> Tuple[VirtualBorder, PreviewBorderArrayResponse]:
+    def preview(self, interaction_id: str) -> Tuple[VirtualBorder, NumpyPreviewBorderResponse]:
         """Fetches the border as drawn, and asks what adding it would do. If it would be refused, the response says so."""
         border = self.fetch_drawn_border(interaction_id)
-        answer = self._call(names.PREVIEW_BORDER, PreviewBorderArray, border=border, frame_id=names.MAP_FRAME)
+        answer = self._call(names.PREVIEW_BORDER, NumpyPreviewBorder, border=border, frame_id=names.MAP_FRAME)
         return border, answer
 
     @staticmethod

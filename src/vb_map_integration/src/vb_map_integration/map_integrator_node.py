@@ -22,7 +22,7 @@ from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters, robot_profile
 from vb_core.ros.notices import NoticePublisher
-from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayResponse
+from vb_core.ros.preview_service import NumpyPreviewBorder, NumpyPreviewBorderResponse
 from vb_core.ros.transforms import TransformLookup
 from vb_map_integration.border import IntegrationError, VirtualBorder, warning
 from vb_map_integration.border_messages import border_from_message, message_from_border, messages_from_issues
@@ -93,7 +93,7 @@ class MapIntegratorNode:
         self._speeds_out = latched(names.SPEED_LIMITS)
         self._had_speeds = False
         self._borders_out = rospy.Publisher(names.BORDERS, VirtualBorderArray, queue_size=1, latch=True)
-        rospy.Service(names.PREVIEW_BORDER, PreviewBorderArray, self._preview)
+        rospy.Service(names.PREVIEW_BORDER, NumpyPreviewBorder, self._preview)
         rospy.Service(names.ADD_BORDER, srv.AddBorder, self._add)
         rospy.Service(names.UPDATE_BORDER, srv.UpdateBorder, self._update)
         rospy.Service(names.REMOVE_BORDER, srv.RemoveBorder, self._remove)
@@ -140,7 +140,7 @@ class MapIntegratorNode:
     # ------------------------------------------------------------- one border
     def _preview(self, request: Any) -> Any:
         """Checks a border as `_add` does, and changes nothing."""
-        response = PreviewBorderArrayResponse()
+        response = NumpyPreviewBorderResponse()
         response.region.data = np.zeros(0, np.int8)
         try:
             border = self._read_border(request)

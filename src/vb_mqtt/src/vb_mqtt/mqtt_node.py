@@ -131,7 +131,7 @@ class MqttNode:
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         self._borders = {entity_key("border", border.id): border for border in message.borders}
-        self._publish_timer.set()
+        self._publish_timer.notify()
         self._maps.put(True)
 
     def _on_detector(self, message: DetectorStatus) -> None:
@@ -159,7 +159,7 @@ class MqttNode:
         with self._lock:
             change = self._description_topics.add if payload else self._description_topics.discard
             change(topic)
-        self._publish_timer.set()
+        self._publish_timer.notify()
 
     def _is_alive(self, sender: str) -> bool:
         return time.monotonic() - self._last_heard.get(sender, -1e9) < _SILENCE

@@ -197,7 +197,7 @@ class RobotMonitorNode:
         with self._dispatch_lock:
             state = state_by_name(message.name)
             self._dispatcher.sightings.set_state(state, message.interaction_id, message.entered.to_sec())
-        self._dispatch_timer.set()  # the robots must stop at once when the state ends
+        self._dispatch_timer.notify()  # the robots must stop at once when the state ends
 
     def _on_stop(self, message: Stop) -> None:
         self._stops.add(message.id or new_id())

@@ -127,11 +127,7 @@ class NavigationNode:
         return geometry.pose2d_from_transform(T)
 
     def _to_map_frame(self, pose: PoseStamped) -> Pose:
-        """Returns a pose in the map frame.
-
-        Raises:
-            CodedError: "bad_goal" or "no_transform".
-        """
+        """Returns a pose in the map frame. Raises CodedError "bad_goal" or "no_transform"."""
         pose2d = messages.pose2d_from_message(pose.pose)
         if not np.isfinite(pose2d).all():
             raise CodedError("bad_goal", "the goal's pose is not finite")
@@ -186,18 +182,14 @@ class NavigationNode:
                 self._cmd_vel.publish(Twist())
 
     def _drive(self, goal: Pose) -> None:
-        """Drives to a goal until it is reached or preempted.
-
-        Raises:
-            CodedError: why it cannot be reached.
-        """
-        self._navigator.begin(goal)
+        """Drives to a goal until it is reached or preempted. Raises CodedError that says why it cannot be reached."""
+        drive = self._navigator.begin(goal)
         while not rospy.is_shutdown():
             if self._server.is_preempt_requested():
                 self._server.set_preempted(MoveBaseResult(), "the goal was cancelled or replaced")
                 return
             now = rospy.Time.now().to_sec()
-            motion = self._navigator.step(now, self._pose(), self._obstacles, _PERIOD)
+            motion = drive.step(now, self._pose(), self._obstacles, _PERIOD)
             if motion.path is not None:
                 self._plan.publish(path_message(motion.path, goal[2]))
             if motion.arrived:

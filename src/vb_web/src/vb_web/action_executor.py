@@ -20,7 +20,7 @@ from vb_core.interaction_tables import REDO, UNDO
 from vb_core.ros import services
 from vb_core.ros.commands import CommandSender, send
 from vb_core.ros.messages import mapping_from_values
-from vb_core.ros.preview_service import PreviewBorderArray
+from vb_core.ros.preview_service import NumpyPreviewBorder
 from vb_web.action_parser import ActionRequest
 from vb_web.page_messages import apply_draft, issues_section, region_uri
 from vb_web.page_view import answer_from_error, make_answer, json_number
@@ -94,7 +94,7 @@ class ActionExecutor:
         border_id = request.values["border"]
         stored = self._copy_stored(border_id) if border_id else VirtualBorder(enabled=True)
         border = apply_draft(request.values["draft"], stored)
-        response = _call(names.PREVIEW_BORDER, PreviewBorderArray, border=border, frame_id=names.MAP_FRAME)
+        response = _call(names.PREVIEW_BORDER, NumpyPreviewBorder, border=border, frame_id=names.MAP_FRAME)
         return {
             **_answer(response),
             "area": json_number(response.area_m2, 2),

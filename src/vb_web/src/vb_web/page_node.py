@@ -97,7 +97,7 @@ class PageNode:
         self._state_at = time.monotonic()
         self._spots: Dict[str, Any] = {}  # each camera's newest spot
         self._notices_timer = node.WakeTimer(_HEALTH_PERIOD)  # the notices of a silent node expire without a message
-        self._notices = NoticeListener(self._notices_timer.set)
+        self._notices = NoticeListener(self._notices_timer.notify)
         self._cameras: Dict[str, _ReceivedEntry] = {}
         self._detectors: Dict[str, str] = {}  # namespaces by camera
         self._drivers: Dict[str, _ReceivedEntry] = {}  # by robot

@@ -54,7 +54,7 @@ def message_from_grid(grid: GridMap, stamp: rospy.Time, frame_id: str = "map") -
     return message
 
 
-# ----------------------------------------------------------------- poses and points
+# ----------------------------------------------------------------- sentences
 def values_from_mapping(values: Mapping[str, Any]) -> List[KeyValue]:
     """Converts a sentence's values for a message. Inverse of `mapping_from_values`."""
     return [KeyValue(key=key, value=str(value)) for key, value in values.items()]
@@ -74,6 +74,7 @@ def sentence_in(message: Any, language: str, prefix: str = "") -> str:
     return sentences.translate(code, mapping_from_values(values), language, english) if code else english
 
 
+# ----------------------------------------------------------------- poses and points
 def points_from_array(points: np.ndarray) -> List[Point]:
     """Converts an array (N, 2) or (N, 3) [m] to points. Inverse of `array_from_points`."""
     with_z = ((*point, 0.0)[:3] for point in points)

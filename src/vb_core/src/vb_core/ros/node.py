@@ -97,11 +97,7 @@ def wait_for_publishers(subscribers: Iterable[rospy.Subscriber], timeout: float)
     """
     published = dict(rosgraph.Master(rospy.get_name()).getSystemState()[0])
     expected = [(subscriber, len(published.get(subscriber.resolved_name, ()))) for subscriber in subscribers]
-    end = time.monotonic() + timeout
-    while any(subscriber.get_num_connections() < count for subscriber, count in expected):
-        if time.monotonic() > end or rospy.is_shutdown():
-            break
-        rospy.rostime.wallsleep(0.05)
+    wait_until(lambda: all(subscriber.get_num_connections() >= count for subscriber, count in expected), timeout)
 
 
 def wait_until(condition: Callable[[], bool], timeout: float, period: float = 0.05) -> bool:
@@ -268,8 +264,8 @@ class WakeTimer:
         self._wake = threading.Event()
         self._closed = False
 
-    def set(self) -> None:
-        """Notifies the worker, which stops waiting."""
+    def notify(self) -> None:
+        """Makes the worker stop waiting."""
         self._wake.set()
 
     def get(self) -> Optional[bool]:

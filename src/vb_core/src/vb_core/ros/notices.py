@@ -10,7 +10,7 @@ from typing import Any, Callable, Dict, Iterable, List, Tuple
 import rospy
 
 from vb_core import names
-from vb_core.notices import REPEAT_PERIOD, Notice, ActiveNotices, Severity
+from vb_core.notices import REPEAT_PERIOD, ActiveNotices, Notice, Severity
 from vb_core.ros import node
 from vb_core.ros.messages import mapping_from_values, values_from_mapping
 from vb_msgs.msg import Notice as NoticeMessage
@@ -104,15 +104,15 @@ class NoticePublisher:
     def _publish(self) -> None:
         with self._lock:
             message = NoticeArray(source=self._source, notices=[message_from_notice(n) for n in self._notices])
-            new_notices = self._find_new()
+            new_notices = self._take_new()
         message.header.stamp = rospy.Time.now()
         self._publisher.publish(message)
         for notice in new_notices:
             log = rospy.logerr if notice.severity is Severity.ERROR else rospy.logwarn
             log("%s: %s [%s]", self._source, notice.sentence(), notice.code)
 
-    def _find_new(self) -> List[Notice]:
-        """Returns the warnings and errors that did not hold within LOG_PERIOD: an intermittent one is logged once."""
+    def _take_new(self) -> List[Notice]:
+        """Records which notices hold. Returns the warnings and errors among them that did not within LOG_PERIOD."""
         now = time.monotonic()
         new_notices = []
         for notice in self._notices:

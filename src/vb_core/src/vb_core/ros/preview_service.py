@@ -6,10 +6,10 @@ from rospy.numpy_msg import numpy_msg
 
 from vb_msgs.srv import PreviewBorder, PreviewBorderResponse
 
-PreviewBorderArrayResponse = numpy_msg(PreviewBorderResponse)
+NumpyPreviewBorderResponse = numpy_msg(PreviewBorderResponse)
 
 
-class PreviewBorderArray(PreviewBorder):
+class NumpyPreviewBorder(PreviewBorder):
     """The service PreviewBorder with numpy arrays in its response. It is the same on the wire."""
 
-    _response_class = PreviewBorderArrayResponse
+    _response_class = NumpyPreviewBorderResponse

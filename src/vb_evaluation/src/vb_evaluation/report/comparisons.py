@@ -12,6 +12,9 @@ from vb_evaluation import statistics
 from vb_evaluation.report.study_files import StudyResults, select
 from vb_evaluation.statistics import CONFIDENCE, Interval, format_number, format_p
 
+# headings of columns that the findings read too
+MEASURE, GAIN, READING = "Measure", "Gain [90 %]", "Reading"
+
 
 class Measure(NamedTuple):
     """A measure by which methods are compared.
@@ -77,9 +80,9 @@ def compare_with_margins(study: StudyResults) -> List[Dict[str, Any]]:
     for title, measure, gain, n in gains:
         is_not_worse = gain.low > -measure.margin
         reading = "worse" if gain.high < -measure.margin else "open"
-        row = {"Scenario": title, "Measure": measure.title, "Gain [90 %]": gain.text(measure.digits)}
+        row = {"Scenario": title, MEASURE: measure.title, GAIN: gain.text(measure.digits)}
         row["Margin"] = f"{measure.margin:g}"
-        row["Reading"] = "not worse" if is_not_worse else reading
+        row[READING] = "not worse" if is_not_worse else reading
         row["Equivalent"] = "yes" if is_not_worse and gain.high < measure.margin else "no"
         rows.append({**row, "Pairs": n})
     return rows

@@ -7,11 +7,13 @@ from typing import Any, Dict, Iterator, List
 
 from vb_evaluation import statistics
 from vb_evaluation.report import paper_results
-from vb_evaluation.report.comparisons import speed_up
+from vb_evaluation.report.comparisons import READING, speed_up
 from vb_evaluation.report.paper_results import METHOD_TITLES, METHODS
 from vb_evaluation.report.study_files import StudyResults, select
 from vb_evaluation.statistics import Interval
 
+# headings of columns that the findings read too
+CONCLUSION, WORLDS, HOLDS, NUMBER = "Conclusion", "Worlds", "holds in [%] of worlds", "Number"
 TOLERATED_CM = 2.5  # [cm] one cell of the map: no robot respects a border more exactly
 
 
@@ -58,7 +60,7 @@ def _compare(quantity: str, published: float, ours: Interval, *, digits: int, st
         "Paper": f"{published:.{digits}f}",
         "Here [95 %]": ours.text(digits),
         "Here minus paper": statistics.format_number(difference, digits, sign="+"),
-        "Reading": reading,
+        READING: reading,
     }
 
 
@@ -92,6 +94,5 @@ def count_worlds(study: StudyResults) -> List[Dict[str, Any]]:
         is_usable = is_about & (worlds.too_bright == 0)
         for scope, is_within in (("all", is_about), ("no camera too bright", is_usable)):
             share = statistics.percentage(holds[is_within]).text(0)
-            row = {"Conclusion": claim, "Worlds": scope, "holds in [%] of worlds": share}
-            rows.append({**row, "Number": is_within.sum()})
+            rows.append({CONCLUSION: claim, WORLDS: scope, HOLDS: share, NUMBER: is_within.sum()})
     return rows

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any, Dict, List, Mapping
 
 from vb_evaluation import statistics
-from vb_evaluation.report.comparisons import speed_up
+from vb_evaluation.report.comparisons import COMPLETED, GAIN, MEASURE, READING, speed_up
+from vb_evaluation.report.cross_checks import CONCLUSION, HOLDS, NUMBER, WORLDS
 from vb_evaluation.report.paper_results import METHODS
 from vb_evaluation.report.study_files import StudyResults, select
 from vb_evaluation.statistics import format_number
@@ -15,17 +16,18 @@ EFFECTS = {"carpet": 0.077, "corner": -0.028}
 
 
 def answer_questions(study: StudyResults, rows: Mapping[str, List[Dict[str, Any]]]) -> List[str]:
-    """Returns a sentence for each question, from the study and its tables' rows by name. None if one method was run."""
+    """Returns a sentence for each question, from the study and its tables' rows by name; [] if one method was run."""
     if "margins" not in rows:
         return []
     faster = [speed_up(study, scenario).low > 1.0 for scenario in study.scenarios]
-    *accuracy, completed = rows["margins"]
-    is_exact = all(row["Reading"] == "not worse" for row in accuracy)
+    accuracy = [row for row in rows["margins"] if row[MEASURE] != COMPLETED.title]
+    completed = next(row for row in rows["margins"] if row[MEASURE] == COMPLETED.title)
+    is_exact = all(row[READING] == "not worse" for row in accuracy)
     sentences = [
         f"**Faster?** {'Yes' if all(faster) else 'Not shown'}: in {sum(faster)} of {len(faster)} scenarios the speed-up's "
         "interval is above 1",
         f"**Not less exact?** {'Yes' if is_exact else 'Not shown'}: {_counts(accuracy)}",
-        f"**Completed as often?** {completed['Reading'].capitalize()}: a difference of {completed['Gain [90 %]']} points",
+        f"**Completed as often?** {completed[READING].capitalize()}: a difference of {completed[GAIN]} points",
     ]
     if "beside_the_paper" in rows:
         sentences.append(f"**The paper's people?** {_counts(rows['beside_the_paper'])}; better is disagreement as well")
@@ -39,17 +41,14 @@ def answer_questions(study: StudyResults, rows: Mapping[str, List[Dict[str, Any]
             f"pointed at the right side, {share.text(1)} % restrict the other one"
         )
     if "worlds" in rows:
-        shares = [
-            f"{row['Conclusion']} in {row['holds in [%] of worlds']} % of {row['Number']}"
-            for row in rows["worlds"]
-            if row["Worlds"] == "all"
-        ]
+        everywhere = [row for row in rows["worlds"] if row[WORLDS] == "all"]
+        shares = [f"{row[CONCLUSION]} in {row[HOLDS]} % of {row[NUMBER]}" for row in everywhere]
         sentences.append(f"**In plausible worlds?** {'; '.join(shares)}")
     return sentences
 
 
 def _counts(rows: List[Dict[str, Any]]) -> str:
-    readings = [row["Reading"] for row in rows]
+    readings = [row[READING] for row in rows]
     return f"{', '.join(f'{readings.count(word)} {word}' for word in sorted(set(readings)))}, of {len(readings)}"
 
 

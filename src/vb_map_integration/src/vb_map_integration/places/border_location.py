@@ -62,6 +62,7 @@ class BorderLocator:
 
     def locate(self, border: VirtualBorder) -> BorderLocation:
         """Locates a stored border by the walls round it if they settle its position, else where it is expected."""
+        # undo may restore a border whose map was dropped; a place's first map is never dropped
         stored = self.stored_maps.get(border.map_id) or next(iter(self.stored_maps.values()), None)
         if stored is None or stored.fingerprint == self.map_id:
             return BorderLocation(border.transform(self.transform))
@@ -77,8 +78,15 @@ class BorderLocator:
             alternatives.append(accepted.transform(fit.transform))
         if self.other_transform is not None:
             alternatives.append(border.transform(self.other_transform))
-        here = accepted.transform(transform)
-        return BorderLocation(here, walls_agree, floor_is_known, tuple(alternatives), accepted, stored.grid, transform)
+        return BorderLocation(
+            border=accepted.transform(transform),
+            walls_agree=walls_agree,
+            floor_is_known=floor_is_known,
+            alternatives=tuple(alternatives),
+            accepted=accepted,
+            accepted_map=stored.grid,
+            transform=transform,
+        )
 
 
 @lru_cache(maxsize=64)

@@ -46,8 +46,8 @@ RATE = 20.0  # [1/s] how often commands are limited, and late messages noticed
 INPUT_TIMEOUT = 0.5  # [s] from an input's last message until the robot has stopped, without slack
 BASE_DELAY = 0.02  # [s] from a command to the wheels
 MAX_FUTURE_STAMP = 0.5  # [s] a stamp farther in the future comes from another clock, and its age is not known
-USUAL_PERIOD = 0.1  # [s] an input with a longer period may be older by the excess ...
-MAX_SLACK = 0.15  # [s] ... but by no more than this
+USUAL_PERIOD = 0.1  # [s] an input with a longer period may be older than others by the excess
+MAX_SLACK = 0.15  # [s] by which a slow input may be older at most
 JUMP_WINDOW = 1.0  # [s] over which the localisation is compared with the odometry
 POSE_JUMP_HOLD = 1.0  # [s] after a jump of the localisation, for which the pose counts as unknown
 OTHER_PUBLISHER_HOLD = 1.0  # [s] after another node's command, for which none passes: only one node may drive a base
@@ -64,7 +64,7 @@ CLEARANCES = {
 
 
 class CommandGate:
-    """Limits one robot's commands by the space ahead and the age of its inputs. The input methods are thread safe.
+    """Limits one robot's commands by the space ahead and the age of its inputs. All methods are thread safe.
 
     Attributes:
         workspace: the maps; None while they are not known.
@@ -160,17 +160,21 @@ class CommandGate:
 
     def pose(self, now: float) -> Optional[Pose]:
         """Returns the robot's pose, or None if it is unknown or has just jumped."""
-        if self._jump_hold_until > now + POSE_JUMP_HOLD + MAX_FUTURE_STAMP:
-            self._jump_hold_until = -math.inf  # time has jumped back
-        if self.pose_uncertain or now < self._jump_hold_until or self._age(now, "pose") > INPUT_TIMEOUT:
-            return None
-        return self._recent_fixes[-1].pose
+        with self._lock:
+            if self.pose_uncertain or self._has_just_jumped(now) or self._age(now, "pose") > INPUT_TIMEOUT:
+                return None
+            return self._recent_fixes[-1].pose
+
+    def _has_just_jumped(self, now: float) -> bool:
+        return now < self._jump_hold_until <= now + POSE_JUMP_HOLD + MAX_FUTURE_STAMP
 
     # ------------------------------------------------------------- commands
     def limit(self, now: float, source: str, request: VelocityRequest) -> VelocityRequest:
         """Returns a source's request at time `now` [s], limited to what is safe, with a code for what limits it."""
         with self._lock:
             self._last_limited = now
+            if self._jump_hold_until > now + POSE_JUMP_HOLD + MAX_FUTURE_STAMP:
+                self._jump_hold_until = -math.inf  # time has jumped back
             # two nodes must not drive one base, in any state, even if no source requests motion
             if self.other_publishers(now):
                 return VelocityRequest(0.0, 0.0, OTHER_PUBLISHER)
@@ -199,15 +203,15 @@ class CommandGate:
             return VelocityRequest(scale * v, scale * w, code)
 
     def _age_factor(self, now: float, source: str, v: float, w: float) -> Tuple[float, str]:
-        """Returns the fraction of a command from which the robot can stop before the oldest input is too old.
+        """Returns the factor by which to scale a command down so that the robot can brake before an input is too old.
 
-        Also returns the missing input's code if the fraction is 0, else "".
+        Also returns the oldest input's code if the factor is 0, else "".
         """
         # a person may be driving with a joystick because all other inputs are lost
         autonomous = source != TELEOP
         limits = self.profile.limits
         unknown = {
-            "pose_jumped": autonomous and now < self._jump_hold_until,
+            "pose_jumped": autonomous and self._has_just_jumped(now),
             "pose_uncertain": autonomous and self.pose_uncertain,
             "no_map": autonomous and self.workspace is None,
         }
@@ -218,7 +222,8 @@ class CommandGate:
                 ages[f"{name}_lost"] = self._age(now, name)
         if source == FOLLOW:
             ages["spot_lost"] = self._age(now, "spot")
-        ages["driving"] = self._age(now, source) if source in self.stamps else 0.0
+        # a source that has fallen silent drives no more; the arbiter drops it when its command is INPUT_TIMEOUT old
+        ages["idle"] = self._age(now, source) if source in self.stamps else 0.0
         ages["clock_stopped"] = self.clock_age
         oldest = max(ages, key=lambda name: ages[name])
         # this step's command is in force until the next step, and the base responds with a delay

@@ -138,7 +138,7 @@ class PathFollower:
 
 
 class Navigator:
-    """Plans paths on the map with the virtual borders, and follows them. Another thread may set maps."""
+    """Plans paths on the map with the virtual borders, and begins drives. Another thread may set maps."""
 
     def __init__(self, profile: RobotProfile) -> None:
         self._profile = profile
@@ -157,8 +157,8 @@ class Navigator:
             raise CodedError("no_map")
         return self._planner
 
-    def _planner_with_obstacles(self, map_planner: Planner, pose: Pose, points: np.ndarray) -> Planner:
-        """Creates a planner on map and scan. If the scan shows no new obstacle, returns that on the map alone."""
+    def add_obstacles(self, map_planner: Planner, pose: Pose, points: np.ndarray) -> Planner:
+        """Creates a planner on the map and a scan's points (N, 2) [m], robot's frame; returns the map's if none is new."""
         grid, distance = map_planner.costmap.grid, map_planner.costmap.distance
         points = points[np.hypot(points[:, 0], points[:, 1]) < _OBSTACLE_RANGE]
         cells = grid.world_to_cell(base_to_map(points, pose))
@@ -171,15 +171,22 @@ class Navigator:
         new_obstacles[tuple(cells.T)] = True
         return Planner(Costmap(grid, self._profile.radius, new_obstacles))
 
-    # ------------------------------------------------------------ driving
-    def begin(self, goal: Pose) -> None:
-        """Sets a new goal (x, y, yaw) [m, m, rad], map frame. Raises CodedError "no_map"."""
+    def begin(self, goal: Pose) -> Drive:
+        """Begins a drive to a goal (x, y, yaw) [m, m, rad], map frame. Raises CodedError "no_map"."""
         self.planner_on_map()  # checks for a map before the robot's pose is looked up, which may fail too
+        return Drive(self, PathFollower(self._profile, goal), goal)
+
+
+class Drive:
+    """A drive to one goal (x, y, yaw) [m, m, rad], map frame, on the navigator's newest maps."""
+
+    def __init__(self, navigator: Navigator, follower: PathFollower, goal: Pose) -> None:
+        self._navigator = navigator
+        self._follower = follower
         self._goal = np.array(goal[:2])
-        self._follower = PathFollower(self._profile, goal)
         self._planned_at: Optional[float] = None
         self._last_plan_at: Optional[float] = None  # when planning last succeeded
-        self._last_moved_at: Optional[float] = None
+        self._last_free_at: Optional[float] = None  # when no obstacle was last in the way
         self._planned_on: Optional[Planner] = None
         self._failed = False
 
@@ -195,7 +202,7 @@ class Navigator:
         Raises:
             CodedError: says why the goal cannot be reached.
         """
-        map_planner = self.planner_on_map()
+        map_planner = self._navigator.planner_on_map()
         path = None
         is_due = self._planned_at is None or not 0.0 <= now - self._planned_at < _PLANNER_PERIOD
         if is_due or map_planner is not self._planned_on:
@@ -207,9 +214,9 @@ class Navigator:
             self._follower.halt()
             return Motion()
         motion = self._follower.step(pose, obstacles, dt)
-        if self._last_moved_at is None or not motion.blocked:
-            self._last_moved_at = now
-        if now - self._last_moved_at >= _CONTROLLER_PATIENCE:
+        if self._last_free_at is None or not motion.blocked:
+            self._last_free_at = now
+        if now - self._last_free_at >= _CONTROLLER_PATIENCE:
             raise CodedError("blocked", "something has been standing in the way for too long")
         if motion.off_path > _REPLAN_DISTANCE:
             self._planned_at = None
@@ -220,7 +227,7 @@ class Navigator:
         start = np.array(pose[:2])
         try:
             try:
-                path = self._planner_with_obstacles(map_planner, pose, obstacles).plan(start, self._goal)
+                path = self._navigator.add_obstacles(map_planner, pose, obstacles).plan(start, self._goal)
             except CodedError:
                 # a person may be at the goal or beside the robot; plans without them, as the follower stops before them
                 path = map_planner.plan(start, self._goal)
