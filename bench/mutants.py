@@ -43,6 +43,7 @@ MODULES = (
     "vb_map_integration.border_region",
     "vb_map_integration.open_chains",
     "vb_robot.driving.command_gate",
+    "vb_robot.driving.localization",
     "vb_robot.driving.scan_clearance",
     "vb_robot.driving.arbiter",
     "vb_robot.driving.spot_follower",

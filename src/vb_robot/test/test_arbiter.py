@@ -17,7 +17,7 @@ from vb_robot.driving.escape import END_CLEARANCE, PINCHED_AFTER
 from vb_robot.driving.command_gate import NAVIGATION, TELEOP
 from vb_robot.driving.spot_follower import FAR_DISTANCE, NEAR_DISTANCE
 from vb_robot.driving.velocity import MAX_TURN
-from vb_robot.driving.workspace import MIN_UNCERTAINTY
+from vb_robot.driving.localization import MIN_UNCERTAINTY
 from vb_robot.spot_sightings import Sighting, SpotSightings
 
 

@@ -177,7 +177,7 @@ def test_a_robot_inside_is_reported_in_any_order_of_the_maps(order):
     robot.wiring = NavigationWiring(move_base="/move_base", maps=("/robot_driver/keep_out",), radius=0.2)
     robot.pose = (2.5, 1.5, 0.0)
     checker = make_checker(RUG)
-    maps = {"physical": checker.physical, "borders": checker.borders, "keep_out": checker.borders}
+    maps = {"physical": checker.physical, "borders": checker.map_with_borders, "keep_out": checker.map_with_borders}
     for count, layer in enumerate(order, 1):
         robot.set_map(layer, maps[layer])
         is_complete = {"physical", "borders"} <= set(order[:count])

@@ -11,13 +11,14 @@ from examples import STEADY, off_thresholds
 from plain_rooms import empty, scan_of, with_border
 from vb_core import geometry
 from vb_core.robot_profile import Limits, RobotProfile
-from vb_robot.driving.command_gate import CLEARANCES, TELEOP, CommandGate
-from vb_robot.driving.scan_clearance import Clearance, Fix, arc_positions, lowest_speed_limit, pose_jump
-from vb_robot.driving.scan_clearance import safe_speed, stop_distance
+from vb_robot.driving.command_gate import REQUIRED_GAPS, TELEOP, CommandGate
+from vb_robot.driving.localization import MAX_UNCERTAINTY, MIN_UNCERTAINTY, UNCERTAINTY_UPDATES
+from vb_robot.driving.localization import Fix, PoseUncertainty, pose_jump
+from vb_robot.driving.scan_clearance import RequiredGaps, safe_speed, stop_distance
 from vb_robot.driving.velocity import VelocityRequest
-from vb_robot.driving.workspace import MAX_UNCERTAINTY, MIN_UNCERTAINTY, UNCERTAINTY_UPDATES, PoseUncertainty, Workspace
+from vb_robot.driving.workspace import Workspace, lowest_speed_limit
 
-LIMITS, RADIUS, KEEP = Limits(), 0.18, Clearance(0.12, 0.04, 0.05)
+LIMITS, RADIUS, KEEP = Limits(), 0.18, RequiredGaps(0.12, 0.04, 0.05)
 
 
 @settings(STEADY, max_examples=300)
@@ -32,13 +33,13 @@ def test_the_free_distance_ends_where_a_round_robot_meets_a_point(places, direct
     driven = bend if abs(bend) < 1.0 / 0.3 else 0.0  # [1/m]
     yaw = direction * driven * along
     scan = scan_of([0.0], 0.0, 0.01)
-    scan.points = arc_positions((0.0, 0.0, 0.0), direction * along, driven)
+    scan.points = geometry.arc_positions((0.0, 0.0, 0.0), direction * along, driven)
     scan.points += across[:, None] * np.column_stack([-np.sin(yaw), np.cos(yaw)])
     ahead = along > 0.0
     driven_to = np.linspace(0.0, 1.5, 3001)
     met = (np.hypot(along[ahead, None] - driven_to, across[ahead, None]) < 0.18 + 0.04).any(axis=0)
     expected = driven_to[np.argmax(met)] - 0.12 + 0.04 if met.any() else math.inf
-    distance = scan.free_distance(0.2 * direction, 0.2 * direction * bend, 0.18, Clearance(0.12, 0.04, 0.05))
+    distance = scan.free_distance(0.2 * direction, 0.2 * direction * bend, 0.18, RequiredGaps(0.12, 0.04, 0.05))
     assert max(distance, 0.04 - 0.12) == pytest.approx(expected, abs=1e-3), "a point beside its nose counts as touched"
 
 
@@ -146,7 +147,7 @@ def test_a_profile_says_which_range_means_no_echo(reading, no_return):
 def test_a_robot_stops_before_what_it_saw_however_old_the_scan(age, room):
     gate = CommandGate(RobotProfile())
     ranges = np.full(360, math.inf)
-    ranges[178:182] = RADIUS + CLEARANCES[TELEOP].ahead + room  # straight ahead
+    ranges[178:182] = RADIUS + REQUIRED_GAPS[TELEOP].ahead + room  # straight ahead
     gate.set_scan(scan_of(ranges), 10.0)
     v, _, code = gate.limit(10.0 + age, TELEOP, VelocityRequest(1.0, 0.0, "driving"))
     # it has moved since the scan, and moves on until the next command reaches the wheels

@@ -143,7 +143,7 @@ def check_invariants(clearance_map, viewpoints, drawing, robot):
         for point in drawing.chain:
             assert math.dist(place[0], point) >= clearance_map.radius + LINE_MARGIN
         assert viewpoint.cost >= math.dist(place[0], robot[:2]) - 0.6
-        assert planner.shows_target(viewpoint.pose)
+        assert planner.is_suitable(viewpoint.pose)
 
 
 @settings(max_examples=8)
@@ -197,7 +197,7 @@ def test_seed_side_is_left():
     viewpoints = best_viewpoints(CLEARANCE_MAP, (6.0, 1.0, 0.0), drawing)
     assert viewpoints[0].pose[0] < 4.0
     assert not viewpoints[0].sees_spot
-    assert not ViewpointPlanner(CLEARANCE_MAP, VIEW, drawing).shows_target((6.0, 1.0, 0.0))
+    assert not ViewpointPlanner(CLEARANCE_MAP, VIEW, drawing).is_suitable((6.0, 1.0, 0.0))
     # the seed cannot be seen from the left room, and the robot need not go anywhere
     assert best_viewpoints(CLEARANCE_MAP, (1.0, 3.0, 0.0), drawing) == []
 
