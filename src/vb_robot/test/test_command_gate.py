@@ -1,5 +1,6 @@
 """The gate: which commands pass, how fast, and the reason that is named where one does not."""
 
+import itertools
 import math
 
 import numpy as np
@@ -106,10 +107,8 @@ def test_only_following_needs_the_spot(stamps):
     ],
 )
 def test_the_age_limit_grows_with_the_usual_period_of_an_input(periods, limit):
-    stamp = 100.0
     gate = CommandGate(PROFILE)
-    for period in [0.0, *periods]:
-        stamp += period
+    for stamp in itertools.accumulate([100.0, *periods]):
         gate.set_pose((4.0, 2.5, 0.0), stamp)
     assert [bool(gate.pose(stamp + limit + margin)) for margin in (-0.001, 0.001)] == [True, False]
 
@@ -140,8 +139,7 @@ JUMPS = {  # the pose's x [m] by time [s], None while it is not known; when the 
 @pytest.mark.parametrize("clock_ahead", [0.0, 0.005])
 @pytest.mark.parametrize("x_at, held_at", JUMPS.values(), ids=JUMPS)
 def test_a_jump_of_the_localisation_holds_the_robot_for_a_second(x_at, held_at, clock_ahead):
-    gate = CommandGate(BLIND)
-    gate.workspace = Workspace(empty(), empty(), RADIUS)
+    gate = knowing_gate(BLIND)
     for seconds, x in x_at.items():
         now = 100.0 + seconds
         pose = None if x is None else (x, 0.0, 0.0)

@@ -104,11 +104,10 @@ def known_border(name, x0, y0, x1, y1):
 def make_checker(areas, radius=0.2, physical=None):
     """Returns a checker with borders that restrict rectangles (x0, y0, x1, y1) [m], by name."""
     physical = physical or room(8.0, 4.0)
-    map_with_borders = physical
+    with_borders = physical
     for area in areas.values():
-        map_with_borders = with_border(map_with_borders, *area)
-    borders = [known_border(name, *area) for name, area in areas.items()]
-    return GoalChecker(map_with_borders, physical, radius, borders)
+        with_borders = with_border(with_borders, *area)
+    return GoalChecker(with_borders, physical, radius, [known_border(name, *area) for name, area in areas.items()])
 
 
 RUG, HALL, DOOR = {"rug": (2.0, 1.0, 3.0, 2.0)}, {"hall": (3.0, 0.0, 3.3, 4.0)}, {"door": (5.0, 0.0, 5.3, 4.0)}
