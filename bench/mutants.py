@@ -45,6 +45,7 @@ MODULES = (
     "vb_robot.driving.command_gate",
     "vb_robot.driving.localization",
     "vb_robot.driving.scan_clearance",
+    "vb_robot.driving.workspace",
     "vb_robot.driving.arbiter",
     "vb_robot.driving.spot_follower",
     "vb_robot.driving.escape",
