@@ -11,7 +11,8 @@ from vb_core.robot_profile import RobotProfile
 from vb_core.stop_latch import StopLatch
 from vb_robot.driving.arbiter import Arbiter
 from vb_robot.driving.command_gate import NAVIGATION, TELEOP
-from vb_robot.driving.workspace import PoseUncertainty, Workspace
+from vb_robot.driving.localization import PoseUncertainty
+from vb_robot.driving.workspace import Workspace
 from vb_robot.spot_sightings import Sighting
 from vb_sim.robot.robot_body import advance
 

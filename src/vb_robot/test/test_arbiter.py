@@ -17,7 +17,7 @@ from vb_robot.driving.escape import END_CLEARANCE, PINCHED_AFTER
 from vb_robot.driving.command_gate import NAVIGATION, TELEOP
 from vb_robot.driving.spot_follower import FAR_DISTANCE, NEAR_DISTANCE
 from vb_robot.driving.velocity import MAX_TURN
-from vb_robot.driving.workspace import MIN_UNCERTAINTY
+from vb_robot.driving.localization import MIN_UNCERTAINTY
 from vb_robot.spot_sightings import Sighting, SpotSightings
 
 
@@ -222,11 +222,11 @@ def test_a_robot_follows_until_another_one_sees_the_lost_spot():
 Drag = namedtuple("Drag", "v w visible distance")
 
 
-def drag_spot(path, speed, pose, latency=0.12):
-    """Drags a spot along a path, then rests 4 s. Returns an array of each quantity, by time."""
+def drag_spot(path, speed, latency=0.12):
+    """Drags a spot along a path from 1 m ahead of a robot, then rests 4 s. Returns an array of each quantity, by time."""
     path = np.asarray(path, dtype=float)
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    rig, rng = Rig(pose), np.random.default_rng(7)
+    rig, rng = Rig((path[0, 0] - 1.0, path[0, 1] + 0.1, 0.0)), np.random.default_rng(7)
     rig.set_state(GUIDE)
     waiting, moments = [], []
     for i in range(int((length[-1] / speed + 4.0) / DT)):
@@ -257,8 +257,7 @@ DRAGS = {
 
 @pytest.mark.parametrize("path, speed", DRAGS.values(), ids=DRAGS)
 def test_the_spot_stays_in_view(path, speed):
-    start = np.asarray(path, dtype=float)[0]
-    run = drag_spot(path, speed, (start[0] - 1.0, start[1] + 0.1, 0.0))
+    run = drag_spot(path, speed)
     assert np.abs(run.v).max() <= 0.2 + 1e-9
     assert np.abs(run.w).max() <= MAX_TURN + 1e-9
     assert run.visible.all()

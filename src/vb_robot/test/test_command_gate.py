@@ -1,5 +1,6 @@
 """The gate: which commands pass, how fast, and the reason that is named where one does not."""
 
+import itertools
 import math
 
 import numpy as np
@@ -9,18 +10,21 @@ from driving_rig import PROFILE
 from plain_rooms import empty, scan_of, with_border
 from vb_core.robot_profile import RobotProfile, Scanner
 from vb_robot.driving.command_gate import ESCAPE, FOLLOW, NAVIGATION, NONE, TELEOP, CommandGate
+from vb_robot.driving.scan_clearance import RequiredGaps
 from vb_robot.driving.velocity import VelocityRequest
 from vb_robot.driving.workspace import Workspace
 
 RADIUS = PROFILE.radius
+BLIND = RobotProfile(scanner=Scanner(present=False))
 
 
-def knowing_gate(profile=PROFILE, ranges=math.inf, fov=360, inside=False, touched="", speed_limits=None):
+def knowing_gate(profile=PROFILE, ranges=math.inf, fov=360, inside=False, touched="", speed_limits=None, clock_age=0.0):
     """Returns a gate with all inputs at 10 s. Bumper 1's contact forbids the motion `touched`, if any."""
     gate = CommandGate(profile)
     borders = with_border(empty(), 0.0, 0.0, 8.0, 5.0) if inside else empty()
     gate.workspace = Workspace(borders, empty(), profile.radius)
     gate.speed_limits = speed_limits
+    gate.clock_age = clock_age
     for number, motion in ((0, "forward"), (1, touched), (2, ""), (0, "")):  # bumper 0 is touched no more
         gate.set_contact(("bumper", number), motion)
     gate.set_scan(scan_of(np.full(fov, ranges), -math.radians(fov // 2), math.radians(1.0)), 10.0)
@@ -88,12 +92,6 @@ def test_only_following_needs_the_spot(stamps):
     assert gate.limit(10.0, NAVIGATION, WISH) == (0.1, 0.0, "driving")
 
 
-def test_a_clock_that_stands_still_stops_every_source():
-    gate = knowing_gate()
-    gate.clock_age = 0.6
-    assert gate.limit(10.0, TELEOP, WISH) == (0.0, 0.0, "clock_stopped")
-
-
 @pytest.mark.parametrize(
     "periods, limit",
     [
@@ -108,11 +106,9 @@ def test_a_clock_that_stands_still_stops_every_source():
         ([0.3] * 5 + [0.05] * 2, 0.65),
     ],
 )
-def test_an_input_may_be_older_by_what_it_usually_comes_later(periods, limit):
-    stamp = 100.0
+def test_the_age_limit_grows_with_the_usual_period_of_an_input(periods, limit):
     gate = CommandGate(PROFILE)
-    for period in [0.0, *periods]:
-        stamp += period
+    for stamp in itertools.accumulate([100.0, *periods]):
         gate.set_pose((4.0, 2.5, 0.0), stamp)
     assert [bool(gate.pose(stamp + limit + margin)) for margin in (-0.001, 0.001)] == [True, False]
 
@@ -126,60 +122,65 @@ def test_a_stamp_slightly_in_the_future_counts_as_now(ahead, first, last):
     assert (valid_ms[0], valid_ms[-1]) == (first, last)
 
 
-JUMPS = {  # (seconds, the pose's x [m] while the odometry stays as it is, whether the robot is held)
-    "one step": [(0.0, 0.0, False), (0.3, 0.3, True), (0.9, 0.3, True), (1.29, 0.3, True), (1.31, 0.3, False)],
-    "three steps within a second": [(0.0, 0.0, False), (0.3, 0.1, False), (0.6, 0.2, False), (0.9, 0.3, True)],
-    "three steps in more than a second": [(0.0, 0.0, False), (0.6, 0.1, False), (1.2, 0.2, False), (1.8, 0.3, False)],
-    "a step beyond an older one": [(0.0, 0.0, False), (0.5, 0.2, False), (0.9, -0.1, True)],
-    "to and fro": [(0.0, 0.0, False), (0.3, 0.3, True), (0.6, 0.0, True), (1.59, 0.0, True), (1.61, 0.0, False)],
-    "after a pause": [(0.0, 0.0, False), (50.0, 0.3, True)],
-    "while it was lost": [(0.0, 0.0, False), (0.3, None, False), (0.6, 0.3, True)],
-    "lost while it is held": [(0.0, 0.0, False), (0.3, 0.3, True), (0.6, None, True), (1.4, 0.3, False)],
-    "before time was set back": [(0.0, 0.0, False), (0.3, 0.3, True), (-50.0, 0.3, False)],
-    "while time was set back": [(0.0, 0.0, False), (-50.0, 0.3, False), (-49.7, 0.6, True)],
+JUMPS = {  # the pose's x [m] by time [s], None while it is not known; when the robot is held
+    "one step": ({0.0: 0.0, 0.3: 0.3, 0.9: 0.3, 1.29: 0.3, 1.31: 0.3}, [0.3, 0.9, 1.29]),
+    "three steps within a second": ({0.0: 0.0, 0.3: 0.1, 0.6: 0.2, 0.9: 0.3}, [0.9]),
+    "three steps in more than a second": ({0.0: 0.0, 0.6: 0.1, 1.2: 0.2, 1.8: 0.3}, []),
+    "a step beyond an older one": ({0.0: 0.0, 0.5: 0.2, 0.9: -0.1}, [0.9]),
+    "to and fro": ({0.0: 0.0, 0.3: 0.3, 0.6: 0.0, 1.59: 0.0, 1.61: 0.0}, [0.3, 0.6, 1.59]),
+    "after a pause": ({0.0: 0.0, 50.0: 0.3}, [50.0]),
+    "while it was lost": ({0.0: 0.0, 0.3: None, 0.6: 0.3}, [0.6]),
+    "lost while it is held": ({0.0: 0.0, 0.3: 0.3, 0.6: None, 1.4: 0.3}, [0.3, 0.6]),
+    "before time was set back": ({0.0: 0.0, 0.3: 0.3, -50.0: 0.3}, [0.3]),
+    "while time was set back": ({0.0: 0.0, -50.0: 0.3, -49.7: 0.6}, [-49.7]),
 }
 
 
 @pytest.mark.parametrize("clock_ahead", [0.0, 0.005])
-@pytest.mark.parametrize("steps", JUMPS.values(), ids=JUMPS)
-def test_a_jump_of_the_localisation_holds_the_robot_for_a_second(steps, clock_ahead):
-    gate = CommandGate(PROFILE)
-    for seconds, x, is_held in steps:
+@pytest.mark.parametrize("x_at, held_at", JUMPS.values(), ids=JUMPS)
+def test_a_jump_of_the_localisation_holds_the_robot_for_a_second(x_at, held_at, clock_ahead):
+    gate = knowing_gate(BLIND)
+    for seconds, x in x_at.items():
         now = 100.0 + seconds
         pose = None if x is None else (x, 0.0, 0.0)
         gate.set_pose(pose, now + clock_ahead, odometry=(0.0, 0.0, 0.0))
+        gate.stamps["state"] = now
+        is_held = seconds in held_at
         assert gate.pose(now) == (None if is_held else pose)
-        code = gate.limit(now, NAVIGATION, VelocityRequest(0.0, 0.0))[2]
-        assert code == ("pose_jumped" if is_held else "no_map")
+        unheld_code = "driving" if pose else "pose_lost"
+        assert gate.limit(now, NAVIGATION, VelocityRequest()).code == ("pose_jumped" if is_held else unheld_code)
 
 
 # ------------------------------------------------------------ what is ahead, and limits
 @pytest.mark.parametrize(
-    "source, ahead, sides, cells",
+    "source, gaps",
     [
-        ("teleop", 0.05, 0.02, 0.0),
-        ("follow", 0.12, 0.04, 0.06),
-        ("escape", 0.12, 0.04, 0.05),
-        ("navigation", 0.04, 0, -0.04),
+        (TELEOP, RequiredGaps(ahead=0.05, sides=0.02, cells=0.0)),
+        (FOLLOW, RequiredGaps(ahead=0.12, sides=0.04, cells=0.06)),
+        (ESCAPE, RequiredGaps(ahead=0.12, sides=0.04, cells=0.05)),
+        (NAVIGATION, RequiredGaps(ahead=0.04, sides=0.0, cells=-0.04)),
     ],
 )
-def test_each_source_keeps_its_own_clearances(source, ahead, sides, cells):
-    def drives(point, border=9.0):
+@pytest.mark.parametrize("excess", [-0.015, 0.015])  # the lowest permitted speed stops within 1 cm, and a cell is 1 cm
+def test_each_source_keeps_its_own_gaps(source, gaps, excess):
+    def drives(wall_ahead=2.0, wall_beside=2.0, border_ahead=2.0):
+        """Returns whether it drives with these gaps [m] from the robot's rim."""
         gate = knowing_gate()
-        gate._scan.points = np.array([point])
-        floor = empty(resolution=0.01)
-        gate.workspace = Workspace(with_border(floor, border, 0.0, 8.0, 5.0), floor, RADIUS)
         gate.stamps["spot"] = 10.0
-        return gate.limit(10.0, source, VelocityRequest(0.1, 0.0, "driving"))[0] > 0.0
+        scan = scan_of(np.full(360, math.inf))
+        scan.points = np.array([(RADIUS + wall_ahead, 0.0), (0.02, -RADIUS - wall_beside)])
+        gate.set_scan(scan, 10.0)
+        floor = empty(resolution=0.01)
+        border_x = 4.0 + RADIUS + border_ahead + floor.resolution
+        gate.workspace = Workspace(with_border(floor, border_x, 0.0, 8.0, 5.0), floor, RADIUS)
+        return gate.limit(10.0, source, VelocityRequest(0.1, 0.0)).v > 0.0
 
-    for excess in (-0.015, 0.015):  # the lowest permitted speed stops within 1 cm, and a cell is 1 cm
-        assert drives((RADIUS + ahead + excess, 0.0)) is (excess > 0.0)
-        assert drives((0.02, -RADIUS - sides - excess)) is (excess > 0.0)
-        assert drives((-1.0, 0.0), 4.0 + RADIUS + cells + 0.01 + excess) is (excess > 0.0)
+    assert drives(wall_ahead=gaps.ahead + excess) is (excess > 0.0)
+    assert drives(wall_beside=gaps.sides + excess) is (excess > 0.0)
+    assert drives(border_ahead=gaps.cells + excess) is (excess > 0.0)
 
 
 SLOW = empty().with_data(np.full(empty().shape, 20, np.int8))  # 0.2 m/s everywhere
-BLIND = RobotProfile(scanner=Scanner(present=False))
 LAZY = PROFILE.replace(limits=PROFILE.limits.replace(max_speed=0.1))
 
 
@@ -213,6 +214,8 @@ LAZY = PROFILE.replace(limits=PROFILE.limits.replace(max_speed=0.1))
         # not finite
         (TELEOP, knowing_gate(), (math.nan, 0.0), (0.0, 0.0, "bad_command")),
         (TELEOP, knowing_gate(), (0.1, math.inf), (0.0, 0.0, "bad_command")),
+        # not even a joystick drives by a clock that stands still
+        (TELEOP, knowing_gate(clock_age=0.6), (0.1, 0.0), (0.0, 0.0, "clock_stopped")),
         # inside a border, only navigation may not drive
         (NAVIGATION, knowing_gate(inside=True), (0.1, 0.2), (0.0, 0.2, "inside_border")),
         (TELEOP, knowing_gate(inside=True), (0.1, 0.2), (0.1, 0.2, "driving")),

@@ -36,7 +36,7 @@ class Robot:
         vars(self).update(changes)
 
     # as a ViewpointPlanner
-    def shows_target(self, pose):
+    def is_suitable(self, pose):
         return self.sees(pose[0])
 
     def has_room_at(self, pose):

@@ -15,7 +15,7 @@ from vb_testing import assert_fields
 from vb_core.errors import ParameterError
 from vb_core.robot_profile import BASE_KINDS, RobotProfile
 from vb_core.node_graph import NodeGraph
-from vb_robot.driving.workspace import PoseUncertainty
+from vb_robot.driving.localization import PoseUncertainty
 from vb_robot.ros.subscriptions import contact_message_class
 
 

@@ -104,10 +104,10 @@ def known_border(name, x0, y0, x1, y1):
 def make_checker(areas, radius=0.2, physical=None):
     """Returns a checker with borders that restrict rectangles (x0, y0, x1, y1) [m], by name."""
     physical = physical or room(8.0, 4.0)
-    borders = physical
+    with_borders = physical
     for area in areas.values():
-        borders = with_border(borders, *area)
-    return GoalChecker(borders, physical, radius, [known_border(name, *area) for name, area in areas.items()])
+        with_borders = with_border(with_borders, *area)
+    return GoalChecker(with_borders, physical, radius, [known_border(name, *area) for name, area in areas.items()])
 
 
 RUG, HALL, DOOR = {"rug": (2.0, 1.0, 3.0, 2.0)}, {"hall": (3.0, 0.0, 3.3, 4.0)}, {"door": (5.0, 0.0, 5.3, 4.0)}
@@ -164,11 +164,11 @@ def test_the_nearest_curve_is_named_though_its_corners_are_far():
 
 def test_a_robot_is_inside_where_only_a_border_forbids_it():
     plain = room(8.0, 4.0)
-    borders = with_border(with_border(plain, 2.0, 1.0, 3.0, 2.0), 2.0, 2.5, 3.0, 3.0, 75)
+    map_with_borders = with_border(with_border(plain, 2.0, 1.0, 3.0, 2.0), 2.0, 2.5, 3.0, 3.0, 75)
     physical = with_border(plain, 0.0, 1.5, 8.0, 2.0, -1)
-    places = [(2.5, 1.2), (2.5, 1.8), (2.5, 2.7), (1.9, 1.2), (50.0, 1.0)]
-    assert [is_inside_border(borders, physical, place) for place in places] == [True, True, False, False, False]
-    assert not is_inside_border(borders, physical, (0.03, 2.0)), "a wall is not a border"
+    places = {(2.5, 1.2): True, (2.5, 1.8): True, (2.5, 2.7): False, (1.9, 1.2): False, (50.0, 1.0): False}
+    assert {place: is_inside_border(map_with_borders, physical, place) for place in places} == places
+    assert not is_inside_border(map_with_borders, physical, (0.03, 2.0)), "a wall is not a border"
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations(["physical", "borders", "keep_out"])))
@@ -177,7 +177,7 @@ def test_a_robot_inside_is_reported_in_any_order_of_the_maps(order):
     robot.wiring = NavigationWiring(move_base="/move_base", maps=("/robot_driver/keep_out",), radius=0.2)
     robot.pose = (2.5, 1.5, 0.0)
     checker = make_checker(RUG)
-    maps = {"physical": checker.physical, "borders": checker.borders, "keep_out": checker.borders}
+    maps = {"physical": checker.physical, "borders": checker.map_with_borders, "keep_out": checker.map_with_borders}
     for count, layer in enumerate(order, 1):
         robot.set_map(layer, maps[layer])
         is_complete = {"physical", "borders"} <= set(order[:count])
@@ -206,7 +206,7 @@ def test_a_goal_is_refused_exactly_where_a_search_finds_no_path(seed):
         x, y = rng.uniform(0.3, 6.5), rng.uniform(0.0, 3.0)
         areas[name] = (x, y, min(x + rng.uniform(0.1, 1.0), 7.9), min(y + rng.uniform(0.5, 4.0), 3.95))
     checker = make_checker(areas, radius=0.15)
-    grid = checker.borders
+    grid = checker.map_with_borders
     distances, _ = cKDTree(np.argwhere(grid.data >= 99)).query(np.indices(grid.shape).reshape(2, -1).T)
     fits = distances.reshape(grid.shape) * 0.05 >= 0.15
     floors = label(fits)[0]

@@ -11,13 +11,13 @@ from examples import STEADY, off_thresholds
 from plain_rooms import empty, scan_of, with_border
 from vb_core import geometry
 from vb_core.robot_profile import Limits, RobotProfile
-from vb_robot.driving.command_gate import CLEARANCES, TELEOP, CommandGate
-from vb_robot.driving.scan_clearance import Clearance, Fix, arc_positions, lowest_speed_limit, pose_jump
-from vb_robot.driving.scan_clearance import safe_speed, stop_distance
+from vb_robot.driving import localization
+from vb_robot.driving.command_gate import REQUIRED_GAPS, TELEOP, CommandGate
+from vb_robot.driving.scan_clearance import RequiredGaps, safe_speed, stop_distance
 from vb_robot.driving.velocity import VelocityRequest
-from vb_robot.driving.workspace import MAX_UNCERTAINTY, MIN_UNCERTAINTY, UNCERTAINTY_UPDATES, PoseUncertainty, Workspace
+from vb_robot.driving.workspace import Workspace, lowest_speed_limit
 
-LIMITS, RADIUS, KEEP = Limits(), 0.18, Clearance(0.12, 0.04, 0.05)
+LIMITS, RADIUS, KEEP = Limits(), 0.18, RequiredGaps(0.12, 0.04, 0.05)
 
 
 @settings(STEADY, max_examples=300)
@@ -32,13 +32,13 @@ def test_the_free_distance_ends_where_a_round_robot_meets_a_point(places, direct
     driven = bend if abs(bend) < 1.0 / 0.3 else 0.0  # [1/m]
     yaw = direction * driven * along
     scan = scan_of([0.0], 0.0, 0.01)
-    scan.points = arc_positions((0.0, 0.0, 0.0), direction * along, driven)
+    scan.points = geometry.arc_positions((0.0, 0.0, 0.0), direction * along, driven)
     scan.points += across[:, None] * np.column_stack([-np.sin(yaw), np.cos(yaw)])
     ahead = along > 0.0
     driven_to = np.linspace(0.0, 1.5, 3001)
     met = (np.hypot(along[ahead, None] - driven_to, across[ahead, None]) < 0.18 + 0.04).any(axis=0)
     expected = driven_to[np.argmax(met)] - 0.12 + 0.04 if met.any() else math.inf
-    distance = scan.free_distance(0.2 * direction, 0.2 * direction * bend, 0.18, Clearance(0.12, 0.04, 0.05))
+    distance = scan.free_distance(0.2 * direction, 0.2 * direction * bend, 0.18, RequiredGaps(0.12, 0.04, 0.05))
     assert max(distance, 0.04 - 0.12) == pytest.approx(expected, abs=1e-3), "a point beside its nose counts as touched"
 
 
@@ -146,7 +146,7 @@ def test_a_profile_says_which_range_means_no_echo(reading, no_return):
 def test_a_robot_stops_before_what_it_saw_however_old_the_scan(age, room):
     gate = CommandGate(RobotProfile())
     ranges = np.full(360, math.inf)
-    ranges[178:182] = RADIUS + CLEARANCES[TELEOP].ahead + room  # straight ahead
+    ranges[178:182] = RADIUS + REQUIRED_GAPS[TELEOP].ahead + room  # straight ahead
     gate.set_scan(scan_of(ranges), 10.0)
     v, _, code = gate.limit(10.0 + age, TELEOP, VelocityRequest(1.0, 0.0, "driving"))
     # it has moved since the scan, and moves on until the next command reaches the wheels
@@ -184,7 +184,7 @@ def test_a_jump_is_what_odometry_or_top_speed_cannot_explain(earlier, later, odo
         spare = 0.0
     distance, angle = abs(q - p - moved), abs(cmath.phase(turned_q / turned_p / turned))
     fixes = zip((10.0, 10.0 + seconds), (earlier, later), odometry or 2 * [None])
-    jump = pose_jump(*(Fix(*fix) for fix in fixes))
+    jump = localization.pose_jump(*(localization.Fix(*fix) for fix in fixes))
     assert jump == pytest.approx(max(0.0, distance - spare) + 0.5 * max(0.0, angle - 3.0 * spare), abs=1e-9)
 
 
@@ -233,19 +233,19 @@ def covariance_of(std, turned=np.eye(2)):
 
 
 def test_the_uncertainty_rises_at_once_and_falls_slowly():
-    uncertainty = PoseUncertainty()
-    assert uncertainty.meters == MIN_UNCERTAINTY, "without a covariance"
+    uncertainty = localization.PoseUncertainty()
+    assert uncertainty.meters == localization.MIN_UNCERTAINTY, "without a covariance"
     assert not uncertainty.add(covariance_of([0.01, 0.005]))
-    assert uncertainty.meters == MIN_UNCERTAINTY
+    assert uncertainty.meters == localization.MIN_UNCERTAINTY
     turned = np.array([[0.5, 0.5], [-0.5, 0.5]]) * math.sqrt(2.0)
     assert uncertainty.add(covariance_of([0.12, 0.005], turned)), "the worst direction, in steps"
     assert uncertainty.meters == pytest.approx(0.075)
-    changed = [uncertainty.add(covariance_of([0.01, 0.01])) for _ in range(UNCERTAINTY_UPDATES)]
-    assert changed == [False] * (UNCERTAINTY_UPDATES - 1) + [True]
-    assert uncertainty.meters == MIN_UNCERTAINTY
+    changed = [uncertainty.add(covariance_of([0.01, 0.01])) for _ in range(localization.UNCERTAINTY_UPDATES)]
+    assert changed == [False] * (localization.UNCERTAINTY_UPDATES - 1) + [True]
+    assert uncertainty.meters == localization.MIN_UNCERTAINTY
     assert not uncertainty.lost
     uncertainty.add(np.full((3, 3), math.nan))
-    assert uncertainty.meters == MAX_UNCERTAINTY, "what makes no sense is no reason to come nearer"
+    assert uncertainty.meters == localization.MAX_UNCERTAINTY, "what makes no sense is no reason to come nearer"
 
 
 @pytest.mark.parametrize(
@@ -260,7 +260,7 @@ def test_the_uncertainty_rises_at_once_and_falls_slowly():
     ],
 )
 def test_a_localisation_that_may_be_anywhere_is_lost(covariance, lost):
-    uncertainty = PoseUncertainty()
+    uncertainty = localization.PoseUncertainty()
     uncertainty.add(covariance)
     assert uncertainty.lost == lost
     uncertainty.add(np.diag([0.05, 0.05, 0.05]) ** 2)

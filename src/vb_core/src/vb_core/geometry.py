@@ -150,6 +150,16 @@ def arc_coordinates(points: np.ndarray, curvature: float) -> Tuple[np.ndarray, n
     return np.arctan2(x, (radius - y) * side) * abs(radius), across
 
 
+def arc_positions(pose: Pose, lengths: np.ndarray, curvature: float) -> np.ndarray:
+    """Returns the positions (N, 2) [m] at signed lengths (N,) [m] along an arc of a curvature [1/m] from a pose."""
+    if abs(curvature) < 1e-6:
+        local_points = np.column_stack([lengths, np.zeros_like(lengths)])
+    else:
+        angle = lengths * curvature
+        local_points = np.column_stack([np.sin(angle), 1.0 - np.cos(angle)]) / curvature
+    return base_to_map(local_points, pose)
+
+
 def chain_length(points: np.ndarray, closed: bool = False) -> float:
     """Returns the length [m] of a polygonal chain (N, 2), with its closing segment if it is closed."""
     points = np.asarray(points, dtype=float).reshape(-1, 2)

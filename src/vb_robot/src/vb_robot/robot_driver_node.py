@@ -38,8 +38,9 @@ from vb_core.stop_latch import HeldStops, new_id
 from vb_msgs.msg import BorderProgress, DriverState, InteractionState, Stop
 from vb_robot.driving.arbiter import Arbiter, DriveCommand
 from vb_robot.driving.command_gate import NAVIGATION, RATE, STOP, TELEOP
+from vb_robot.driving.localization import PoseUncertainty
 from vb_robot.driving.scan_clearance import Scan
-from vb_robot.driving.workspace import PoseUncertainty, Workspace
+from vb_robot.driving.workspace import Workspace
 from vb_robot.ros.goal_statuses import RUNNING_GOAL_STATUSES
 from vb_robot.ros.subscriptions import contact_message_class, subscribe_map, subscribe_spots
 

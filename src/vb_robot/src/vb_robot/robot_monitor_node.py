@@ -31,7 +31,7 @@ from vb_msgs.msg import VirtualBorderArray
 from vb_msgs.srv import SendRobot, SendRobotResponse
 from vb_robot.dispatching.dispatcher import Dispatcher
 from vb_robot.dispatching.viewpoint import DrawingState
-from vb_robot.driving.scan_clearance import lowest_speed_limit
+from vb_robot.driving.workspace import lowest_speed_limit
 from vb_robot.monitoring.navigation_connections import resolve_name
 from vb_robot.ros.dispatched_robot import DispatchedRobot
 from vb_robot.ros.subscriptions import keep_out_borders_for, subscribe_map, subscribe_spots

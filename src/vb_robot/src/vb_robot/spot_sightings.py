@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
-from typing import Deque, Dict, Iterable, List, Optional, Set, Tuple
+from typing import Deque, Dict, Iterable, List, NamedTuple, Optional, Set, Tuple
 
 import numpy as np
 
 from vb_core.interaction_tables import BORDER, DEFAULT, SEED, State
 
-TARGET_WINDOW = 1.0  # [s] of sightings that give the spot's position
-MIN_TARGET_SIGHTINGS = 3  # in TARGET_WINDOW, so that one false spot does not move a robot
+TARGET_WINDOW = 0.3  # [s] of sightings that give the spot's position
+MIN_TARGET_SIGHTINGS = 3  # so that one false spot does not move a robot
+SPARSE_TARGET_WINDOW = 3.0  # [s] from which the newest MIN_TARGET_SIGHTINGS count if TARGET_WINDOW has fewer
+STATIONARY_RECENCY = 1.0  # [s] a stationary camera whose last sighting is this much older than the newest still sees it
 LOST_TIMEOUT = 0.7  # [s] without a sighting after which the spot is lost; cameras miss single images
 MIN_STRAIGHTNESS = 0.7  # cosine of the largest turn that still counts as straight
 VELOCITY_WINDOW = 0.6  # [s] of sightings that give the direction in which the line continues
@@ -27,8 +28,7 @@ MIN_CONFIDENCE = 0.4  # of a spot on which robots act; the laser has 0.6 and mor
 FOLLOW_DELAY = 1.0  # [s] in which a stationary camera may see the spot too; if none does, the robot follows it
 
 
-@dataclass(frozen=True)
-class Sighting:
+class Sighting(NamedTuple):
     """A sighting: time [s], the spot's position (x, y) [m] in the map frame, camera, whether on a robot, confidence."""
 
     stamp: float
@@ -146,7 +146,7 @@ class SpotSightings:
             return False
         if self.state == SEED:
             return True
-        is_recent = newest.stamp - max(stamps) <= TARGET_WINDOW
+        is_recent = newest.stamp - max(stamps) <= STATIONARY_RECENCY
         return is_recent and self.time_since_seen(now) <= LOST_TIMEOUT
 
     def time_since_seen(self, now: float) -> float:
@@ -161,9 +161,9 @@ class SpotSightings:
         newest = self.newest()
         if newest is None:
             return None
-        sightings = self._since(newest.stamp - 0.3 * TARGET_WINDOW)
+        sightings = self._since(newest.stamp - TARGET_WINDOW)
         if len(sightings) < MIN_TARGET_SIGHTINGS:
-            longer = self._since(newest.stamp - 3.0 * TARGET_WINDOW)
+            longer = self._since(newest.stamp - SPARSE_TARGET_WINDOW)
             sightings = sorted(longer, key=lambda sighting: sighting.stamp)[-MIN_TARGET_SIGHTINGS:]
         if len(sightings) < MIN_TARGET_SIGHTINGS:
             return None

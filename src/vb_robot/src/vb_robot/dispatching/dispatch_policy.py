@@ -18,7 +18,7 @@ from itertools import count
 from typing import Dict, Hashable, List, Mapping, NamedTuple, Optional, Tuple
 
 from vb_core.geometry import Pose, pose_distance
-from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
+from vb_robot.dispatching.viewpoint import Circle, Viewpoint, ViewpointPlanner
 from vb_robot.spot_sightings import LOST_TIMEOUT
 
 MIN_INTERVAL = 1.5  # [s] between two goals, because navigation makes a new plan for each
@@ -38,7 +38,6 @@ HIDDEN_TRIES = 2  # positions that are tried for a lost spot; then the laser is 
 PREEMPTION_PAUSE = 15.0  # [s] for which a robot is left alone after another node has sent it elsewhere
 SWITCH_GAIN = 1.0  # [m] by which another robot's bid must be cheaper for it to take over
 
-Circle = Tuple[float, float, float]  # (x, y, radius) [m]
 Planners = Mapping[str, Optional[ViewpointPlanner]]  # keys are robots' names; None until a planner can be made
 
 
@@ -196,7 +195,7 @@ class DispatchPolicy:
             return PositionAssessment.UNKNOWN
         pose = goal.pose if on_way else status.pose
         avoided = [*self._hidden, *self._circles_of(self.serving)]
-        fits = planner.shows_target(pose) and (not on_way or planner.has_room_at(pose))
+        fits = planner.is_suitable(pose) and (not on_way or planner.has_room_at(pose))
         is_avoided = any(math.dist(pose[:2], (x, y)) < radius for x, y, radius in avoided)
         fits = fits and not is_avoided
         if on_way:
@@ -257,7 +256,7 @@ class DispatchPolicy:
             is_idle = not serves and not status.is_busy
             if planner is None or now < self._rests_until.get(name, -math.inf):
                 continue
-            if is_idle and planner.shows_target(status.pose):
+            if is_idle and planner.is_suitable(status.pose):
                 stay_rank = BidRank(misses_spot=False, failures=failures, is_busy=False, cost=0.0)
                 bids[name] = (stay_rank, None)
                 continue

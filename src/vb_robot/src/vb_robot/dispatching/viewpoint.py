@@ -43,6 +43,7 @@ MIN_LOOKAHEAD, MAX_LOOKAHEAD = 0.3, 0.6  # [m] from the spot to the point that t
 LINE_AHEAD = 0.8  # [m] length of the extrapolated line, which a robot should see, and on which it does not stand
 MIN_LINE = 0.3  # [m] a shorter line encloses nothing yet
 NO_POINTS = np.zeros((0, 2))
+Circle = Tuple[float, float, float]  # (x, y, radius) [m]
 
 
 @dataclass(frozen=True)
@@ -175,16 +176,16 @@ class ViewpointPlanner:
             drawn = geometry.resample_chain(drawn, 0.1, drawing.closed)
         self._line = np.vstack([self._ahead, drawn])
 
-    def shows_target(self, pose: Pose) -> bool:
-        """Returns whether a robot at a pose would see its target well enough."""
-        return bool(self._shows(np.array([pose[:2]]), np.array([pose[2]]))[0])
+    def is_suitable(self, pose: Pose) -> bool:
+        """Returns whether a robot at a pose would see its target well enough and not be in the border's way."""
+        return bool(self._are_suitable(np.array([pose[:2]]), np.array([pose[2]]))[0])
 
     def has_room_at(self, pose: Pose) -> bool:
         """Returns whether there is still room for the robot at a goal."""
         return bool(self.clearance_map.has_room_at(np.array([pose[:2]]))[0])
 
-    def best_viewpoint(self, robot: Pose, avoid: Iterable[Tuple[float, float, float]] = ()) -> Optional[Viewpoint]:
-        """Finds the cheapest reachable pose that shows the target, or None if there is none.
+    def best_viewpoint(self, robot: Pose, avoid: Iterable[Circle] = ()) -> Optional[Viewpoint]:
+        """Finds the cheapest reachable suitable pose, or None if there is none.
 
         The pose keeps the radius and a margin from obstacles and borders. It is not on the drawn line, its
         extrapolation or the seed's side. If possible, pose and path avoid the area that the border will probably
@@ -192,8 +193,18 @@ class ViewpointPlanner:
         the robot is on the seed's side, returns the nearest pose off that side.
 
         Args:
-            avoid: circles (x, y, radius) [m] around positions that failed.
+            avoid: circles around positions that failed.
         """
+        positions, yaws, distances = self._candidates(robot, avoid)
+        costs = self._costs(robot, positions, yaws, distances)
+        if not np.isfinite(costs).any():
+            return self._retreat(robot)
+        best = int(np.argmin(costs))
+        yaw = geometry.wrap_angle(float(yaws[best]))
+        return Viewpoint((*positions[best].tolist(), yaw), float(costs[best]))
+
+    def _candidates(self, robot: Pose, avoid: Iterable[Circle]) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns the suitable poses that have room: positions (N, 2) [m], yaws (N,) [rad], distances (N,) [m]."""
         positions, yaws, distances = _poses_around(self.target_point, robot)
         keep = self.view.sees(np.column_stack([distances, np.zeros_like(distances)]), IMAGE_MARGIN)
         keep &= self.clearance_map.has_room_at(positions)
@@ -201,10 +212,11 @@ class ViewpointPlanner:
         robot_circles = [(x, y, min_gap) for x, y in self._others]
         for x, y, radius in [*robot_circles, *avoid]:
             keep &= np.hypot(positions[:, 0] - x, positions[:, 1] - y) >= radius
-        keep[keep] = self._shows(positions[keep], yaws[keep])
-        positions, yaws, distances = positions[keep], yaws[keep], distances[keep]
-        if not len(positions):
-            return self._retreat(robot)
+        keep[keep] = self._are_suitable(positions[keep], yaws[keep])
+        return positions[keep], yaws[keep], distances[keep]
+
+    def _costs(self, robot: Pose, positions: np.ndarray, yaws: np.ndarray, distances: np.ndarray) -> np.ndarray:
+        """Returns what each candidate costs, (N,) [m] of path; inf if the robot must not drive there."""
         offsets = positions - robot[:2]
         moves = np.hypot(*offsets.T)
         lengths = self.clearance_map.path_lengths(robot[:2], positions, self._others)
@@ -216,19 +228,13 @@ class ViewpointPlanner:
         turns = np.abs(np.arctan2(np.sin(turns), np.cos(turns)))
         turn_costs = TURN_COST * turns.sum(axis=0)
         distance_costs = DISTANCE_COST * np.abs(distances - BEST_DISTANCE)
-        cost = lengths + turn_costs + distance_costs
-        seen_part = self._seen(self._ahead, positions, yaws).mean(axis=1)
-        cost += UNSEEN_COST * (1.0 - seen_part)
+        unseen_costs = UNSEEN_COST * (1.0 - self._seen(self._ahead, positions, yaws).mean(axis=1))
         # while the seed is shown, the border may be saved at any moment; so a robot waits if it is not needed
         waits = self.drawing.marks_side and self.drawing.seen_by_stationary
         crossing_cost = np.inf if waits else LOCKED_COST
         crossing_costs = np.where(crossing, crossing_cost, 0.0)
-        cost += crossing_costs + LOCKED_COST * ~self._is_outside(positions)
-        best = int(np.argmin(cost))
-        if not np.isfinite(cost[best]):
-            return self._retreat(robot)
-        yaw = geometry.wrap_angle(float(yaws[best]))
-        return Viewpoint((*positions[best].tolist(), yaw), float(cost[best]))
+        locked_costs = LOCKED_COST * ~self._is_outside(positions)
+        return lengths + turn_costs + distance_costs + unseen_costs + (crossing_costs + locked_costs)
 
     def _cross_area(self, robot: Pose, positions: np.ndarray, lengths: np.ndarray) -> np.ndarray:
         """Returns (N,) bool: whether the shortest path to each position, of length (N,) [m], crosses the expected area.
@@ -242,7 +248,7 @@ class ViewpointPlanner:
         return detours > lengths + 1e-6
 
     # ------------------------------------------------------------- one test for all poses
-    def _shows(self, positions: np.ndarray, yaws: np.ndarray) -> np.ndarray:
+    def _are_suitable(self, positions: np.ndarray, yaws: np.ndarray) -> np.ndarray:
         """Returns (N,) bool: which poses see all they must, and are neither on the line nor on the seed's side."""
         drawing = self.drawing
         required = [self.target_point] if drawing.seen_by_stationary else [self.target_point, drawing.spot]

@@ -37,10 +37,10 @@ from typing import Deque, Dict, Optional, Tuple
 from vb_core.grid_map import GridMap
 from vb_core.geometry import Pose
 from vb_core.robot_profile import RobotProfile
-from vb_robot.driving.scan_clearance import MAX_POSE_JUMP, Clearance, Fix, Scan
-from vb_robot.driving.scan_clearance import lowest_speed_limit, pose_jump, safe_speed, stop_distance
+from vb_robot.driving.localization import MAX_POSE_JUMP, Fix, pose_jump
+from vb_robot.driving.scan_clearance import RequiredGaps, Scan, safe_speed, stop_distance
 from vb_robot.driving.velocity import MAX_SPEED, VelocityRequest
-from vb_robot.driving.workspace import Workspace
+from vb_robot.driving.workspace import Workspace, lowest_speed_limit
 
 RATE = 20.0  # [1/s] how often commands are limited, and late messages noticed
 INPUT_TIMEOUT = 0.5  # [s] from an input's last message until the robot has stopped, without slack
@@ -55,11 +55,11 @@ BLIND_SPEED = 0.1  # [m/s] without a scanner, with the map alone, and with a joy
 
 OTHER_PUBLISHER = "other_cmd_vel_publisher"  # the code while another node can command the base
 NONE, STOP, TELEOP, FOLLOW, ESCAPE, NAVIGATION = "none", "stop", "teleop", "follow", "escape", "navigation"
-CLEARANCES = {
-    TELEOP: Clearance(0.05, 0.02, 0.0),
-    FOLLOW: Clearance(0.12, 0.04, 0.06),  # navigation must find a path from where a person leaves the robot
-    ESCAPE: Clearance(0.12, 0.04, 0.05),
-    NAVIGATION: Clearance(0.04, 0.0, -0.04),  # navigation keeps its own distance; this is only the last safeguard
+REQUIRED_GAPS = {
+    TELEOP: RequiredGaps(0.05, 0.02, 0.0),
+    FOLLOW: RequiredGaps(0.12, 0.04, 0.06),  # navigation must find a path from where a person leaves the robot
+    ESCAPE: RequiredGaps(0.12, 0.04, 0.05),
+    NAVIGATION: RequiredGaps(0.04, 0.0, -0.04),  # navigation keeps its own distance; this is only the last safeguard
 }
 
 
@@ -236,7 +236,7 @@ class CommandGate:
     def _speed_limit(self, now: float, source: str, v: float, w: float) -> Tuple[float, str]:
         """Returns the highest speed [m/s] on the arc of (v, w), and a code for what limits it."""
         limits, radius = self.profile.limits, self.profile.radius
-        clearance = CLEARANCES[source]
+        gaps = REQUIRED_GAPS[source]
         max_speed = limits.max_speed
         if source in (FOLLOW, ESCAPE):
             max_speed = min(MAX_SPEED, max_speed)
@@ -249,7 +249,7 @@ class CommandGate:
         if scan is not None:
             # the scan's age counts instead of the reaction time if it is longer
             latency = max(delay, now - self.stamps["scan"] + 1.0 / RATE + BASE_DELAY)
-            free = scan.free_distance(v, w, radius, clearance)
+            free = scan.free_distance(v, w, radius, gaps)
             speeds.append((safe_speed(free, limits, latency), "obstacle"))
             is_scanned = scan.sees_path(v, w, radius, stop_distance(v, limits, latency))
             if not is_scanned and source != TELEOP:
@@ -261,7 +261,7 @@ class CommandGate:
         if pose is not None and workspace is not None:
             if source == NAVIGATION and workspace.distance_to_border(pose) <= 0.0:
                 speeds.append((0.0, "inside_border"))
-            free = workspace.free_distance(pose, v, w, clearance.cells)
+            free = workspace.free_distance(pose, v, w, gaps.cells)
             speeds.append((safe_speed(free, limits, delay), "border"))
         if pose is not None and self.speed_limits is not None:
             reach = stop_distance(v, limits, delay)

@@ -1,31 +1,27 @@
-"""Computes how far and how fast a robot may drive, from its laser scan and the map of speed limits.
+"""Computes from a laser scan how far a robot may drive, and from that distance how fast.
 
-Floor is free only if a sensor or a map says so. A direction without a beam is not free, an echo nearer than the
-scanner can measure is an obstacle, and floor that is not on a map is unknown.
+Floor is free only if the scan says so: a direction without a beam is not free, and an echo nearer than the scanner can
+measure is an obstacle.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Optional
+from typing import NamedTuple
 
 import numpy as np
 
-from vb_core.geometry import Pose, arc_coordinates, base_to_map, map_to_base, transform_points, wrap_angle
-from vb_core.grid_map import GridMap, crop
+from vb_core.geometry import arc_coordinates, transform_points, wrap_angle
 from vb_core.robot_profile import Limits
 
 HORIZON = 0.8  # [m] checked length of the arc; a robot that brakes at 1.5 m/s^2 stops from 1 m/s within it
 MIN_ARC_RADIUS = 0.3  # [m] on a narrower arc, a robot counts as driving straight
 GAP_DEG = 4.0  # [deg] a gap in a scan up to this width hides nothing wider than a hand at arm's length
 SELF_ECHO_MARGIN = 0.03  # [m] a scanner's error: an echo this little inside the rim may be an object at the rim
-MAX_POSE_JUMP = 0.25  # [m] ten times AMCL's usual correction; a turn of 1 rad counts as 0.5 m
 
 
-@dataclass(frozen=True)
-class Clearance:
-    """The clearance [m] that a source keeps from the scan's points ahead and at the sides, and from the map's cells."""
+class RequiredGaps(NamedTuple):
+    """The gaps [m] that a source must leave to the scan's points ahead and at the sides, and to the map's cells."""
 
     ahead: float
     sides: float
@@ -95,10 +91,10 @@ class Scan:
         covers_sides = len(offsets) and offsets[0] <= -reach and reach <= offsets[-1]
         return bool(covers_sides and (np.diff(offsets) <= self._gap).all())
 
-    def free_distance(self, v: float, w: float, radius: float, clearance: Clearance) -> float:
+    def free_distance(self, v: float, w: float, radius: float, gaps: RequiredGaps) -> float:
         """Returns how far [m] the arc of (v, w) [m/s, rad/s] is clear of scan points, or inf if none is in the way."""
         curvature = w / v
-        width = radius + clearance.sides
+        width = radius + gaps.sides
         checked_curvature = curvature if abs(curvature) <= 1.0 / MIN_ARC_RADIUS else 0.0
         along, across = arc_coordinates(self.points * [np.sign(v), 1.0], checked_curvature)
         in_the_way = (np.abs(across) < width) & (along > 0.0)
@@ -106,7 +102,7 @@ class Scan:
             return math.inf
         # the robot's front is round: an obstacle beside the centre line may come nearer
         front = np.sqrt(width**2 - across[in_the_way] ** 2)
-        return float((along[in_the_way] - front).min() - clearance.ahead + clearance.sides)
+        return float((along[in_the_way] - front).min() - gaps.ahead + gaps.sides)
 
     def sees_path(self, v: float, w: float, radius: float, stopping_distance: float) -> bool:
         """Returns whether beams cover the arc of (v, w) beyond the stopping distance [m]."""
@@ -116,57 +112,3 @@ class Scan:
         if v < 0:
             bearing = math.pi - bearing
         return self.covers(bearing, math.atan2(radius, radius + HORIZON))
-
-
-def lowest_speed_limit(limits: GridMap, position, reach: float) -> float:
-    """Returns the lowest speed limit [m/s] within `reach` [m] of a position (2,) [m], or inf without a limit.
-
-    Args:
-        limits: the map that map_integrator publishes [cm/s]; 0 means no limit.
-    """
-    x, y = position
-    reach += 2.0 * limits.resolution  # distances are to the cells' centres, not to their edges
-    surroundings = crop(limits, (x - reach, y - reach, x + reach, y + reach))
-    cells = np.argwhere(surroundings.data > 0)
-    offsets = surroundings.cell_to_world(cells) - position
-    cells = cells[np.hypot(*offsets.T) <= reach]
-    if not len(cells):
-        return math.inf
-    return float(surroundings.data[tuple(cells.T)].min()) / 100.0
-
-
-@dataclass(frozen=True)
-class Fix:
-    """A robot's pose (x, y, yaw) [m, m, rad] at time `stamp` [s], on the map and, if known, in odometry's frame."""
-
-    stamp: float
-    pose: Pose
-    odometry: Optional[Pose] = None
-
-
-def pose_jump(earlier: Fix, later: Fix) -> float:
-    """Measures by how much [m] the pose changed beyond the odometry's change. A turn of 1 rad counts as 0.5 m.
-
-    Without odometry, what counts is the change beyond what any robot may move in that time, at 1 m/s and 3 rad/s.
-    """
-    expected = earlier.pose
-    elapsed = later.stamp - earlier.stamp
-    if earlier.odometry is not None and later.odometry is not None:
-        motion = map_to_base(later.odometry[:2], earlier.odometry)
-        position = base_to_map(motion, earlier.pose)[0]
-        expected = (*position, earlier.pose[2] + later.odometry[2] - earlier.odometry[2])
-        elapsed = 0.0
-    distance = max(0.0, math.dist(expected[:2], later.pose[:2]) - elapsed)
-    rotation = abs(math.remainder(later.pose[2] - expected[2], 2.0 * math.pi))
-    return distance + 0.5 * max(0.0, rotation - 3.0 * elapsed)
-
-
-def arc_positions(pose: Pose, lengths: np.ndarray, curvature: float) -> np.ndarray:
-    """Returns the positions (N, 2) [m] at signed lengths (N,) [m] along an arc of a curvature [1/m] from a pose."""
-    lengths = np.asarray(lengths, dtype=float)
-    if abs(curvature) < 1e-6:
-        local_points = np.column_stack([lengths, np.zeros_like(lengths)])
-    else:
-        angle = lengths * curvature
-        local_points = np.column_stack([np.sin(angle), 1.0 - np.cos(angle)]) / curvature
-    return base_to_map(local_points, pose)

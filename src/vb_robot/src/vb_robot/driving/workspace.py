@@ -8,58 +8,37 @@ borders inflated by it. The gate, the escape and navigation share this map, so t
 from __future__ import annotations
 
 import math
-from collections import deque
-from typing import Deque, Optional
+from typing import Optional
 
 import numpy as np
 
-from vb_core.grid_map import GridMap, clearance_grid, nearest_cell, sample
-from vb_core.geometry import Pose
-from vb_robot.driving.scan_clearance import HORIZON, arc_positions
+from vb_core.grid_map import GridMap, clearance_grid, crop, nearest_cell, sample
+from vb_core.geometry import Pose, arc_positions
+from vb_robot.driving.scan_clearance import HORIZON
 
 LETHAL_THRESHOLD = 99  # [%] a cell of this occupancy or more is never entered
-# The localisation's error. AMCL reports the spread of its particles. Its pose is their mean, with a far smaller error.
-# At 96 of 100 updates, that error was below the distance that robots keep with these values (`git show
-# 27ba7133:docs/results/robots/navigation.md`). Navigation's own clearance covers the rest.
-STD_FACTOR = 0.75  # the part of the particles' standard deviation that counts
-MIN_UNCERTAINTY = 0.05  # [m] the least that counts, and what counts without a covariance
-# above these, which are three times what the margin covers, the robot counts as lost
-MAX_STD = 0.4  # [m]
-MAX_YAW_STD = 0.35  # [rad]
-MAX_UNCERTAINTY = 0.10  # [m] with more, navigation would refuse viewpoints, which may be this near to borders
-UNCERTAINTY_STEP = 0.025  # [m] by which the uncertainty changes, because navigation then gets a new map
-UNCERTAINTY_UPDATES = 5  # the largest uncertainty of so many localisation updates counts: half a metre of driving
-
-
-class PoseUncertainty:
-    """The localisation uncertainty in the worst direction, from the localisation's own covariance.
-
-    Attributes:
-        meters: [m] in steps, so that it seldom changes. It rises at once and falls slowly.
-        lost: whether the newest covariance means that the robot may be anywhere.
-    """
-
-    def __init__(self) -> None:
-        self.meters = MIN_UNCERTAINTY
-        self.lost = False
-        self._last: Deque[float] = deque(maxlen=UNCERTAINTY_UPDATES)
-
-    def add(self, covariance: np.ndarray) -> bool:
-        """Adds the covariance (3, 3) [m, m, rad] of one update's x, y and yaw. Returns whether `meters` has changed."""
-        finite = bool(np.isfinite(covariance).all())
-        largest_variance = float(np.linalg.eigvalsh(covariance[:2, :2])[-1]) if finite else math.inf
-        yaw_variance = float(covariance[2, 2])
-        self.lost = largest_variance > MAX_STD**2 or not 0.0 <= yaw_variance <= MAX_YAW_STD**2
-        self._last.append(STD_FACTOR * math.sqrt(max(largest_variance, 0.0)))
-        previous = self.meters
-        uncertainty = min(max(*self._last, MIN_UNCERTAINTY), MAX_UNCERTAINTY)
-        self.meters = UNCERTAINTY_STEP * math.floor(uncertainty / UNCERTAINTY_STEP + 1e-6)
-        return self.meters != previous
 
 
 def forbidden_cells(borders: GridMap, physical: GridMap) -> np.ndarray:
     """Returns (H, W) bool: the cells that only a border forbids, including unknown cells."""
     return (borders.data >= LETHAL_THRESHOLD) & (borders.data > physical.data)
+
+
+def lowest_speed_limit(limits: GridMap, position, reach: float) -> float:
+    """Returns the lowest speed limit [m/s] within `reach` [m] of a position (2,) [m], or inf without a limit.
+
+    Args:
+        limits: the map that map_integrator publishes [cm/s]; 0 means no limit.
+    """
+    x, y = position
+    reach += 2.0 * limits.resolution  # distances are to the cells' centres, not to their edges
+    surroundings = crop(limits, (x - reach, y - reach, x + reach, y + reach))
+    cells = np.argwhere(surroundings.data > 0)
+    offsets = surroundings.cell_to_world(cells) - position
+    cells = cells[np.hypot(*offsets.T) <= reach]
+    if not len(cells):
+        return math.inf
+    return float(surroundings.data[tuple(cells.T)].min()) / 100.0
 
 
 class Workspace:

@@ -7,8 +7,7 @@ are the reason.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Dict, Optional, Sequence, Tuple
+from typing import Dict, NamedTuple, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -24,8 +23,7 @@ _NAMING_STEP = 0.05  # [m] between the points of a border whose distance is meas
 SEARCH_CELLS = 200  # maximum along the map's longer side; coarse, as the path is searched only for a border's name
 
 
-@dataclass(frozen=True)
-class KnownBorder:
+class KnownBorder(NamedTuple):
     """A border: its name, chain (N, 2) [m], seed (2,) [m], and whether it is a polygon."""
 
     name: str
@@ -34,13 +32,12 @@ class KnownBorder:
     is_polygon: bool
 
     def may_restrict(self, point) -> bool:
-        """Returns whether a point (2,) [m] is on the seed's side of a polygon; true for a curve, which has none."""
+        """Returns whether a point (2,) [m] is on the seed's side of a polygon; always true for a curve, whose sides are not computed."""
         return not self.is_polygon or self._contains(point) == self._contains(self.seed)
 
     def _contains(self, point) -> bool:
         polygon = np.asarray(self.points, dtype=np.float32).reshape(-1, 1, 2)
-        x, y = (float(value) for value in point)
-        return cv2.pointPolygonTest(polygon, (x, y), False) >= 0
+        return cv2.pointPolygonTest(polygon, tuple(map(float, point)), False) >= 0
 
 
 def find_border_name(borders: Sequence[KnownBorder], point) -> str:
@@ -58,10 +55,10 @@ def find_border_name(borders: Sequence[KnownBorder], point) -> str:
     return min(borders, key=order).name if borders else ""
 
 
-def is_inside_border(borders: GridMap, physical: GridMap, point) -> bool:
+def is_inside_border(map_with_borders: GridMap, physical: GridMap, point) -> bool:
     """Returns whether only a border forbids the robot to be at a point (2,) [m]."""
     position = np.reshape(point, (1, 2))
-    with_borders = sample(borders, borders.data, position, -1.0)[0]
+    with_borders = sample(map_with_borders, map_with_borders.data, position, -1.0)[0]
     without = sample(physical, physical.data, position, -1.0)[0]
     return bool(with_borders >= LETHAL_THRESHOLD and with_borders > without)
 
@@ -75,25 +72,27 @@ class GoalChecker:
     """Checks goals on one pair of maps.
 
     Args:
-        borders: the map with borders, on which navigation plans.
+        map_with_borders: the map on which navigation plans.
         physical: the map without borders, of the same geometry.
         radius: [m] of the robot's inscribed circle.
-        known: the borders that are in force for this robot, with their names.
+        borders: those that are in force for this robot.
     """
 
-    def __init__(self, borders: GridMap, physical: GridMap, radius: float, known: Sequence[KnownBorder]) -> None:
-        self.borders, self.physical = borders, physical
-        self.known = known
-        self._barred = forbidden_cells(borders, physical)
+    def __init__(
+        self, map_with_borders: GridMap, physical: GridMap, radius: float, borders: Sequence[KnownBorder]
+    ) -> None:
+        self.map_with_borders, self.physical = map_with_borders, physical
+        self.borders = borders
+        self._barred = forbidden_cells(map_with_borders, physical)
         # one cell less, because navigation may round differently, and a goal must be refused only if that is certain
-        self._radius = max(radius - borders.resolution, 0.5 * borders.resolution)
-        self._components = {"borders": self._label(borders), "physical": self._label(physical)}
+        self._radius = max(radius - map_with_borders.resolution, 0.5 * map_with_borders.resolution)
+        self._components = {"with_borders": self._label(map_with_borders), "physical": self._label(physical)}
 
     def name_at(self, point) -> str:
         """Returns the name of the border that contains a point (2,) [m], or that leaves no room there."""
         reach = 2.0 * self._radius + _NAMING_MARGIN
-        _, nearest = nearest_cell(self.borders, self._barred, point, reach)
-        return find_border_name(self.known, nearest)
+        _, nearest = nearest_cell(self.map_with_borders, self._barred, point, reach)
+        return find_border_name(self.borders, nearest)
 
     def check(self, start, goal) -> Optional[Tuple[str, str]]:
         """Returns why navigation will refuse a goal (2,) [m] from a start (2,) [m]: a code, and the border's name.
@@ -101,13 +100,13 @@ class GoalChecker:
         The codes are "goal_off_map", "goal_in_border", "goal_in_obstacle", "goal_behind_border" and
         "goal_out_of_reach". Returns None if nothing is known against the goal. `start` is None if it is not known.
         """
-        grid = self.borders
+        grid = self.map_with_borders
         if not grid.contains_cells(grid.world_to_cell(goal))[0]:
             return "goal_off_map", ""
         goal_components = {layer: self._component_at(layer, goal, 0.0) for layer in self._components}
         if not goal_components["physical"]:
             return "goal_in_obstacle", ""
-        if not goal_components["borders"]:
+        if not goal_components["with_borders"]:
             return "goal_in_border", self.name_at(goal)
         if start is None:
             return None
@@ -116,7 +115,7 @@ class GoalChecker:
             return None
         if goal_components["physical"] != start_components["physical"]:
             return "goal_out_of_reach", ""
-        if goal_components["borders"] != start_components["borders"]:
+        if goal_components["with_borders"] != start_components["with_borders"]:
             return "goal_behind_border", self._crossed(start, goal)
         return None
 
@@ -127,7 +126,7 @@ class GoalChecker:
 
     def _component_at(self, layer: str, point, reach: float) -> int:
         """Returns the label of the floor's part at a point (2,), else of the nearest within `reach` [m]; 0 for none."""
-        components, grid = self._components[layer], self.borders
+        components, grid = self._components[layer], self.map_with_borders
         cell = tuple(grid.world_to_cell(point)[0])
         if grid.contains_cells(np.array([cell]))[0] and components[cell]:
             return int(components[cell])
@@ -136,21 +135,22 @@ class GoalChecker:
 
     def _crossed(self, start, goal) -> str:
         """Returns the name of the first border on the path that crosses the fewest border cells."""
-        if is_inside_border(self.borders, self.physical, start):
+        grid = self.map_with_borders
+        if is_inside_border(grid, self.physical, start):
             return self.name_at(start)
-        step = int(np.ceil(max(self.borders.shape) / SEARCH_CELLS))
-        allowed = _any_of(self._components["borders"] > 0, step)
+        step = int(np.ceil(max(grid.shape) / SEARCH_CELLS))
+        allowed = _any_of(self._components["with_borders"] > 0, step)
         passable = allowed | _any_of(self._components["physical"] > 0, step)
         # a start that is just off the map counts as on it
-        last_cell = np.array(self.borders.shape) - 1
-        ends = np.clip(self.borders.world_to_cell(np.array([start, goal])), 0, last_cell) // step
+        last_cell = np.array(grid.shape) - 1
+        ends = np.clip(grid.world_to_cell(np.array([start, goal])), 0, last_cell) // step
         passable[tuple(ends.T)] = True  # the ends may be outside the blocks that have room
         passable_cost = np.where(allowed, 1.0, 1e3)
         cost = np.where(passable, passable_cost, np.inf)
         for row, column in ShortestPaths(cost, ends[:1], np.zeros(1)).path_to(ends[1]):
             if not allowed[row, column]:
                 middle = (np.array([row, column]) + 0.5) * step - 0.5
-                return self.name_at(self.borders.cell_to_world(middle[None])[0])
+                return self.name_at(grid.cell_to_world(middle[None])[0])
         return ""
 
 

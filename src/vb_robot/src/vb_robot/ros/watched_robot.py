@@ -207,8 +207,8 @@ class WatchedRobot:
         if grid is None or physical is None or not physical.same_geometry(grid):
             return None
         checker = self._goal_checker
-        is_current = checker is not None and radius == self._checked_radius and checker.known is self._borders
-        if not is_current or checker.borders is not grid or checker.physical is not physical:
+        is_current = checker is not None and radius == self._checked_radius and checker.borders is self._borders
+        if not is_current or checker.map_with_borders is not grid or checker.physical is not physical:
             inscribed_radius = radius or robot_profile.read_radius(self.name, DEFAULT_RADIUS)
             self._goal_checker = GoalChecker(grid, physical, inscribed_radius, self._borders)
             self._checked_radius = radius
