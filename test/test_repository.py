@@ -85,8 +85,8 @@ vb_evaluation.demo vb_evaluation.simulated_study.live_run vb_evaluation.user_stu
 vb_evaluation.navigation_check.check_navigation vb_evaluation.navigation_check.move_base_goals
 vb_evaluation.system_observer vb_map_integration.border_messages vb_map_integration.import_borders
 vb_mqtt.entities vb_sim.in_process_ros.connections vb_sim.in_process_ros.launch_file vb_sim.in_process_ros.rospy_stand_in
-vb_interaction.border_preview vb_interaction.border_services vb_voice_wizard.wizard_console
-vb_web.action_executor vb_web.camera_images vb_web.page_messages
+vb_interaction.border_preview vb_interaction.border_services vb_interaction.state_message
+vb_voice_wizard.wizard_console vb_web.action_executor vb_web.camera_images vb_web.page_messages
 """.split()
 EXAMPLES_AS_INSTALLED = """
 import doctest, importlib, sys

@@ -16,7 +16,6 @@ from vb_evaluation.counterbalancing import order_runs
 from vb_evaluation.repository_revision import repository_root
 from vb_evaluation.report.study_files import RUNS, WORLDS
 from vb_evaluation.simulated_study import campaign, config, run_plan
-from vb_evaluation.simulated_study.config import draw
 from vb_evaluation.simulated_study.live_run import personal_scenario
 from vb_sim import floor_plan
 
@@ -43,7 +42,7 @@ def test_people_differ_and_stay_who_they_are():
 )
 def test_distributions_have_their_moments(spec, mean, spread):
     rng = np.random.default_rng(0)
-    values = [draw("trait", spec, rng) for _ in range(4000)]
+    values = [config.sample_value("trait", spec, rng) for _ in range(4000)]
     assert np.mean(values) == pytest.approx(mean, abs=0.12)
     assert np.std(values) == pytest.approx(spread, abs=0.06)
 

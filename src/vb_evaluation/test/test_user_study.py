@@ -121,12 +121,12 @@ def test_the_questionnaire_of_the_first_method_is_handed_out_at_the_end(conducte
 
 
 @pytest.mark.parametrize("participant, code", [("p01", "all_done"), ("p07", "no_participant")])
-def test_who_has_done_all_runs_or_is_unknown_has_no_next_one(conducted, planned, participant, code):
+def test_a_finished_or_unknown_participant_has_no_next_run(conducted, planned, participant, code):
     with refused(code):
         conduct_run.find_next_run(planned, participant)
 
 
-def test_a_system_that_came_up_otherwise_is_reported_at_once(planned):
+def test_a_system_started_with_other_method_or_cameras_is_reported_at_once(planned):
     run, said = conduct_run.find_next_run(planned, "p01"), []
     other = "robot_only" if run.entry.method == "nrs" else "nrs"
 
@@ -203,10 +203,12 @@ def test_the_codebook_explains_every_column(codebook, tmp_path):
 
 
 def test_the_codebook_explains_every_outcome(codebook):
-    flags = (True, False)
-    possible = {classify_outcome(*of, noted) for of in product(flags, repeat=3) for noted in (None, *flags)}
-    uncounted = {"unreadable", "other_map", "not_started"}
-    assert set(codebook["values"][codebook.column == "outcome"]) == possible | uncounted
+    possible = {
+        classify_outcome(is_as_planned=planned, is_saved=saved, seed_is_right=right, judged_completed=judged)
+        for planned, saved, right, judged in product((True, False), (True, False), (True, False), (True, False, None))
+    }
+    never_returned = {"unreadable", "other_map", "not_started"}
+    assert set(codebook["values"][codebook.column == "outcome"]) == possible | never_returned
 
 
 # ------------------------------------------------------------------ data protection

@@ -119,7 +119,7 @@ def test_a_clock_that_is_set_back_while_somebody_draws_is_undone_for_every_camer
     assert np.ptp(spots["stamps"]) == pytest.approx(0.02 * count, abs=0.2)
 
 
-def test_one_old_message_is_no_clock_that_was_set_back():
+def test_a_single_old_spot_is_ignored_and_does_not_reset_the_clock():
     collector = in_border(100.0)
     reasons = [collector.add(spot(stamp)) for stamp in (110.0, 80.0, 110.1, 110.2)]
     assert reasons == ["", "clock", "", ""]

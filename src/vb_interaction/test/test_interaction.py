@@ -219,7 +219,7 @@ def test_a_failed_save_says_if_it_may_have_arrived(saving, sent, unanswered_befo
     assert_fields(saving, state=SEED, pending="", unanswered_save=unanswered)
 
 
-def test_cancel_after_an_unanswered_save_promises_no_unchanged_map(saving):
+def test_cancel_after_an_unanswered_save_does_not_say_that_the_map_stays_unchanged(saving):
     saving.unanswered_save = True
     saving.finish_pending(Answer(False, "save_unanswered", {"who_code": "map_integrator"}), 6.0)
     answer = saving.command(CANCEL, "a", 7.0)

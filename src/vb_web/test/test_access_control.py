@@ -9,16 +9,16 @@ from hypothesis import given, strategies as st
 from refusals import refused
 from vb_web import access_control
 from vb_core.rate_limiter import RateLimiter
-from vb_web.access_control import COOKIE_DAYS, ConnectionSlots, Role, Sessions, load_codes
+from vb_web.access_control import COOKIE_DAYS, ConnectionSlots, Role, Sessions, load_access_codes
 
 CODES = {"viewer": "view-er22", "operator": "oper-at33"}
 
 
 def test_codes_are_made_once_and_private(tmp_path):
     path = tmp_path / "folder" / "codes.yaml"
-    first = load_codes(path)
+    first = load_access_codes(path)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
-    assert load_codes(path) == first
+    assert load_access_codes(path) == first
     assert first["viewer"] != first["operator"]
 
 
@@ -32,7 +32,7 @@ def test_a_file_of_codes_that_protects_nothing_is_refused(tmp_path, change):
     path.write_text(yaml.safe_dump({**CODES, **change}))
     path.chmod(0o600)
     with refused("page_codes_bad"):
-        load_codes(path)
+        load_access_codes(path)
 
 
 def test_codes_are_accepted_as_people_type_them():
@@ -160,5 +160,5 @@ def test_a_limiter_forgets_the_oldest_of_many_keys():
 def test_codes_are_not_written_through_a_link(tmp_path):
     target = tmp_path / "target"
     (tmp_path / "codes.yaml").symlink_to(target)
-    load_codes(tmp_path / "codes.yaml")
+    load_access_codes(tmp_path / "codes.yaml")
     assert not target.exists()

@@ -25,12 +25,16 @@ from typing import Any, Callable, Dict, Iterable, List, Mapping, Sequence, Tuple
 
 import rosgraph
 import rosgraph.network
+import rosparam
+import rospkg
+import yaml
 
 from vb_core import sentences
 from vb_core.errors import CodedError
 from vb_core.parameters import NAME
 from vb_core.robot_profile import RobotProfile, find_profile
 
+# modules that are slow to import are imported by the functions that need them: every launch waits for this program
 STARTED, REFUSED = 0, 1
 ANSWER_TIMEOUT = 3.0  # [s] in which a running node must answer with its process id
 UNIQUE_NODE = "/map_integrator"  # every lab has exactly one, because two would publish to the same topic
@@ -90,7 +94,7 @@ def check_file(argument: str, value: str) -> None:
         raise CodedError("launch_no_file", argument=argument, file=value, why=reason) from None
 
 
-def check_map_file(_argument: str, value: str) -> None:
+def check_map_file(argument: str, value: str) -> None:
     """Raises CodedError "bad_map_file" unless the value is empty or the path of a map that map_server can read."""
     if value:
         from vb_core.map_files import path_from_caller, read_map
@@ -100,9 +104,6 @@ def check_map_file(_argument: str, value: str) -> None:
 
 def read_parameter_file(argument: str, path: str) -> Mapping[str, Any]:
     """Reads the parameters in a YAML file as roslaunch does. Raises CodedError "launch_no_file" or "launch_bad_file"."""
-    import rosparam
-    import yaml
-
     check_file(argument, path)
     try:
         documents = [values for values, _ in rosparam.load_file(path)]
@@ -120,30 +121,31 @@ def check_detector(argument: str, value: str) -> None:
     SpotDetectorNodeParams.from_mapping(read_parameter_file(argument, value), value)
 
 
+def check_pairs(argument: str, value: str) -> None:
+    """Raises CodedError "launch_bad_pairs" unless the value is words of the form NAME=VALUE."""
+    parse_pairs(argument, value)
+
+
 def check_detectors(argument: str, value: str) -> None:
     """Checks each camera's own file as `check_detector` does. Raises "launch_bad_pairs" too."""
     for path in parse_pairs(argument, value).values():
         check_detector(argument, path)
 
 
-def check_robot_types(argument: str, value: str) -> List[RobotProfile]:
-    """Reads robot types or paths of profiles, separated by spaces.
+def check_robot_types(argument: str, value: str) -> None:
+    """Checks robot types or paths of profiles, separated by spaces.
 
     Raises:
         CodedError: "unknown_robot_type", "launch_no_file", "bad_parameter"
     """
-    import rospkg
-
     folder = Path(rospkg.RosPack().get_path("vb_bringup")) / "robots"
-    profiles = []
     for name in value.split():
         path = Path(name) if "/" in name else find_profile(name, folder)
         check_file(argument, str(path))
-        profiles.append(RobotProfile.load(path))
-    return profiles
+        RobotProfile.load(path)
 
 
-ArgumentCheck = Callable[[str, str], Any]
+ArgumentCheck = Callable[[str, str], None]  # of an argument and its value; raises a CodedError
 # roslaunch or a node checks the arguments that are not listed, such as conditions and ports
 ARGUMENT_CHECKS: Dict[str, ArgumentCheck] = {
     "robot": partial(check_choice, choices=("true", "false", "1", "0")),
@@ -152,7 +154,7 @@ ARGUMENT_CHECKS: Dict[str, ArgumentCheck] = {
     "robot_types": check_robot_types,
     "config": check_detector,
     "configs": check_detectors,
-    "machines": parse_pairs,
+    "machines": check_pairs,
     "machines_file": check_file,
     "map": check_map_file,
     "image_transport": partial(check_choice, choices=("raw", "compressed")),
@@ -195,7 +197,6 @@ def check_installed(programs: Iterable[str]) -> None:
 
     Each of these programs is in a package of its own name.
     """
-    import rospkg
     from roslib.packages import find_node
 
     for program in programs:
@@ -234,7 +235,6 @@ def find_roslaunch_call(process: int) -> Tuple[List[str], List[Path], str]:
     programs = [os.path.basename(word) for word in words[:3]]
     if "roslaunch" not in programs:
         return [], [], ""
-    import roslaunch
     import roslaunch.rlutil
 
     after_program = words[programs.index("roslaunch") + 1 :]

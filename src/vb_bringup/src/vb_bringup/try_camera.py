@@ -70,7 +70,7 @@ _REPEAT_NOTE = (
 
 
 # ------------------------------------------------------------- the floor
-def draw_seen_floor(view: PosedCamera) -> GridMap:
+def empty_map_of_seen_floor(view: PosedCamera) -> GridMap:
     """Returns an empty map of the floor that a camera sees. Raises CodedError "bad_rectangle" if it sees no near floor."""
     camera = view.camera
     u, v = np.meshgrid(np.linspace(0, camera.width - 1, 60), np.linspace(0, camera.height - 1, 40))
@@ -114,7 +114,7 @@ def write_camera_lab(folder: Path, source: str, view: PosedCamera) -> None:
         CodedError: "cannot_write_lab"
     """
     shutil.rmtree(str(folder), ignore_errors=True)
-    write_map(folder.parent / "floor", draw_seen_floor(view))
+    write_map(folder.parent / "floor", empty_map_of_seen_floor(view))
     write_lab(folder, {CAMERA: source}, "", folder.parent / "floor.yaml", _PACKAGE / "robots")
     save_lens(folder / "lenses" / f"{CAMERA}.yaml", CAMERA, view.camera)
     pose = CameraPose(CAMERA, names.MAP_FRAME, f"{CAMERA}_optical_frame", view.T_map_camera, view.camera.focal_px)
@@ -205,7 +205,7 @@ class _Floor(_Handler):
             corners = np.array(request["corners"], float).reshape(4, 2)
             size = float(request["width"]), float(request["depth"])
             view = estimate_camera_from_rectangle(corners, size, (width, height))
-            floor = draw_seen_floor(view)
+            floor = empty_map_of_seen_floor(view)
             some_cells = np.argwhere(floor.data == 0)[:: max(1, floor.data.size // 400)]
             pixels = project(view.camera, view.T_map_camera, floor.cell_to_world(some_cells))
             worst = click_uncertainty(corners, size, (width, height), pixels)

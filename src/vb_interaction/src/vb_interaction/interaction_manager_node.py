@@ -14,8 +14,7 @@ from vb_core import names
 from vb_core.border_changes import ADDED, DISABLED, ENABLED, REMOVED, find_border_changes
 from vb_core.errors import CodedError
 from vb_core.files import append_line
-from vb_core.interaction_tables import BORDER, COMMANDS, GUIDE, RESUME, YES_ANSWERS
-from vb_core.interaction_tables import SAVE, SEED, STOP, UNDO, command_name_from_text
+from vb_core.interaction_tables import COMMANDS, RESUME, SAVE, STOP, UNDO, YES_ANSWERS, command_name_from_text
 from vb_core.notices import Notice, Severity
 from vb_core.parameters import param
 from vb_core.ros import node, parameters, services
@@ -31,6 +30,7 @@ from vb_interaction.border_preview import PreviewPublisher
 from vb_interaction.border_services import RESPONSE_TIMEOUT, SERVICE_TIMEOUT, BorderServices
 from vb_interaction.command_answers import Answer, AnswerCache
 from vb_interaction.interaction import Interaction, InteractionParams
+from vb_interaction.state_message import make_state_message
 
 _PUBLISH_PERIOD = 0.1  # [s] of wall time: robots stop half a second after the last state (vb_msgs/InteractionState)
 _STORE_PERIOD = 2.0  # [s] between attempts to store the stop, because a full disk may have room again
@@ -206,25 +206,25 @@ class InteractionManagerNode:
             return self._complete(command, interaction_id, request)
         return answer
 
-    def _complete(self, pending: str, interaction_id: str, request: CommandRequest) -> Answer:
+    def _complete(self, command: str, interaction_id: str, request: CommandRequest) -> Answer:
         """Lets other nodes carry out a pending command, without holding the lock, and completes it with their answer."""
         border_id = ""
         is_sent = False
         try:
-            if pending == SAVE:
+            if command == SAVE:
                 border = self._preview_publisher.fetch_border_to_save(interaction_id)
                 is_sent = True
                 border_id = self._services.add(border, request.source, interaction_id)
                 answer = Answer(True, "saved")
             else:
-                answer = self._undo_or_redo(pending, request.id)
+                answer = self._undo_or_redo(command, request.id)
         except CodedError as error:
             answer = Answer.from_error(error)
             if error.code in services.UNANSWERED:
                 rospy.logwarn("interaction_manager: %s: %s", error, error.__cause__)
         except Exception:
             # after a fault of this program, the command must not remain pending: all others would be answered "busy"
-            rospy.logerr("interaction_manager: %s failed:\n%s", pending, traceback.format_exc())
+            rospy.logerr("interaction_manager: %s failed:\n%s", command, traceback.format_exc())
             answer = Answer.from_error(CodedError("internal_error"))
         with self._lock_and_record():
             answer = self._interaction.finish_pending(answer, rospy.get_time(), border_id, is_sent)
@@ -242,7 +242,7 @@ class InteractionManagerNode:
 
     @contextmanager
     def _lock_and_record(self) -> Iterator[None]:
-        """Holds the lock during its block. Then, without it, logs an interaction that ended: no state waits for a disk."""
+        """Holds the lock, then releases it and logs an ended interaction: publishing never waits for the disk."""
         with self._lock:
             yield
             ended = self._interaction.take_record()
@@ -259,39 +259,10 @@ class InteractionManagerNode:
     # ------------------------------------------------------------------ outputs; the lock is held
     def _publish(self) -> None:
         """Publishes state and notices, and passes the current interaction on to the preview."""
-        self._state_publisher.publish(self._make_state())
+        self._state_publisher.publish(make_state_message(self._interaction, self._latch, rospy.get_time()))
         is_saving = self._interaction.pending == SAVE
         self._preview_publisher.on_interaction(self._interaction.interaction_id, is_saving)
         self._notices.set(self._list_notices())
-
-    def _make_state(self) -> InteractionState:
-        interaction = self._interaction
-        now = rospy.get_time()
-        durations = interaction.durations(now)
-        message = InteractionState()
-        message.header.stamp = rospy.Time.from_sec(now)
-        message.header.frame_id = names.MAP_FRAME
-        message.name = interaction.state.name
-        message.interaction_id = interaction.interaction_id
-        message.started = rospy.Time.from_sec(interaction.started_at)
-        message.entered = rospy.Time.from_sec(interaction.state_entered_at)
-        message.guide_s = durations[GUIDE]
-        message.border_s = durations[BORDER]
-        message.seed_s = durations[SEED]
-        message.stopped, message.stopped_by, message.stop_number, message.stops = self._latch.snapshot()
-        message.ends_at = rospy.Time.from_sec(interaction.ends_at)
-        message.confirm_save = interaction.question.command == SAVE
-        message.available_commands = interaction.suggested_commands()
-        message.last_command = interaction.last_command
-        message.last_source = interaction.last_source
-        message.last_success = interaction.last_answer.success
-        message.last_code = interaction.last_answer.code
-        message.last_message = interaction.last_answer.message
-        message.last_values = values_from_mapping(interaction.last_answer.values)
-        message.last_answered = rospy.Time.from_sec(interaction.last_answered)
-        message.last_outcome = interaction.last_outcome
-        message.last_border_id = interaction.last_border_id
-        return message
 
     def _list_notices(self) -> List[Notice]:
         notices = []

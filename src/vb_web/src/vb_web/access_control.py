@@ -48,8 +48,8 @@ def _new_code() -> str:
     return f"{letters[:4]}-{letters[4:]}"
 
 
-def load_codes(path: Path) -> Dict[str, str]:
-    """Reads the codes of "viewer" and "operator" from a file that only its owner can read. Creates it if needed.
+def load_access_codes(path: Path) -> Dict[str, str]:
+    """Reads the access codes of "viewer" and "operator" from a file that only its owner can read. Creates it if needed.
 
     Raises CodedError "page_codes_bad" if the file is unusable, "cannot_write" if it cannot be created.
     """
@@ -81,7 +81,7 @@ class Sessions:
     """Opens, finds and ends sessions. A cookie without an entry here is worth nothing. Thread safe.
 
     Args:
-        codes: the codes by role, as `load_codes` returns them.
+        codes: the codes by role, as `load_access_codes` returns them.
         path: the file of the sessions, beside that of the codes. None keeps them in memory only.
         on_fault: called with the error if the file cannot be written. The sessions in memory stay valid.
 

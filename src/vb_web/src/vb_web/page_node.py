@@ -27,7 +27,7 @@ from vb_core.ros.notices import NoticeListener
 from vb_core.ros.robot_status import CapabilitiesListener
 from vb_core.ros.transforms import TransformLookup
 from vb_web import page_images, page_messages
-from vb_web.access_control import Sessions, load_codes
+from vb_web.access_control import Sessions, load_access_codes
 from vb_web.action_executor import ActionExecutor
 from vb_web.camera_images import CameraImages
 from vb_web.action_parser import Bounds
@@ -132,7 +132,7 @@ class PageNode:
         if not is_loopback(params.address):
             sessions_file = codes_file.with_name(_SESSIONS)
             node.keep_private(codes_file, sessions_file, codes_file.with_name("page.key"))
-            self._codes = load_codes(codes_file)
+            self._codes = load_access_codes(codes_file)
             sessions = Sessions(self._codes, sessions_file, partial(rospy.logwarn, "%s: %s", rospy.get_name()))
             hint = f"; its codes are in {codes_file}"
 

@@ -1,4 +1,4 @@
-"""Reads and checks a study's configuration, one YAML file, and draws people's traits from its distributions."""
+"""Reads and checks a study's configuration, one YAML file, and samples people's traits from its distributions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ METHODS: Dict[str, Callable[[World], Tuple[str, ...]]] = {
 }
 PACKAGE = Path(rospkg.RosPack().get_path("vb_evaluation"))
 DEFAULT = PACKAGE / "config" / "study.yaml"
-# a random generator for each name: drawing from one leaves all others unchanged
+# a random generator for each name: sampling with one leaves all others unchanged
 Streams = Callable[[str], np.random.Generator]
 
 
@@ -48,13 +48,13 @@ class Traits:
     margin: float = 0.0
 
 
-def draw(key: str, spec: Any, rng: np.random.Generator) -> float:
-    """Draws one value of a trait's distribution, as the configuration writes it.
+def sample_value(key: str, spec: Any, rng: np.random.Generator) -> float:
+    """Samples one value of a trait's distribution, as the configuration writes it.
 
     A number is the same for everybody. {uniform: [low, high]}, {normal: [mean, standard deviation]} and
-    {lognormal: [median, standard deviation of the logarithm]} are drawn, within `low` and `high` if these are given.
-    {scaled: [distribution, factor]} draws from another distribution and multiplies the value, after its limits, by a factor.
-    {mixture: [{share: 0.7, normal: ...}, ...]} draws from one of several, for instance men's and women's.
+    {lognormal: [median, standard deviation of the logarithm]} are sampled, within `low` and `high` if these are given.
+    {scaled: [distribution, factor]} samples a distribution and multiplies the value, after its limits, by a factor.
+    {mixture: [{share: 0.7, normal: ...}, ...]} samples one of several, for instance men's and women's.
 
     Raises:
         ParameterError: names the trait.
@@ -69,9 +69,9 @@ def draw(key: str, spec: Any, rng: np.random.Generator) -> float:
         if kind == "mixture":
             shares = np.array([float(part.get("share", 0.0)) for part in values])
             chosen = values[int(rng.choice(len(shares), p=shares / shares.sum()))]
-            value = draw(key, {name: entry for name, entry in chosen.items() if name != "share"}, rng)
+            value = sample_value(key, {name: entry for name, entry in chosen.items() if name != "share"}, rng)
         elif kind == "scaled":
-            value = float(values[1]) * draw(key, values[0], rng)
+            value = float(values[1]) * sample_value(key, values[0], rng)
         else:
             value = _DISTRIBUTIONS[kind](rng, *(float(entry) for entry in values))
     except (TypeError, ValueError, KeyError, AttributeError):
@@ -90,8 +90,8 @@ _DISTRIBUTIONS: Dict[str, Callable[[np.random.Generator, float, float], float]] 
 DISTRIBUTIONS = {"mixture", "scaled", *_DISTRIBUTIONS}
 
 
-def draw_traits(settings: Mapping[str, Any], model: ParticipantModel, streams: Streams) -> Traits:
-    """Draws a participant, each trait from its own distribution; the same for the same streams.
+def sample_traits(settings: Mapping[str, Any], model: ParticipantModel, streams: Streams) -> Traits:
+    """Samples a participant, each trait from its own distribution; the same for the same streams.
 
     Args:
         settings: the section `participants` of the configuration. `traits` and `body` map keys of vb_sim's
@@ -104,15 +104,15 @@ def draw_traits(settings: Mapping[str, Any], model: ParticipantModel, streams: S
     for key in settings:
         if key not in ("traits", "body", "stand_offset", "margin"):
             raise ParameterError(f"participants/{key}", "unknown key; known are traits, body, stand_offset, margin")
-    traits: Dict[str, Any] = dict(_draw_section(ParticipantModel, "traits", settings, streams))
+    traits: Dict[str, Any] = dict(_sample_section(ParticipantModel, "traits", settings, streams))
     for key in ("drawing_speed", "tremor_band"):
         if key in traits:
             # models.yaml gives these as ranges; a person has one speed
             traits[key] = (traits[key], traits[key])
-    body = _draw_section(BodyProportions, "body", settings, lambda key: streams(f"body {key}"))
+    body = _sample_section(BodyProportions, "body", settings, lambda key: streams(f"body {key}"))
 
     def length(key: str, rng: np.random.Generator) -> float:
-        return draw(f"participants/{key}", settings.get(key, 0.0), rng)
+        return sample_value(f"participants/{key}", settings.get(key, 0.0), rng)
 
     stand = streams("stand")
     stand_offset = (length("stand_offset", stand), length("stand_offset", stand))
@@ -120,16 +120,16 @@ def draw_traits(settings: Mapping[str, Any], model: ParticipantModel, streams: S
     return Traits(replace(model, **traits), BodyProportions(**body), stand_offset, margin)
 
 
-def _draw_section(
+def _sample_section(
     cls: Type[Parameters], section: str, settings: Mapping[str, Any], streams: Streams
 ) -> Dict[str, float]:
-    """Draws a section's values, clipped to the limits of its class: no person is 4 m tall, whatever was drawn."""
+    """Samples a section's values, clipped to the limits of its class: no person is 4 m tall, whatever was sampled."""
     limits = {field.name: field.metadata for field in fields(cls)}
     values = {}
     for key, spec in (settings.get(section) or {}).items():
         if key not in limits:
             raise ParameterError(f"participants/{section}/{key}", f"unknown trait of {cls.__name__}")
-        value = draw(f"participants/{section}/{key}", spec, streams(key))
+        value = sample_value(f"participants/{section}/{key}", spec, streams(key))
         low, high = limits[key].get("low"), limits[key].get("high")
         if low is not None:
             value = max(value, low)
@@ -169,7 +169,7 @@ class Study:
     Attributes:
         document: the YAML document with all defaults filled in, of which the hash is made.
         sources: YAML documents of the files that it names, by their name in the document; do not change them.
-        models: models of sensors, robot and people; traits in which people differ are drawn by `traits`.
+        models: models of sensors, robot and people; traits in which people differ are sampled by `traits`.
     """
 
     document: Mapping[str, Any]
@@ -180,11 +180,11 @@ class Study:
     models: Models
 
     def traits(self, participant: int) -> Traits:
-        """Draws a participant, numbered from 1."""
-        return draw_traits(self.document["participants"], self.models.participant, self.streams(participant))
+        """Samples a participant, numbered from 1."""
+        return sample_traits(self.document["participants"], self.models.participant, self.streams(participant))
 
     def marks(self, participant: int, scenario: str) -> Tuple[float, float, float]:
-        """Draws (dx, dy) [m] and turn [rad] by which the marks on the floor are off the map.
+        """Samples (dx, dy) [m] and turn [rad] by which the marks on the floor are off the map.
 
         They are laid anew for each participant, so that intervals over participants include this variation; both
         methods have the same marks.
@@ -192,9 +192,9 @@ class Study:
         settings = self.document.get("marks") or {}
         rng = self.streams(participant)(f"marks {scenario}")
         offset = settings.get("offset", 0.0)
-        dx = draw("marks/offset", offset, rng)
-        dy = draw("marks/offset", offset, rng)
-        turn = draw("marks/turn", settings.get("turn", 0.0), rng)
+        dx = sample_value("marks/offset", offset, rng)
+        dy = sample_value("marks/offset", offset, rng)
+        turn = sample_value("marks/turn", settings.get("turn", 0.0), rng)
         return dx, dy, math.radians(turn)
 
     def streams(self, participant: int) -> Streams:

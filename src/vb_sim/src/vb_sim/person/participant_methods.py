@@ -91,8 +91,8 @@ class RobotOnlyScript(ParticipantScript):
         yield from person.repeat_command("define_border", self.source)
         yield from person.react()
 
-    def draw(self) -> Step:
-        """Draws the border in front of the following robot, and leads the robot back to each part that it missed."""
+    def trace_border(self) -> Step:
+        """Traces the border in front of the following robot, and leads the robot back to each part that it missed."""
         person = self.person
         stroke = self._stroke
         arc = last_seen = stroke.start
@@ -262,15 +262,15 @@ class NetworkRobotSystemScript(ParticipantScript):
         yield from person.repeat_command("define_border", self.source)
         yield from person.react()
 
-    def draw(self) -> Step:
-        """Draws the border, and redraws the parts that no camera saw."""
+    def trace_border(self) -> Step:
+        """Traces the border, and again the parts that no camera saw."""
         person = self.person
         person.doing = "draws"
         stroke = yield from self._find_seen_start()
         if person.spot_lost_time() > person.model.patience / 2.0:
             self._without_cameras = RobotOnlyScript(person)
             yield from self._without_cameras.prepare()
-            yield from self._without_cameras.draw()
+            yield from self._without_cameras.trace_border()
             return
         first_seen = yield from self._draw_along(stroke, stroke.start, stroke.length)
         if first_seen - stroke.start > 2.0 * GO_BACK:

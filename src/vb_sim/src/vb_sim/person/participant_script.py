@@ -38,8 +38,8 @@ class ParticipantScript:
         """Prepares to draw: walks to the border, or guides the robot there."""
         raise NotImplementedError
 
-    def draw(self) -> Step:
-        """Draws the border. The state is Border."""
+    def trace_border(self) -> Step:
+        """Traces the border with the spot. The state is Border."""
         raise NotImplementedError
 
     def show_seed(self) -> Step:
@@ -104,7 +104,7 @@ class ParticipantScript:
         """
         person = self.person
         yield from self.prepare()
-        yield from self.draw()
+        yield from self.trace_border()
         yield from person.look()
         for _ in range(person.model.tries):
             yield from self.show_seed()
