@@ -30,7 +30,7 @@ from vb_map_integration.border import IntegrationError, VirtualBorder
 from vb_map_integration.borders_in_force import BorderStatus
 from vb_map_integration.border_region import compute_region
 from vb_map_integration.map_integrator import MapIntegrator
-from vb_map_integration.region import apply_regions
+from vb_map_integration.restricted_cells import apply_regions
 
 SILENT = "lines that silently closed off something else"
 MIN_DOORWAY, MAX_DOORWAY = 0.65, 1.5  # [m] widths

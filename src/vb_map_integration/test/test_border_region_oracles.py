@@ -15,7 +15,7 @@ from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_region import compute_region, polygon_mask
 from vb_map_integration.open_chains import MAX_SEED_SHIFT, WALL_WIDTH, rasterize_chain
-from vb_map_integration.region import Region
+from vb_map_integration.restricted_cells import Region
 
 # on cells' centres, edges and corners, and anywhere else
 PLACE = st.tuples(*(st.integers(-24, 4 * end).map(lambda n: n / 4) | off_thresholds(-6.0, end) for end in (18, 14)))

@@ -14,7 +14,7 @@ from refusals import refused
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_region import compute_region
-from vb_map_integration.region import Region, apply_regions, count_free_parts, join_regions
+from vb_map_integration.restricted_cells import Region, apply_regions, count_free_parts, join_regions
 
 KINDS = ["add", "add", "add", "soft", "remove", "disable", "update", "undo", "redo", "restart"]
 STEPS = st.lists(st.tuples(st.sampled_from(KINDS), st.integers(2, 130), st.integers(2, 90)), max_size=25)
@@ -150,7 +150,7 @@ def test_a_gap_narrower_than_the_robot_is_no_path(monkeypatch, door, radius, par
     data[40 : 40 + int(round(door / 0.05)), 78:82] = 0
     assert count_free_parts(GridMap(data, 0.05), radius) == parts
     if door != 0.3:  # a large map is examined in coarser cells
-        monkeypatch.setattr("vb_map_integration.region.MAX_CELLS", 2000)
+        monkeypatch.setattr("vb_map_integration.restricted_cells.MAX_CELLS", 2000)
         assert count_free_parts(GridMap(data, 0.05), radius) == parts
 
 

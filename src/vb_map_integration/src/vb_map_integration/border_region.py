@@ -23,7 +23,7 @@ import shapely
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_map_integration.border import IntegrationError, VirtualBorder
 from vb_map_integration.open_chains import BorderOnGrid, enumerate_runs, fill_side_of_curve, fill_wall
-from vb_map_integration.region import BorderRegion, CellWindow
+from vb_map_integration.restricted_cells import BorderRegion, CellWindow
 
 # share of the free space. A border that leaves only a corner to be cleaned restricts over 0.9 of a room
 MAX_AREA_SHARE = 0.98

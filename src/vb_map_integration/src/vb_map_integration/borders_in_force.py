@@ -22,8 +22,8 @@ from vb_core.notices import Notice, Severity
 from vb_map_integration.border import IntegrationError, VirtualBorder, warning
 from vb_map_integration.border_region import compute_region
 from vb_map_integration.places.border_location import BorderLocation, BorderLocator
-from vb_map_integration.region import BorderCheck, BorderRegion, Positions, Region
-from vb_map_integration.region import apply_regions, count_free_parts, join_regions
+from vb_map_integration.restricted_cells import BorderCheck, BorderRegion, Positions, Region
+from vb_map_integration.restricted_cells import apply_regions, count_free_parts, join_regions
 
 # status codes: the border waits for a person, or is not in force
 TO_BE_CONFIRMED, DOES_NOT_FIT = "to_be_confirmed", "inactive_on_this_map"

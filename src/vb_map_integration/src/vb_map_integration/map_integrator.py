@@ -20,7 +20,7 @@ from vb_map_integration.border import IntegrationError, VirtualBorder, borders_t
 from vb_map_integration.borders_in_force import BordersInForce, BorderStatus, compute_borders_in_force, find_notices
 from vb_map_integration.places.border_location import BorderLocator
 from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer
-from vb_map_integration.region import BorderCheck, Positions
+from vb_map_integration.restricted_cells import BorderCheck, Positions
 from vb_map_integration.storage.border_database import BorderChange, Change, Database, fingerprint
 from vb_map_integration.storage.durable_values import DurableValues
 

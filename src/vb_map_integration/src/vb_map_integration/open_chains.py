@@ -28,7 +28,7 @@ import numpy as np
 from vb_core.grid_map import OCCUPIED_THRESHOLD
 from vb_core.notices import Notice
 from vb_map_integration.border import IntegrationError, warning
-from vb_map_integration.region import CellWindow
+from vb_map_integration.restricted_cells import CellWindow
 
 # [m] how far a seed on an obstacle or on the line is moved to free floor
 MAX_SEED_SHIFT = 0.2
