@@ -8,14 +8,8 @@ from hypothesis import assume, given, settings, strategies as st
 
 from examples import STEADY, off_thresholds, rows
 from vb_fusion.observations import LOCALIZATION_ERROR, TIME_BIN, TREMOR, Observations, observe
-from vb_fusion.strokes import (
-    LOOK_BACK,
-    UNSEEN_SPEED,
-    divide_track,
-    find_best_track,
-    find_observations_near,
-    floor_gains,
-)
+from vb_fusion.strokes import LOOK_BACK, UNSEEN_SPEED
+from vb_fusion.strokes import divide_track, find_best_track, find_observations_near, floor_gains
 
 UNIT = off_thresholds(0.0, 1.0)
 
@@ -27,41 +21,45 @@ def track(points, times, mobile=False):
 
 
 # ----------------------------------------------------------------- the floor that each cluster adds
-def along_x(x):
-    """Returns points along x."""
-    return np.column_stack([x, np.full(len(x), 0.05)])
-
-
-QUICK = [0.0, 0.1, 0.2]
-GAINS = {  # points [m], times [s], which of these clusters, and the floor [m] that it adds if a dropout lasts 1 s
-    "alone": (along_x([0.0]), [0.0], 0, 0.05),
-    "a third of the way to the next node": (along_x([0.03]), [0.0], 0, 0.05),
-    # they share a cluster's width, of which the 1.5 fold counts
-    "six at once": (along_x([0.03] * 6), [0.0] * 6, 3, 0.1 / 4.0),
-    "ten in each width, at a node": (along_x(0.01 * np.arange(41)), [0.0] * 41, 20, 0.015),
-    "ten in each width, between nodes": (along_x(0.01 * np.arange(41)), [0.0] * 41, 25, 0.0075),
-    # light that is there for longer than 2 s fades
-    "five within 4.1 s": (along_x([0.0] * 5), np.arange(5.0), 2, 0.03 * (2.0 / 4.1) ** 2),
-    "three within 2.1 s, as pauses count for 1 s": (along_x([0.0] * 3), [0.0, 9.0, 22.0], 2, 0.05 * (2.0 / 2.1) ** 2),
-    "back after ten seconds": (along_x([0.0] * 2), [0.0, 10.0], 1, 0.05),
-    "slow hand": (along_x(0.01 * np.arange(101)), 0.2 * np.arange(101), 50, 0.02),
+PLACES = np.repeat(np.arange(25), 3)
+QUICK = [3.0, 3.1, 3.2]
+DRIFT = (
+    1.0 - 12.0 * 1.84 * (0.01 / 0.1) ** 2
+)  # at 0.01 m/s, where bilinear shares give the times a variance of 1.84 s^2
+GAINS = {  # x and y [m], times [s], which of these clusters, and the floor [m] that it adds if a dropout lasts 1 s
+    "alone": ([0.0], 0.0, [0.0], 0, 0.05),
+    "alone between lattice nodes": ([0.03], 0.06, [0.0], 0, 0.05),
+    # a width is shared by 1 / 1.5 of the clusters around it, or by two
+    "six at once": ([0.03] * 6, 0.06, [0.0] * 6, 3, 0.1 / 4.0),
+    "ten in each width, at a node": (0.01 * np.arange(41), 0.0, [0.0] * 41, 20, 0.015),
+    "ten in each width, between nodes": (0.01 * np.arange(41), 0.0, [0.0] * 41, 25, 0.0075),
+    "three at each of many places": (0.2 * (PLACES // 5) - 0.47, 0.2 * (PLACES % 5) - 0.44, 0.0 * PLACES, 37, 0.05),
+    # light that is there for longer than 2 s fades, unless it moves on
+    "five within 4.1 s": ([0.0] * 5, 0.0, np.arange(5.0), 2, 0.03 * (2.0 / 4.1) ** 2),
+    "three within 2.1 s, as pauses count for 1 s": ([0.0] * 3, 0.0, [0.0, 9.0, 22.0], 2, 0.05 * (2.0 / 2.1) ** 2),
+    "back after ten seconds": ([0.0] * 2, 0.0, [0.0, 10.0], 1, 0.05),
+    "drift along x": (0.03 + 0.01 * np.arange(5), 0.05, np.arange(5.0), 2, 0.03 * (2.0 / (4.1 * DRIFT)) ** 2),
+    "drift along y": (0.05, 0.03 + 0.01 * np.arange(5), np.arange(5.0), 2, 0.03 * (2.0 / (4.1 * DRIFT)) ** 2),
+    "slow hand": (0.01 * np.arange(101), 0.05, 0.2 * np.arange(101), 50, 0.02),
     # three places passed at one speed add half of the way but a tremor; their ends half of that
-    "quick hand": (along_x([0.0, 0.5, 1.0]), QUICK, 1, 0.45),
-    "quick hand's begin": (along_x([0.0, 0.5, 1.0]), QUICK, 0, 0.225),
-    "quick hand's end": (along_x([0.0, 0.5, 1.0]), QUICK, 2, 0.225),
-    "quick hand beyond a stray": ([[0.0, 0.0], [0.2, 0.6], [0.5, 0.0], [1.0, 0.0]], [0.0, 0.05, 0.1, 0.2], 2, 0.45),
-    "quick hand before a stray": ([[0.0, 0.0], [0.5, 0.0], [0.7, 0.6], [1.0, 0.0]], [0.0, 0.1, 0.15, 0.2], 1, 0.45),
-    "beside the straight line": ([[0.0, 0.0], [0.5, 0.15], [1.0, 0.0]], QUICK, 1, 0.45 / math.e),
-    "beside a short straight line": ([[0.0, 0.0], [0.15, 0.02], [0.3, 0.0]], QUICK, 1, 0.1 * math.exp(-0.16)),
-    "a quarter of the way": (along_x([0.0, 0.25, 1.0]), [0.0, 0.05, 0.2], 1, 0.75 * 0.45),
-    "faster than any hand": (along_x([0.0, 0.65, 1.3]), QUICK, 1, 0.05),
-    "after a dropout": (along_x([0.0, 0.5, 1.0]), [0.0, 0.6, 1.2], 1, 0.05),
+    "quick hand": ([0.0, 0.5, 1.0], 0.0, QUICK, 1, 0.45),
+    "quick hand's begin": ([0.0, 0.5, 1.0], 0.0, QUICK, 0, 0.225),
+    "quick hand's end": (0.7, [0.3, 0.8, 1.3], QUICK, 2, 0.225),
+    "quick hand beyond a stray": ([0.0, 0.2, 0.5, 1.0], [0.0, 0.6, 0.0, 0.0], [0.0, 0.05, 0.1, 0.2], 2, 0.45),
+    "quick hand before a stray": ([0.0, 0.5, 0.7, 1.0], [0.0, 0.0, 0.6, 0.0], [0.0, 0.1, 0.15, 0.2], 1, 0.45),
+    "among strays": ([1.0, 1.2, 1.5, 1.7, 2.0], [2.0, 2.6, 2.0, 2.6, 2.0], 0.05 * np.arange(5), 2, 0.45),
+    "beside the straight line": ([0.0, 0.5, 1.0], [0.0, 0.15, 0.0], QUICK, 1, 0.45 / math.e),
+    "beside a short straight line": ([0.0, 0.15, 0.3], [0.0, 0.02, 0.0], QUICK, 1, 0.1 * math.exp(-0.16)),
+    "a quarter of the way": ([0.0, 0.25, 1.0], 0.0, [0.0, 0.05, 0.2], 1, 0.75 * 0.45),
+    "faster than any hand": ([0.0, 0.65, 1.3], 0.0, QUICK, 1, 0.05),
+    "after a dropout": ([0.0, 0.5, 1.0], 0.0, [0.0, 0.6, 1.2], 1, 0.05),
 }
 
 
-@pytest.mark.parametrize("points, times, cluster, gain", GAINS.values(), ids=list(GAINS))
-def test_a_cluster_adds_floor(points, times, cluster, gain):
-    assert floor_gains(np.array(points), np.array(times), 1.0)[cluster] == pytest.approx(gain, abs=1e-4)
+@pytest.mark.parametrize("x, y, times, cluster, gain", GAINS.values(), ids=list(GAINS))
+def test_a_cluster_adds_floor(x, y, times, cluster, gain):
+    points = np.column_stack(np.broadcast_arrays(x, y))
+    assert floor_gains(points, np.array(times), 1.0)[cluster] == pytest.approx(gain, abs=1e-4)
 
 
 # ----------------------------------------------------------------- the track and its strokes
@@ -108,20 +106,20 @@ def test_what_lies_beside_a_line_at_its_time_is_the_pointers(spots, line_is_mobi
 
 
 DIVISIONS = {  # parts of a track, see `lay_out`; the clusters of each stroke and of each glint
-    "glint before the line": ([(4,), (5, 0.5, 0.9)], [range(4, 9)], [range(4)]),
-    "stray before the line": ([(1,), (5, 0.5, 0.9)], [range(1, 6)], []),
-    "glint after the line": ([(5,), (4, 0.5, 0.9)], [range(5)], [range(5, 9)]),
+    "glints round the line": ([(4,), (5, 0.5, 0.9), (2, 0.5, 0.9)], [range(4, 9)], [range(4), range(9, 11)]),
+    "strays round the line": ([(1,), (5, 0.5, 0.9), (1, 0.5, 0.9)], [range(1, 6)], []),
     "only glints": ([(4,), (4, 0.5, 0.9)], [], [range(4), range(4, 8)]),
-    "quick hand": ([(5,), (2, 0.5), (5, 0.5)], [range(12)], []),
-    "quick hand's begin": ([(2,), (5, 0.5)], [range(7)], []),
+    "quick hand": ([(5,), (2, 0.5), (5, 0.5), (2, 0.5)], [range(14)], []),
+    "quick hand's begin, stray at the end": ([(2,), (5, 0.5), (1, 0.5, 0.9)], [range(7)], []),
     "glint between two strokes": ([(5,), (2, 0.2, 0.9), (5, 0.3, 0.9)], [range(5), range(7, 12)], []),
     "glints before a pause": ([(5,), (2, 0.5), (3, 0.5), (5, 0.5, 0.9)], [range(5), range(10, 15)], []),
-    "glints after a pause": ([(5,), (2, 0.5, 0.9), (3, 0.5), (5, 0.5), (2, 0.5)], [range(5), range(10, 17)], []),
+    "glints after a pause": ([(5,), (2, 0.5, 0.9), (3, 0.5), (5, 0.5)], [range(5), range(10, 15)], []),
+    "after one of two": ([(1,), (2, 0.5, 0.9), (5, 0.5), (5, 0.5, 0.9)], [range(3, 8), range(8, 13)], [range(1, 3)]),
     "bridged gap": ([(5,), (5, 0.45, 0.9)], [range(10)], []),
-    "wide gap": ([(5,), (5, 0.5, 0.9)], [range(5), range(5, 10)], []),
+    "wide gap, quick end": ([(5,), (5, 0.5, 0.9), (2, 0.5)], [range(5), range(5, 12)], []),
     "pause without a step": ([(3,), (3, 0.08, 0.9)], [range(6)], []),
     "pause over covered floor": ([(4, 0.0, 0.1, 0.2), (5, 0.45, 0.9, 0.2)], [range(4, 9)], [range(4)]),
-    "step over covered floor": ([(4, 0.0, 0.1, 0.1), (4, 0.35, 0.1, 0.2), (5, 0.5, 0.9)], [range(8), range(8, 13)], []),
+    "over floor": ([(4,), (4, 0.2, 0.1, 0.15), (4, 0.4, 0.1, 0.2), (5, 0.5, 0.9)], [range(12), range(12, 17)], []),
     "step over more": (
         [(4, 0.0, 0.1, 0.1), (4, 0.45, 0.1, 0.2), (5, 0.5, 0.9)],
         [range(8, 13)],
@@ -138,6 +136,7 @@ def lay_out(count, step=0.0, wait=0.1, covered=0.0):
 @pytest.mark.parametrize("parts, strokes, glints", DIVISIONS.values(), ids=list(DIVISIONS))
 def test_a_track_is_divided_into_strokes_and_glints(parts, strokes, glints):
     steps, waits, floor = (np.concatenate(column) for column in zip(*(lay_out(*part) for part in parts)))
-    found = divide_track(track(along_x(np.cumsum(steps)), np.cumsum(waits)), floor, 0.5, 0.475)
+    points = np.column_stack([np.cumsum(steps), 0.0 * steps])
+    found = divide_track(track(points, np.cumsum(waits)), floor, 0.5, 0.475)
     expected = [list(stroke) for stroke in strokes], [list(glint) for glint in glints]
     assert tuple([clusters.tolist() for clusters in group] for group in found) == expected

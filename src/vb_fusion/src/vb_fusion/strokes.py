@@ -231,7 +231,7 @@ def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.nd
     new = np.maximum(new, MIN_GAIN * (moved[nodes] * shares).sum(axis=0))
     longest_stay = np.maximum((lit_times * (1.0 - moved))[nodes].max(axis=0), TIME_BIN)
     dwell_factor = np.minimum(1.0, MAX_DWELL / longest_stay) ** 2
-    gains = np.maximum(new, swept_floor(points, stamps, dropout)) * dwell_factor
+    gains = np.maximum(new, _swept(points, stamps, dropout)) * dwell_factor
     # gains are rounded to 0.1 mm, so that equal clusters are equal on every computer, and are never exactly zero
     return np.round(gains, 4) + 1e-5
 
@@ -280,7 +280,7 @@ def _light_at_nodes(
     return lit_times, np.minimum(1.0, (moved / CLUSTER_WIDTH) ** 2)
 
 
-def swept_floor(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
+def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
     """Returns the floor (P,) [m] between a cluster and its neighbours in time if the three are passed at one speed.
 
     A quick hand is seen so seldom that its clusters alone cover less than its line. Strays do not form such rows.
