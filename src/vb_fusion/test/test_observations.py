@@ -22,7 +22,6 @@ def split_at_gaps(group, values):
 @settings(STEADY, max_examples=80)
 @given(rows(off_thresholds(0.0, 1.0), off_thresholds(0.0, 1.0), off_thresholds(0.0, 1.5), st.integers(0, 2), most=25))
 def test_what_is_near_each_other_in_a_time_bin_is_one_cluster(spots):
-    """For spots of three cameras, the last of which is on a robot."""
     x, y, times, cameras = np.array(spots).T
     seen, found = observe(np.column_stack([x, y]), times, cameras.astype(int), None, cameras == 2)
     bins = seen.time_bins

@@ -1,16 +1,15 @@
 """The dwells (places where the hand rested), and the one among them that is the seed."""
 
-import math
 from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from examples import STEADY, off_thresholds, rows
+from examples import STEADY, rows
 from refusals import refused
 from vb_fusion.extraction import DrawnBorder, extract_dwells
-from vb_fusion.seed_point import HAND_RADIUS, find_stays, group_into_patches
+from vb_fusion.seed_point import find_stays, group_into_patches
 
 
 @pytest.mark.parametrize("points, code", [([], "no_spots"), ([[np.nan, 1]], "no_spots"), ([[0, 0]], "no_seed")])
@@ -128,13 +127,11 @@ def test_a_camera_that_misses_images_sees_a_dwell():
         assert np.linalg.norm(dwell.point - THERE) < 0.03
 
 
-# ----------------------------------------------------------------- stays and floor patches, against plain loops
 @settings(STEADY, max_examples=60)
 @given(rows(st.integers(0, 3), st.integers(1, 9), most=60))
 def test_light_stays_where_it_is_seen_again_within_half_a_second(steps):
-    """For clusters on four patches, each some bins of 0.1 s after the one before."""
     patch, bins = np.array([number for number, _ in steps]), np.cumsum([wait for _, wait in steps])
-    stays = []  # lists of clusters
+    stays = []  # lists of clusters; a bin is 0.1 s
     for number in range(4):
         on_patch = np.flatnonzero(patch == number).tolist()
         for before, cluster in zip([None, *on_patch], on_patch):
@@ -147,18 +144,10 @@ def test_light_stays_where_it_is_seen_again_within_half_a_second(steps):
     assert found == sorted(filter(None, expected), key=lambda clusters: clusters[-1])
 
 
-@settings(STEADY, max_examples=60)
-@given(rows(off_thresholds(0.0, 0.4), off_thresholds(0.0, 0.4), most=30))
-def test_a_floor_patch_is_as_wide_as_a_hand_that_holds_still(places):
-    middles, patches, counts = [], [], []
-    for place in places:
-        near = [number for number, middle in enumerate(middles) if math.dist(middle, place) <= HAND_RADIUS]
-        if not near:
-            near = [len(middles)]
-            middles.append(place)
-        nearest = min(near, key=lambda number: math.dist(middles[number], place))
-        counts.append(patches.count(nearest))
-        patches.append(nearest)
-    patch, earlier = group_into_patches(np.array(places))
-    assert patch.tolist() == patches
-    assert earlier.tolist() == counts
+def test_a_floor_patch_is_as_wide_as_a_hand_that_holds_still():
+    """It is 0.075 m from the first cluster on a patch to its last; between two patches, the nearer one is meant."""
+    x = [0.0, 0.07, 0.08, 0.05, 0.03, 0.05, 0.0, 0.0]
+    y = [0.0, 0.0, 0.0, 0.0, 0.0, 0.06, 0.08, 0.05]
+    patch, earlier = group_into_patches(np.column_stack([x, y]))
+    assert patch.tolist() == [0, 0, 1, 1, 0, 1, 2, 2]
+    assert earlier.tolist() == [0, 1, 0, 1, 2, 2, 0, 1]

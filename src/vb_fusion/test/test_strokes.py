@@ -27,8 +27,7 @@ DRIFT = (
     1.0 - 12.0 * 1.84 * (0.01 / 0.1) ** 2
 )  # at 0.01 m/s, where bilinear shares give the times a variance of 1.84 s^2
 GAINS = {  # x and y [m], times [s], which of these clusters, and the floor [m] that it adds if a dropout lasts 1 s
-    "alone": ([0.0], 0.0, [0.0], 0, 0.05),
-    "alone between lattice nodes": ([0.03], 0.06, [0.0], 0, 0.05),
+    "alone": ([0.03], 0.06, [0.0], 0, 0.05),
     # a width is shared by 1 / 1.5 of the clusters around it, or by two
     "six at once": ([0.03] * 6, 0.06, [0.0] * 6, 3, 0.1 / 4.0),
     "ten in each width, at a node": (0.01 * np.arange(41), 0.0, [0.0] * 41, 20, 0.015),
@@ -37,14 +36,12 @@ GAINS = {  # x and y [m], times [s], which of these clusters, and the floor [m] 
     # light that is there for longer than 2 s fades, unless it moves on
     "five within 4.1 s": ([0.0] * 5, 0.0, np.arange(5.0), 2, 0.03 * (2.0 / 4.1) ** 2),
     "three within 2.1 s, as pauses count for 1 s": ([0.0] * 3, 0.0, [0.0, 9.0, 22.0], 2, 0.05 * (2.0 / 2.1) ** 2),
-    "back after ten seconds": ([0.0] * 2, 0.0, [0.0, 10.0], 1, 0.05),
     "drift along x": (0.03 + 0.01 * np.arange(5), 0.05, np.arange(5.0), 2, 0.03 * (2.0 / (4.1 * DRIFT)) ** 2),
     "drift along y": (0.05, 0.03 + 0.01 * np.arange(5), np.arange(5.0), 2, 0.03 * (2.0 / (4.1 * DRIFT)) ** 2),
     "slow hand": (0.01 * np.arange(101), 0.05, 0.2 * np.arange(101), 50, 0.02),
     # three places passed at one speed add half of the way but a tremor; their ends half of that
     "quick hand": ([0.0, 0.5, 1.0], 0.0, QUICK, 1, 0.45),
-    "quick hand's begin": ([0.0, 0.5, 1.0], 0.0, QUICK, 0, 0.225),
-    "quick hand's end": (0.7, [0.3, 0.8, 1.3], QUICK, 2, 0.225),
+    "quick hand's begin and end": (0.7, [0.3, 0.8, 1.3], QUICK, [0, 2], 0.225),
     "quick hand beyond a stray": ([0.0, 0.2, 0.5, 1.0], [0.0, 0.6, 0.0, 0.0], [0.0, 0.05, 0.1, 0.2], 2, 0.45),
     "quick hand before a stray": ([0.0, 0.5, 0.7, 1.0], [0.0, 0.0, 0.6, 0.0], [0.0, 0.1, 0.15, 0.2], 1, 0.45),
     "among strays": ([1.0, 1.2, 1.5, 1.7, 2.0], [2.0, 2.6, 2.0, 2.6, 2.0], 0.05 * np.arange(5), 2, 0.45),
