@@ -21,7 +21,7 @@ def track(points, times, mobile=False):
 
 
 # ----------------------------------------------------------------- the floor that each cluster adds
-PLACES = np.repeat(np.arange(25), 3)
+PLACES = np.repeat(np.arange(24), 3)
 QUICK = [3.0, 3.1, 3.2]
 DRIFT = (
     1.0 - 12.0 * 1.84 * (0.01 / 0.1) ** 2
@@ -29,10 +29,9 @@ DRIFT = (
 GAINS = {  # x and y [m], times [s], which of these clusters, and the floor [m] that it adds if a dropout lasts 1 s
     "alone": ([0.03], 0.06, [0.0], 0, 0.05),
     # a width is shared by 1 / 1.5 of the clusters around it, or by two
-    "six at once": ([0.03] * 6, 0.06, [0.0] * 6, 3, 0.1 / 4.0),
     "ten in each width, at a node": (0.01 * np.arange(41), 0.0, [0.0] * 41, 20, 0.015),
     "ten in each width, between nodes": (0.01 * np.arange(41), 0.0, [0.0] * 41, 25, 0.0075),
-    "three at each of many places": (0.2 * (PLACES // 5) - 0.47, 0.2 * (PLACES % 5) - 0.44, 0.0 * PLACES, 37, 0.05),
+    "three at each of many places": (0.2 * (PLACES // 3) - 0.47, 0.2 * (PLACES % 3) - 0.44, 0.0 * PLACES, 37, 0.05),
     # light that is there for longer than 2 s fades, unless it moves on
     "five within 4.1 s": ([0.0] * 5, 0.0, np.arange(5.0), 2, 0.03 * (2.0 / 4.1) ** 2),
     "three within 2.1 s, as pauses count for 1 s": ([0.0] * 3, 0.0, [0.0, 9.0, 22.0], 2, 0.05 * (2.0 / 2.1) ** 2),
@@ -105,6 +104,7 @@ def test_what_lies_beside_a_line_at_its_time_is_the_pointers(spots, line_is_mobi
 DIVISIONS = {  # parts of a track, see `lay_out`; the clusters of each stroke and of each glint
     "glints round the line": ([(4,), (5, 0.5, 0.9), (2, 0.5, 0.9)], [range(4, 9)], [range(4), range(9, 11)]),
     "strays round the line": ([(1,), (5, 0.5, 0.9), (1, 0.5, 0.9)], [range(1, 6)], []),
+    "one cluster": ([(1,)], [range(1)], []),
     "only glints": ([(4,), (4, 0.5, 0.9)], [], [range(4), range(4, 8)]),
     "quick hand": ([(5,), (2, 0.5), (5, 0.5), (2, 0.5)], [range(14)], []),
     "quick hand's begin, stray at the end": ([(2,), (5, 0.5), (1, 0.5, 0.9)], [range(7)], []),
