@@ -23,3 +23,8 @@ def off_thresholds(low, high):
     Where a rule compares a measured number with a threshold, a number on it would leave the decision to rounding.
     """
     return st.integers(math.ceil(low / _STEP), math.floor(high / _STEP) - 1).map(lambda number: (number + 0.5) * _STEP)
+
+
+def rows(*columns, least=1, most):
+    """Makes a strategy for a table of these columns with `least` to `most` rows."""
+    return st.lists(st.tuples(*columns), min_size=least, max_size=most)

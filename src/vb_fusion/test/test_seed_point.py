@@ -4,9 +4,12 @@ from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 import pytest
+from hypothesis import given, settings, strategies as st
 
+from examples import STEADY, rows
 from refusals import refused
 from vb_fusion.extraction import DrawnBorder, extract_dwells
+from vb_fusion.seed_point import find_stays, group_into_patches
 
 
 @pytest.mark.parametrize("points, code", [([], "no_spots"), ([[np.nan, 1]], "no_spots"), ([[0, 0]], "no_seed")])
@@ -122,3 +125,29 @@ def test_a_camera_that_misses_images_sees_a_dwell():
     for random_seed in range(5):
         (dwell,) = find(seen(THERE, 0.0, 3.0, "blue", rate=5), random_seed=random_seed, dropped=0.2)
         assert np.linalg.norm(dwell.point - THERE) < 0.03
+
+
+@settings(STEADY, max_examples=60)
+@given(rows(st.integers(0, 3), st.integers(1, 9), most=60))
+def test_light_stays_where_it_is_seen_again_within_half_a_second(steps):
+    patch, bins = np.array([number for number, _ in steps]), np.cumsum([wait for _, wait in steps])
+    stays = []  # lists of clusters; a bin is 0.1 s
+    for number in range(4):
+        on_patch = np.flatnonzero(patch == number).tolist()
+        for before, cluster in zip([None, *on_patch], on_patch):
+            if before is None or bins[cluster] - bins[before] > 5:
+                stays.append([])
+            stays[-1].append(cluster)
+    held = [stay for stay in stays if len(stay) >= 7] or [max(stays, key=len)]
+    expected = [sum((stay for stay in held if patch[stay[0]] == number), []) for number in range(4)]
+    found = [clusters.tolist() for clusters in find_stays(patch, bins)]
+    assert found == sorted(filter(None, expected), key=lambda clusters: clusters[-1])
+
+
+def test_a_floor_patch_is_as_wide_as_a_hand_that_holds_still():
+    """It is 0.075 m from the first cluster on a patch to its last; between two patches, the nearer one is meant."""
+    x = [0.0, 0.07, 0.08, 0.05, 0.03, 0.05, 0.0, 0.0]
+    y = [0.0, 0.0, 0.0, 0.0, 0.0, 0.06, 0.08, 0.05]
+    patch, earlier = group_into_patches(np.column_stack([x, y]))
+    assert patch.tolist() == [0, 0, 1, 1, 0, 1, 2, 2]
+    assert earlier.tolist() == [0, 1, 0, 1, 2, 2, 0, 1]

@@ -1,4 +1,4 @@
-"""Stage 2: the drawn line without the errors of the cameras' poses.
+"""Stage 2 of extraction.py: the drawn line without the errors of the cameras' poses.
 
 Cameras that see the pointer at the same time disagree, because their poses are known only to centimetres. An
 observation is therefore modelled as

@@ -122,7 +122,7 @@ def extract_border(
     line = remove_offsets(line)  # stage 2
     # stages 3 to 6
     vertices, closure, longest_unseen_gap = make_chain(line, was_joined, clusters.dropout_time, params.eps)
-    return BorderChain(vertices, closure, left_out.points, int(left_out.spots.sum()), longest_unseen_gap)
+    return BorderChain(vertices, closure, left_out.points, int(left_out.spot_counts.sum()), longest_unseen_gap)
 
 
 def _extract_as_in_paper(points: np.ndarray, params: ExtractionParams) -> BorderChain:

@@ -1,4 +1,4 @@
-"""Stage 0: the spots as observations, checked, merged where they repeat each other, and in order of time.
+"""Stage 0 of extraction.py: the spots as observations, checked, merged where they repeat each other, in order of time.
 
 All later stages work on observations. An observation is what one camera saw at one position within a time bin. A camera
 that sees a hand draw gives about ten a second, and more only where the pointer is quick. So a million spots become some
@@ -19,7 +19,7 @@ TREMOR = 0.05  # [m] a hand held still stays within it, and cameras agree within
 LOCALIZATION_ERROR = 0.15  # [m] by which a robot's pose may be off, differently every second
 BIN_PHASE = 0.031  # [bins] shift of the bins. Images come at round intervals, so no bin should begin at a round time
 TIME_BIN = 0.1  # [s] within it a hand moves the pointer by centimetres, and a camera with 10 images/s sees it
-MAX_DROPOUTS = 3.0  # median intervals between occupied time bins, within which a moving pointer is seen again
+DROPOUT_FACTOR = 3.0  # [median intervals between occupied time bins] within it a moving pointer is seen again
 MAX_COORDINATE = 1e5  # [m] from the origin. No floor is larger
 CLUSTER_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a cluster covers
 MAX_SIMULTANEOUS_CLUSTERS = 10  # clusters of one time bin, the strongest ones
@@ -33,10 +33,10 @@ class Observations:
         points: (N, 2) [m].
         stamps: (N,) [s] since the drawing began.
         time_bins: (N,) int, number of the time bin.
-        cameras: (N,) int, index of the camera. An observation merged from several cameras has any of theirs.
+        cameras: (N,) int, index of the camera. If several cameras saw it, then the index of one of them.
         weights: (N,) > 0, from the number of spots, their confidence and the kind of camera.
         mobile: (N,) bool, whether only mobile cameras saw it.
-        spots: (N,) number of spots merged into each.
+        spot_counts: (N,) int, number of spots merged into each.
         witnesses: (N,) int, number of cameras that saw it.
     """
 
@@ -46,7 +46,7 @@ class Observations:
     cameras: np.ndarray
     weights: np.ndarray
     mobile: np.ndarray
-    spots: np.ndarray
+    spot_counts: np.ndarray
     witnesses: np.ndarray
 
     @cached_property
@@ -54,7 +54,7 @@ class Observations:
         """The time [s] within which a moving pointer is seen again, a few usual intervals between occupied bins."""
         pauses = np.diff(np.unique(self.time_bins))
         usual_pause = float(np.median(pauses)) if len(pauses) else 1.0
-        return MAX_DROPOUTS * TIME_BIN * usual_pause
+        return DROPOUT_FACTOR * TIME_BIN * usual_pause
 
     def select(self, rows) -> "Observations":
         """Returns the observations that `rows` selects: a mask (N,) or indices."""
@@ -80,7 +80,7 @@ class Observations:
             cameras=self.cameras[first],
             weights=weights,
             mobile=np.bincount(labels, ~self.mobile) == 0,
-            spots=np.bincount(labels, self.spots).astype(int),
+            spot_counts=np.bincount(labels, self.spot_counts).astype(int),
             witnesses=np.bincount(label_cameras // span),
         )
         return merged.select(np.lexsort((y, x, times)))
@@ -122,7 +122,7 @@ def observe(
     time_bins = np.floor(stamps / TIME_BIN + BIN_PHASE).astype(np.int64)
     columns = (points[usable], stamps, time_bins, cameras[usable], weights[usable], mobile[usable])
     once = np.ones(len(usable), dtype=int)
-    observations = _merge_repeats(Observations(*columns, spots=once, witnesses=once))
+    observations = _merge_repeats(Observations(*columns, spot_counts=once, witnesses=once))
     return observations, find_clusters(observations)
 
 

@@ -1,4 +1,4 @@
-"""Stages 3 to 6: the polygonal chain along the drawn line.
+"""Stages 3 to 6 of extraction.py: the polygonal chain along the drawn line.
 
 Stage 3 makes samples: it replaces the observations, in the order in which they were drawn, by samples a tremor apart.
 A spot held still is one sample, however long it is held. A piece drawn again at the stroke's end is merged into it.

@@ -74,7 +74,7 @@ def find_dwells(
         border_points: (K, 2) [m] spots seen before the seed was requested, the border's.
     """
     positions = clusters.points
-    patch, earlier = _floor_patches(positions)
+    patch, earlier = group_into_patches(positions)
     border_points = np.asarray(border_points, dtype=float).reshape(-1, 2)
     # a balanced tree takes longer to build than its queries take
     tree = cKDTree(border_points[is_on_floor(border_points)], compact_nodes=False, balanced_tree=False)
@@ -86,7 +86,7 @@ def find_dwells(
     path = positions[track]
     path_patch = patch[track]
     dwells: List[Dwell] = []
-    for stay in _find_stays(path_patch, clusters.time_bins[track]):
+    for stay in find_stays(path_patch, clusters.time_bins[track]):
         last = stay[-1]
         point = _middle(path, last)
         seconds = TIME_BIN * len(stay)
@@ -102,7 +102,7 @@ def find_dwells(
     return dwells
 
 
-def _find_stays(patch: np.ndarray, bins: np.ndarray) -> List[np.ndarray]:
+def find_stays(patch: np.ndarray, bins: np.ndarray) -> List[np.ndarray]:
     """Finds where light stayed. Brief flashes that recur at one place are not a dwell.
 
     Args:
@@ -140,7 +140,7 @@ def _middle(positions: np.ndarray, cluster: int) -> np.ndarray:
     return middle
 
 
-def _floor_patches(positions: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+def group_into_patches(positions: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     """Groups clusters (P, 2) [m] into floor patches of radius HAND_RADIUS.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Stage 1: which spots are the pointer's, as strokes, and which strokes make the border's line.
+"""Stage 1 of extraction.py: which spots are the pointer's, as strokes, and which strokes make the border's line.
 
 There is one pointer, which moves through time. Observations close together in one time bin form a cluster. A track has
 at most one cluster of each time bin. The best track covers the most floor at the least cost.
@@ -32,7 +32,7 @@ from scipy.spatial.distance import cdist
 
 from vb_core import geometry
 from vb_core.errors import CodedError
-from vb_fusion.observations import CLUSTER_WIDTH, LOCALIZATION_ERROR, MAX_DROPOUTS, MAX_SIMULTANEOUS_CLUSTERS
+from vb_fusion.observations import CLUSTER_WIDTH, DROPOUT_FACTOR, LOCALIZATION_ERROR, MAX_SIMULTANEOUS_CLUSTERS
 from vb_fusion.observations import TIME_BIN, TREMOR, Observations
 
 UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen step costs as much floor as it crosses
@@ -43,7 +43,7 @@ MIN_GAIN = 0.02
 MAX_CROWD = 3.0  # clusters of one time bin that count in full: the pointer, a bright object and a stray
 MIN_SEEN = 5  # clusters. A shorter run between two unseen steps is a stray or a glint, seen for a third of a second
 # clusters among which a predecessor is sought. They span more than a dropout, however much glitters
-LOOK_BACK = int(MAX_DROPOUTS + 1.0) * MAX_SIMULTANEOUS_CLUSTERS
+LOOK_BACK = int(DROPOUT_FACTOR + 1.0) * MAX_SIMULTANEOUS_CLUSTERS
 
 
 def find_drawn_line(
@@ -72,9 +72,9 @@ def find_drawn_line(
 
     # the strokes that could be a line alone
     wide = [stroke for stroke in strokes if expansion(stroke) > min_expansion - 2.0 * TREMOR]
-    candidates = [stroke for stroke in wide if observations.spots[stroke].sum() >= min_spots]
+    candidates = [stroke for stroke in wide if observations.spot_counts[stroke].sum() >= min_spots]
     if not candidates:
-        raise CodedError("no_line", spots=int(observations.spots.sum()), shortest=f"{min_expansion:g}")
+        raise CodedError("no_line", spots=int(observations.spot_counts.sum()), shortest=f"{min_expansion:g}")
     # the widest stroke is first, not the one that covers most floor: moving back and forth covers much floor too
     candidates.sort(key=expansion, reverse=True)
     line, unjoined = _join_strokes(observations, candidates, max_gap)
@@ -114,10 +114,10 @@ def find_strokes(
         if gain < CLUSTER_WIDTH:
             break  # a stroke covers at least the width of one cluster
         pointer = clusters.select(free[track])
-        pieces, glints = _divide(pointer, covered[free[track]], dropout, max_gap + TREMOR)
+        pieces, glints = divide_track(pointer, covered[free[track]], dropout, max_gap + TREMOR)
         if pieces and not strokes:
-            end_glints = [_observations_near(observations, pointer.select(glint)) for glint in glints]
-        strokes += [_observations_near(observations, pointer.select(piece)) for piece in pieces]
+            end_glints = [find_observations_near(observations, pointer.select(glint)) for glint in glints]
+        strokes += [find_observations_near(observations, pointer.select(piece)) for piece in pieces]
         # the pointer makes one cluster per time bin, and no floor is covered twice
         is_taken = np.isin(bins[free], pointer.time_bins)
         distances = cKDTree(pointer.points).query(points[free])[0]
@@ -125,7 +125,7 @@ def find_strokes(
     return strokes, end_glints
 
 
-def _divide(
+def divide_track(
     track: Observations, covered: np.ndarray, dropout: float, max_gap: float
 ) -> Tuple[List[np.ndarray], List[np.ndarray]]:
     """Divides a track of P clusters into strokes where nothing was seen over more than `max_gap` [m].
@@ -178,7 +178,7 @@ def _join_across_gaps(pieces: Sequence[np.ndarray], points: np.ndarray, max_gap:
     return strokes
 
 
-def _observations_near(observations: Observations, pointer: Observations) -> np.ndarray:
+def find_observations_near(observations: Observations, pointer: Observations) -> np.ndarray:
     """Returns the indices of the observations beside the pointer's clusters, at their times.
 
     As there is one pointer, a robot's spot that is off by no more than the localisation error is still the pointer.
