@@ -14,8 +14,8 @@ from vb_core.errors import CodedError
 from vb_core.image_format import Picture
 from vb_laser_detect.detection import features
 from vb_laser_detect.detection.spot_detector import DetectorParams
-from vb_laser_detect.detection.background import Background, find_boxes, find_regions, match_lighting
-from vb_laser_detect.detection.blocks import block_maxima, blocks_around, max_channel
+from vb_laser_detect.detection.background import Background, block_maxima, blocks_around, match_lighting, max_channel
+from vb_laser_detect.detection.changed_regions import find_boxes, find_regions
 from vb_laser_detect.detection.projection import ProjectionParams
 from vb_laser_detect.detection.stage_results import Comparison, ExpectedSpot, Spot
 from vb_laser_detect.detection.detector_counts import DetectorCounts, InputWatch

@@ -19,8 +19,7 @@ from typing import Dict, List, NamedTuple, Optional, Tuple
 import cv2
 import numpy as np
 
-from vb_laser_detect.detection.background import match_lighting
-from vb_laser_detect.detection.blocks import blocks_around
+from vb_laser_detect.detection.background import blocks_around, match_lighting
 from vb_laser_detect.detection.stage_results import BLOCK, Box, Part, SearchedImage, Spot
 
 _EDGE = 0.35  # a blob consists of the pixels whose rise exceeds this share of the peak

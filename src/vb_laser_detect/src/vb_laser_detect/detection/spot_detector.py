@@ -33,7 +33,8 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.image_format import AnyPicture, HalvedPicture, Picture
 from vb_core.parameters import Parameters, param
 from vb_laser_detect.detection import features
-from vb_laser_detect.detection.background import Background, find_regions
+from vb_laser_detect.detection.background import Background
+from vb_laser_detect.detection.changed_regions import find_regions
 from vb_laser_detect.detection.features import SpotClassifier
 from vb_laser_detect.detection.image_registration import ImageRegistration
 from vb_laser_detect.detection.projection import ImageGeometry
