@@ -61,7 +61,7 @@ def _watch(source: str, params: CaptureParams) -> List[str]:
     reader.start()
     time.sleep(_WATCH_TIME)
     reader.close()
-    lines = [f"told: {fault}" for fault in dict.fromkeys(faults)]
+    lines = [f"fault: {fault}" for fault in dict.fromkeys(faults)]
     if len(images) < 2:
         return [*lines, f"{len(images)} images in {_WATCH_TIME:g} s"]
     first = images[0]
