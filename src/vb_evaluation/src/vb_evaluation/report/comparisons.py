@@ -17,17 +17,12 @@ MEASURE, GAIN, READING = "Measure", "Gain [90 %]", "Reading"
 
 
 class Measure(NamedTuple):
-    """A measure by which methods are compared.
-
-    Attributes:
-        sign: 1 if larger values are better, else -1.
-        margin: how much worse than the baseline a method may be; nan where no such question is asked.
-    """
+    """A measure by which methods are compared."""
 
     title: str
     digits: int
-    sign: float
-    margin: float
+    sign: float  # 1 if larger values are better, else -1
+    margin: float  # how much worse than the baseline a method may be; nan where no such question is asked
 
 
 # one cell of the map is 2.5 cm; .05 is about twice the .028 that the paper calls not notable in practice
