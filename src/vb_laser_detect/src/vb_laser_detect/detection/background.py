@@ -192,7 +192,7 @@ class Background:
         Args:
             dt: [s] since the last image.
         """
-        changed = comparison.brighter | comparison.darker
+        changed = comparison.changed
         shows_spot = np.zeros_like(changed)
         for spot in spots:
             reach = 1.25 * spot.diameter + BLOCK * picture.scale

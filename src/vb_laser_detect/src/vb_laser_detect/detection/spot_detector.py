@@ -152,7 +152,7 @@ class SpotDetector:
             regions=find_regions(picture, comparison, min_level, expected),
             reference=comparison.reference,
             shifted=comparison.motion is not None,
-            changed=comparison.brighter | comparison.darker,
+            changed=comparison.changed,
             ghost_s=self._background.ghost_s,
         )
         boxes = [box for region in searched.regions for box in region.boxes]

@@ -7,6 +7,7 @@ image, even if it is searched at half its size.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
@@ -28,7 +29,8 @@ class ExpectedSpot(NamedTuple):
     max_width: float  # [px] width above which light cannot be the spot
 
 
-class Comparison(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Comparison:
     """How an image differs from the background.
 
     Attributes:
@@ -43,6 +45,11 @@ class Comparison(NamedTuple):
     darker: np.ndarray
     reference: np.ndarray
     motion: Motion = None
+
+    @cached_property
+    def changed(self) -> np.ndarray:
+        """(rows, columns) bool, blocks that became brighter or darker."""
+        return self.brighter | self.darker
 
 
 class ChangedRegion(NamedTuple):
